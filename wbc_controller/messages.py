@@ -1,0 +1,53 @@
+"""ROS 2 messages to bytes and back: one codec for every transport.
+
+The message classes are those of the `rosbags` package (dataclasses with ROS 2's own field names); the bytes are CDR,
+little endian, as every ROS 2 middleware puts them on the wire.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosbags.typesys import Stores, get_typestore
+
+from wbc_controller.errors import InputRefused
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+
+
+def message(type_name: str, **fields: Any) -> Any:
+    """Make a message of a type such as ``std_msgs/msg/String`` from all of its fields."""
+    return TYPES.types[type_name](**fields)
+
+
+def encode(content: Any) -> bytes:
+    """Serialize a message made by `message`."""
+    return bytes(TYPES.serialize_cdr(content, content.__msgtype__))
+
+
+def decode(payload: bytes, type_name: str) -> Any:
+    """Read a serialized message.
+
+    Raises:
+        InputRefused: where the bytes are not a message of that type.
+    """
+    try:
+        return TYPES.deserialize_cdr(payload, type_name)
+    except Exception as error:  # the generated decoders raise whatever the bytes lead to
+        raise InputRefused(f"{len(payload)} bytes are not a {type_name} ({type(error).__name__}: {error})") from error
+
+
+def stamp(nanoseconds: int) -> Any:
+    """Make a builtin_interfaces/Time."""
+    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    return message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+
+
+def header(nanoseconds: int, frame: str = "") -> Any:
+    """Make a std_msgs/Header."""
+    return message("std_msgs/msg/Header", stamp=stamp(nanoseconds), frame_id=frame)
+
+
+def nanoseconds(time: Any) -> int:
+    """Read a builtin_interfaces/Time or Duration."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)

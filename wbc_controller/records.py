@@ -1,0 +1,176 @@
+"""The frozen records that pass between the stages of one control cycle.
+
+Conventions, everywhere in this package: SI units; quaternions are (x, y, z, w); twists and wrenches have the linear part
+first. For a floating base ``q = [base position in world, base quaternion, joints]`` and ``v = [base linear velocity,
+base angular velocity, joint velocities]``, the base's velocities expressed in the base frame (Pinocchio's free flyer,
+and the twist of nav_msgs/Odometry after REP 105).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def frozen(values: npt.ArrayLike) -> Array:
+    """Return a read-only float copy of an array."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def frozen_mapping(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a read-only copy of a mapping."""
+    return MappingProxyType(dict(mapping))
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """One state of the robot, as latched at the start of a cycle.
+
+    Attributes:
+        stamp: source time of the joint state, in nanoseconds.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+    """
+
+    stamp: int
+    q: Array
+    v: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What one task should follow at one instant.
+
+    Attributes:
+        position: (k,) for vectors; (7,) position and quaternion for a frame's pose.
+        velocity: (m,) feed-forward velocity, m = 6 for a pose.
+        acceleration: (m,) feed-forward acceleration.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Everything that commands set, sampled at one cycle's time.
+
+    Attributes:
+        tasks: reference of each task.
+        weights: weight of each task, ramps applied; 0 switches a task off.
+        contacts: activation of each contact, from 0 (broken) to 1 (made), ramps applied.
+        external_wrenches: known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
+    """
+
+    tasks: Mapping[str, Reference]
+    weights: Mapping[str, float]
+    contacts: Mapping[str, float]
+    external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """The answer of the quadratic program, with the residual of every equality.
+
+    Attributes:
+        v_dot: generalized acceleration, (nv,).
+        tau: joint torques in the order of the command, (na,) in N·m.
+        forces: per made contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
+        residuals: largest absolute violation of each group of constraints, by name.
+        task_errors: Euclidean norm of each task's position error, in m or rad.
+        binding: names of the constraints that hold with equality, such as ``torque:left_knee_joint:upper``.
+        relaxed: groups of constraints that had to be relaxed for a solution to exist; normally empty.
+        iterations: the solver's own count.
+        stage_seconds: time spent in each stage of the computation, in s.
+    """
+
+    v_dot: Array
+    tau: Array
+    forces: Mapping[str, Array]
+    residuals: Mapping[str, float]
+    task_errors: Mapping[str, float]
+    binding: tuple[str, ...]
+    relaxed: tuple[str, ...]
+    iterations: int
+    stage_seconds: Mapping[str, float]
+
+
+class Mode(str, enum.Enum):
+    """Modes of the safety supervisor."""
+
+    INACTIVE = "inactive"
+    ACTIVE = "active"
+    HOLDING = "holding"
+    DAMPING = "damping"
+    STOPPED = "stopped"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why the controller left its active mode.
+
+    Attributes:
+        code: a short upper-case name, such as ``STALE_INPUT``.
+        sentence: the reason, for a person to read.
+    """
+
+    code: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class JointCommand:
+    """What goes to the joints. Only `safety.supervisor.Supervisor` makes one.
+
+    Attributes:
+        stamp: source time of the state that this command answers, in nanoseconds.
+        tau: joint torques in the order of the ``joints`` parameter, (na,) in N·m.
+        q_desired: joint positions that the torques lead to, (na,) in rad; NaN where there is none.
+        v_desired: joint velocities that the torques lead to, (na,) in rad/s; NaN where there is none.
+    """
+
+    stamp: int
+    tau: Array
+    q_desired: Array
+    v_desired: Array
+
+
+@dataclass(frozen=True, slots=True)
+class CycleReport:
+    """What one cycle did, for diagnostics and recordings.
+
+    Attributes:
+        cycle: running number of the cycle.
+        stamp: source time of the state, in nanoseconds; 0 where none has arrived.
+        mode: mode after the cycle.
+        fault: the fault that is in force, if any.
+        command: the command that was sent, if any.
+        solution: the answer of the quadratic program, if one was computed.
+        ages: age of each input at the start of the cycle, in s; infinite where none has arrived.
+        refused: sentences about the inputs that were refused since the last cycle.
+        stage_seconds: time spent in each stage, in s.
+        deadlines_missed: count of missed deadlines since the start.
+    """
+
+    cycle: int
+    stamp: int
+    mode: Mode
+    fault: Fault | None
+    command: JointCommand | None
+    solution: Solution | None
+    ages: Mapping[str, float]
+    refused: tuple[str, ...]
+    stage_seconds: Mapping[str, float]
+    deadlines_missed: int

@@ -1,0 +1,362 @@
+"""The schema of a robot's configuration file: names, types, units, ranges and defaults.
+
+The file is a ROS 2 parameter file: ``wbc_controller: ros__parameters: …``. Unknown keys are errors.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+
+NODE_NAME = "wbc_controller"
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError("must be finite")
+    return value
+
+
+Finite = Annotated[float, AfterValidator(_finite)]
+Positive = Annotated[Finite, Field(gt=0.0)]
+NonNegative = Annotated[Finite, Field(ge=0.0)]
+Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+#: Gains of at most this size are accepted: more is a mistaken unit.
+Gain = Annotated[NonNegative, Field(le=1.0e5)]
+#: Lengths of a robot in metres: more than this were probably meant in millimetres.
+Length = Annotated[Positive, Field(le=10.0)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class RobotSettings(_Section):
+    """The robot: its model, its joints in the order of the command, and how it stands."""
+
+    urdf: str = Field("", description="Path, or package://<python distribution>/<path in its share folder>. Empty: "
+                                      "the URDF comes from the topic robot_description.")
+    base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
+    joints: list[str] = Field(min_length=1, description="Actuated joints, in the order of the effort command. All "
+                                                        "other joints of the URDF are locked.")
+    posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
+    effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
+        1.0, description="Share of the URDF's effort limits that may be used.")
+    armature: NonNegative = Field(0.0, le=10.0, description="Reflected rotor inertia of every joint, kg·m².")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RobotSettings:
+        twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
+        if twice:
+            raise ValueError(f"joints: {', '.join(map(repr, twice))} stands more than once; each joint has one command")
+        if len(self.posture) != len(self.joints):
+            raise ValueError(f"posture has {len(self.posture)} values for {len(self.joints)} joints; "
+                             "it takes one per joint, in the same order")
+        return self
+
+
+class ControlSettings(_Section):
+    """The control loop."""
+
+    rate: Annotated[Positive, Field(ge=10.0, le=10000.0)] = Field(500.0, description="Cycles per second.")
+    trigger: Literal["timer", "joint_states"] = Field(
+        "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state.")
+    diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
+        10.0, description="Messages per second on /diagnostics.")
+
+
+class SolverSettings(_Section):
+    """The solver of the quadratic program."""
+
+    name: str = Field("daqp", description="daqp, osqp and proxqp are persistent and warm-started; any other installed "
+                                          "solver of qpsolvers is called through it.")
+    regularization_acceleration: Positive = Field(
+        1.0e-5, le=1.0, description="Weight of ½‖v̇‖², (m/s²)⁻² or (rad/s²)⁻².")
+    regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
+
+
+class LimitSettings(_Section):
+    """Which limits the quadratic program holds. Torque limits always apply."""
+
+    position: bool = Field(True, description="Hold the URDF's joint position limits.")
+    position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from them, rad.")
+    position_horizon: Positive = Field(
+        0.1, le=1.0, description="Time in which a joint may come to rest at its position limit, s.")
+    velocity: bool = Field(True, description="Hold the URDF's joint velocity limits.")
+    velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Share of them that may be used.")
+    acceleration: Positive = Field(500.0, le=1.0e5, description="Largest joint acceleration that a position or velocity "
+                                                              "limit may ask for, rad/s².")
+    torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
+
+
+class SafetySettings(_Section):
+    """Freshness, and the ladder down."""
+
+    state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
+        0.05, description="Oldest joint state or base state that torques may be computed from, s.")
+    activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp in, s.")
+    hold_time: NonNegative = Field(0.1, le=1.0, description="Longest time without a solution before damping, s.")
+    damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
+    damping: Gain = Field(2.0, description="Joint damping while holding and damping, N·m·s/rad.")
+
+
+class _Task(_Section):
+    weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
+    enabled: bool = Field(True, description="Whether the task is on at activation.")
+    stiffness: Gain = Field(100.0, description="Proportional gain, 1/s².")
+    damping: Gain | None = Field(None, description="Derivative gain, 1/s; 2·√stiffness (critical) where it is not given.")
+    setpoint_duration: NonNegative = Field(
+        1.0, le=600.0, description="Time in which a new setpoint is reached, s; 0 for setpoints that are streamed.")
+
+
+class PostureTask(_Task):
+    """Joint positions."""
+
+    type: Literal["posture"]
+    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all.")
+
+
+class ComTask(_Task):
+    """Centre of mass, m, world frame."""
+
+    type: Literal["com"]
+    mask: list[bool] = Field([True, True, True], min_length=3, max_length=3,
+                             description="World axes concerned.")
+
+
+class _FrameTask(_Task):
+    frame: str = Field(description="A frame of the URDF.")
+
+
+class FramePoseTask(_FrameTask):
+    """Position and orientation of a frame, world frame."""
+
+    type: Literal["frame_pose"]
+    mask: list[bool] = Field([True] * 6, min_length=6, max_length=6,
+                             description="World axes concerned: position, then orientation.")
+
+
+class FramePositionTask(_FrameTask):
+    """Position of a frame's origin, world frame."""
+
+    type: Literal["frame_position"]
+    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
+
+
+class FrameOrientationTask(_FrameTask):
+    """Orientation of a frame, world frame."""
+
+    type: Literal["frame_orientation"]
+    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
+
+
+TaskSettings = Annotated[
+    Union[PostureTask, ComTask, FramePoseTask, FramePositionTask, FrameOrientationTask], Field(discriminator="type")
+]
+
+
+class _Contact(_Section):
+    frame: str = Field(description="A frame of the URDF, fixed to the link that touches.")
+    translation: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the contact in that frame, m.")
+    enabled: bool = Field(True, description="Whether the contact is made at activation.")
+    friction: Annotated[Positive, Field(le=2.0)] = Field(0.7, description="Coulomb friction coefficient counted on.")
+    min_normal_force: NonNegative = Field(0.0, le=1.0e4, description="Smallest normal force, N.")
+    max_normal_force: Annotated[Positive, Field(le=1.0e5)] = Field(description="Largest normal force, N.")
+    damping: Gain = Field(20.0, description="Damping of a residual velocity of the contact, 1/s.")
+    ramp: NonNegative = Field(0.2, le=10.0, description="Time in which the contact is loaded or unloaded, s.")
+
+
+class SurfaceContact(_Contact):
+    """A flat rectangle that neither moves nor turns: six forces, exact linear wrench cone."""
+
+    type: Literal["surface"]
+    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation of the contact in the frame: roll, pitch, yaw, rad; "
+                                                    "its z axis is the normal, away from the ground.")
+    half_length: Length = Field(description="Half of the rectangle's side along x, m.")
+    half_width: Length = Field(description="Half of the rectangle's side along y, m.")
+
+
+class PointContact(_Contact):
+    """A point that does not move: three forces along the world's axes, friction pyramid, normal along world z."""
+
+    type: Literal["point"]
+    radius: Length = Field(0.02, description="Radius of the ball that the mock robot touches the ground with, m. "
+                                             "The contact's origin is its centre.")
+
+
+ContactSettings = Annotated[Union[SurfaceContact, PointContact], Field(discriminator="type")]
+
+
+class MockSettings(_Section):
+    """The mock robot."""
+
+    step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Step of the physics, s.")
+    push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="How long a push lasts, s.")
+    command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
+        0.1, description="Age of the torques at which the robot damps its joints by itself, s.")
+    damping: Gain = Field(2.0, description="Joint damping where no torques arrive, N·m·s/rad.")
+
+
+class Settings(_Section):
+    """One robot's whole configuration."""
+
+    robot: RobotSettings
+    control: ControlSettings = ControlSettings()
+    solver: SolverSettings = SolverSettings()
+    limits: LimitSettings = LimitSettings()
+    safety: SafetySettings = SafetySettings()
+    tasks: dict[str, TaskSettings] = Field(min_length=1)
+    contacts: dict[str, ContactSettings] = Field(default_factory=dict)
+    mock: MockSettings = MockSettings()
+
+
+def find_configuration(name: str) -> Path:
+    """Find a configuration by a shipped robot's name, such as ``g1``, or by path.
+
+    Raises:
+        ConfigurationError: where there is none.
+    """
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
+        if not path.is_file():
+            raise ConfigurationError(f"configuration file {name!r} does not exist")
+        return path
+    shipped = shipped_configurations()
+    if name not in shipped:
+        raise ConfigurationError(
+            f"no configuration is named {name!r}; {valid_choices(name, shipped)}; or give the path of a .yaml file"
+        )
+    return shipped[name]
+
+
+def shipped_configurations() -> dict[str, Path]:
+    """Map the names of the robots that this package ships to their files."""
+    package = Path(__file__).resolve().parent
+    for folder in (package / "config", package.parent / "config"):
+        if folder.is_dir():
+            return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    return {}
+
+
+def load_settings(path: Path) -> Settings:
+    """Read and validate a configuration file.
+
+    Args:
+        path: a ROS 2 parameter file.
+
+    Raises:
+        ConfigurationError: with one line per problem: file, key, value, and the valid choices.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error}") from error
+    try:
+        content = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{path}:{mark.line + 1}" if mark else str(path)
+        raise ConfigurationError(f"{where}: not valid YAML: {error.problem or error.context}") from error
+    return parse_settings(_parameters_of(content, path), str(path))
+
+
+def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
+    """Validate a nested dictionary of parameters.
+
+    Args:
+        parameters: what stands below ``ros__parameters``.
+        source: where it came from, for messages.
+
+    Raises:
+        ConfigurationError: as in `load_settings`.
+    """
+    try:
+        return Settings.model_validate(parameters)
+    except ValidationError as error:
+        lines = [_explain(problem, source) for problem in error.errors()]
+        raise ConfigurationError("\n".join(lines)) from error
+
+
+class _Loader(yaml.SafeLoader):
+    """A safe loader that refuses a key that stands twice, which YAML itself would let the last one win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]  # PyYAML has no types here
+            if key in seen:
+                raise yaml.MarkedYAMLError(problem=f"the key {key!r} stands twice", problem_mark=key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
+    form = f"a ROS 2 parameter file starts with\n  {NODE_NAME}:\n    ros__parameters:"
+    if not isinstance(content, dict):
+        raise ConfigurationError(f"{path}: holds {type(content).__name__}, not a mapping; {form}")
+    node = content.get(NODE_NAME, content.get("/**"))
+    if not isinstance(node, dict):
+        raise ConfigurationError(
+            f"{path}: has no key {NODE_NAME!r} (found: {', '.join(map(repr, content))}); {form}"
+        )
+    parameters = node.get("ros__parameters")
+    if not isinstance(parameters, dict):
+        raise ConfigurationError(f"{path}: {NODE_NAME} has no mapping 'ros__parameters'; {form}")
+    return parameters
+
+
+def _explain(problem: Any, source: str) -> str:
+    """Turn one of pydantic's problems into a line: file, key, value, valid choices."""
+    location = [part for part in problem["loc"] if part not in _type_tags()]
+    key = ".".join(str(part) for part in location)
+    if problem["type"] == "extra_forbidden":
+        choices = _known_keys(problem["loc"])
+        return f"{source}: {key}: unknown key; {valid_choices(str(location[-1]), choices)}"
+    if problem["type"] == "missing":
+        return f"{source}: {key}: this key is missing"
+    if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        kind = problem["input"].get("type") if isinstance(problem["input"], dict) else problem["input"]
+        tags = [tag for tag in _type_tags() if f"'{tag}'" in str(problem.get("ctx", {}).get("expected_tags", tag))]
+        tags = [tag for tag in tags if tag in _tags_of(str(location[0]))]
+        if kind is None:
+            return f"{source}: {key}.type: this key is missing; {valid_choices('', tags)}"
+        return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), tags)}"
+    reason = problem["msg"].removeprefix("Value error, ")
+    value = problem["input"]
+    shown = "" if isinstance(value, dict) else f" = {value!r}"
+    return f"{source}: {key}{shown}: {reason[0].lower()}{reason[1:]}"
+
+
+def _members(section: str) -> dict[str, type[_Section]]:
+    union = {"tasks": TaskSettings, "contacts": ContactSettings}.get(section)
+    if union is None:
+        return {}
+    return {str(get_args(kind.model_fields["type"].annotation)[0]): kind for kind in get_args(get_args(union)[0])}
+
+
+def _tags_of(section: str) -> set[str]:
+    return set(_members(section))
+
+
+def _type_tags() -> set[str]:
+    return _tags_of("tasks") | _tags_of("contacts")
+
+
+def _known_keys(location: tuple[Any, ...]) -> list[str]:
+    """List the keys that are known where an unknown one was found."""
+    if len(location) == 1:
+        return list(Settings.model_fields)
+    section = str(location[0])
+    members = _members(section)
+    if members:
+        return list(members[str(location[2])].model_fields)
+    model = Settings.model_fields[section].annotation
+    return list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
