@@ -69,6 +69,7 @@ class ControlSettings(_Section):
     rate: Annotated[Positive, Field(ge=10.0, le=10000.0)] = Field(500.0, description="Cycles per second.")
     trigger: Literal["timer", "joint_states"] = Field(
         "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state.")
+    weight_ramp: NonNegative = Field(0.5, le=60.0, description="Time in which a new task weight is reached, s.")
     diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
         10.0, description="Messages per second on /diagnostics.")
 

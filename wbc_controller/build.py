@@ -1,0 +1,261 @@
+"""From settings to objects."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller import settings as schema
+from wbc_controller.clock import Clock
+from wbc_controller.core.contacts import Contact, PointContact, SurfaceContact
+from wbc_controller.core.controller import Controller
+from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
+from wbc_controller.core.model import RobotModel, build_model, locate
+from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
+from wbc_controller.core.solvers.factory import require_solver
+from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask, Task
+from wbc_controller.decoding import Vocabulary
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inputs import Inputs
+from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
+from wbc_controller.loop import ControlLoop
+from wbc_controller.outputs import Outputs
+from wbc_controller.records import CycleReport
+from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.transports.transport import Transport
+
+
+def read_urdf(settings: Settings) -> str:
+    """Read the URDF that the settings name.
+
+    Raises:
+        ConfigurationError: where there is none.
+    """
+    if not settings.robot.urdf:
+        raise ConfigurationError(
+            "robot.urdf is empty and no URDF came on the topic robot_description; name a file, or publish it latched"
+        )
+    path: Path = locate(settings.robot.urdf)
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"robot.urdf = {settings.robot.urdf!r}: {path} cannot be read: {error}") from error
+
+
+def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
+    """Build the robot's model.
+
+    Args:
+        settings: the robot's settings.
+        urdf: the URDF's text, where it did not come from the settings.
+
+    Raises:
+        ConfigurationError: where the URDF and the settings do not fit.
+    """
+    robot = settings.robot
+    return build_model(
+        read_urdf(settings) if urdf is None else urdf,
+        robot.joints,
+        robot.posture,
+        floating_base=robot.base == "floating",
+        armature=robot.armature,
+        effort_limit_scale=robot.effort_limit_scale,
+    )
+
+
+def make_task(name: str, task: schema.TaskSettings, model: RobotModel) -> Task:
+    """Build one task.
+
+    Raises:
+        ConfigurationError: where a frame or joint is unknown.
+    """
+    stiffness, damping = task.stiffness, task.damping
+    if isinstance(task, schema.PostureTask):
+        return PostureTask(name, model, task.joints, stiffness=stiffness, damping=damping)
+    if isinstance(task, schema.ComTask):
+        return ComTask(name, task.mask, stiffness=stiffness, damping=damping)
+    kinds = {
+        "frame_pose": FramePoseTask,
+        "frame_position": FramePositionTask,
+        "frame_orientation": FrameOrientationTask,
+    }
+    return kinds[task.type](name, model, task.frame, task.mask, stiffness=stiffness, damping=damping)
+
+
+def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
+    """Build one contact.
+
+    Raises:
+        ConfigurationError: where the frame is unknown.
+    """
+    if contact.min_normal_force > contact.max_normal_force:
+        raise ConfigurationError(
+            f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
+            f"max_normal_force = {contact.max_normal_force}"
+        )
+    if isinstance(contact, schema.PointContact):
+        return PointContact(
+            name,
+            model,
+            contact.frame,
+            np.array(contact.translation),
+            contact.radius,
+            friction=contact.friction,
+            min_normal_force=contact.min_normal_force,
+            max_normal_force=contact.max_normal_force,
+            damping=contact.damping,
+        )
+    return SurfaceContact(
+        name,
+        model,
+        contact.frame,
+        pin.SE3(pin.rpy.rpyToMatrix(np.array(contact.rpy)), np.array(contact.translation)),
+        contact.half_length,
+        contact.half_width,
+        friction=contact.friction,
+        min_normal_force=contact.min_normal_force,
+        max_normal_force=contact.max_normal_force,
+        damping=contact.damping,
+    )
+
+
+def make_controller(
+    settings: Settings, model: RobotModel, timer: Callable[[], float] = time.perf_counter
+) -> Controller:
+    """Build the controller of a robot.
+
+    Args:
+        settings: the robot's settings.
+        model: the robot's model.
+        timer: gives seconds, for the stage times.
+
+    Raises:
+        ConfigurationError: where settings and model do not fit.
+    """
+    require_solver(settings.solver.name)
+    limits = settings.limits
+    margin = limits.position_margin
+    position = (model.position_lower + margin, model.position_upper - margin) if limits.position else None
+    velocity = model.velocity_limits * limits.velocity_scale if limits.velocity else None
+    return Controller(
+        model,
+        [make_task(name, task, model) for name, task in settings.tasks.items()],
+        [make_contact(name, contact, model) for name, contact in settings.contacts.items()],
+        TorqueLimit(model.effort_limits, limits.torque_rate),
+        JointMotionLimit(position, velocity, horizon=limits.position_horizon, acceleration=limits.acceleration),
+        period=1.0 / settings.control.rate,
+        solver=settings.solver.name,
+        regularization_acceleration=settings.solver.regularization_acceleration,
+        regularization_force=settings.solver.regularization_force,
+        timer=timer,
+    )
+
+
+def make_board(settings: Settings, controller: Controller) -> ReferenceBoard:
+    """Build the board that holds what the commands set."""
+    plans = [
+        TaskPlan(controller.tasks[name], task.weight, task.enabled, task.setpoint_duration)
+        for name, task in settings.tasks.items()
+    ]
+    contacts = {name: ContactPlan(contact.enabled, contact.ramp) for name, contact in settings.contacts.items()}
+    return ReferenceBoard(plans, contacts, weight_ramp=settings.control.weight_ramp)
+
+
+def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
+    """Build the safety supervisor."""
+    safety = settings.safety
+    return Supervisor(
+        model,
+        SupervisorLimits(
+            activation_ramp=safety.activation_ramp,
+            hold_time=safety.hold_time,
+            damping_time=safety.damping_time,
+            damping=safety.damping,
+            torque_rate=settings.limits.torque_rate,
+            period=1.0 / settings.control.rate,
+        ),
+    )
+
+
+def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
+    """Collect the names that messages are checked against."""
+    kinds = {name: task.type for name, task in settings.tasks.items()}
+    joints = {
+        name: tuple(task.joints) or model.joints
+        for name, task in settings.tasks.items()
+        if isinstance(task, schema.PostureTask)
+    }
+    return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model))
+
+
+def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
+    """Frames on which external wrenches are accepted: the base, and every frame that a task or contact names."""
+    named = [task.frame for task in settings.tasks.values() if hasattr(task, "frame")]
+    named += [contact.frame for contact in settings.contacts.values()]
+    return tuple(dict.fromkeys([model.base_link, *named]))
+
+
+def controller_endpoints(
+    settings: Settings,
+    model: RobotModel,
+    *,
+    node: str = NODE_NAME,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> list[Endpoint]:
+    """Expand the controller's topic table for one robot."""
+    return list(
+        endpoints(
+            CONTROLLER_TOPICS,
+            node,
+            task_kinds={name: task.type for name, task in settings.tasks.items()},
+            contacts=settings.contacts,
+            frames=wrench_frames(settings, model),
+            namespace=namespace,
+            remappings=remappings,
+        )
+    )
+
+
+def make_loop(
+    settings: Settings,
+    model: RobotModel,
+    transport: Transport,
+    clock: Clock,
+    topics: Sequence[Endpoint],
+    *,
+    timer: Callable[[], float] = time.perf_counter,
+    observers: Sequence[Callable[[CycleReport], None]] = (),
+) -> ControlLoop:
+    """Build the whole service on a transport.
+
+    Args:
+        settings: the robot's settings.
+        model: the robot's model.
+        transport: carries the messages.
+        clock: measures ages and durations.
+        topics: from `controller_endpoints`.
+        timer: gives seconds, for the stage times.
+        observers: called with the report of every cycle.
+
+    Raises:
+        ConfigurationError: where settings and model do not fit.
+    """
+    controller = make_controller(settings, model, timer)
+    contact_frames = {name: contact.frame for name, contact in settings.contacts.items()}
+    return ControlLoop(
+        controller,
+        make_board(settings, controller),
+        make_supervisor(settings, model),
+        Inputs(model, make_vocabulary(settings, model), topics, transport, clock),
+        Outputs(model, contact_frames, topics, transport, 1.0 / settings.control.diagnostics_rate),
+        clock,
+        state_timeout=settings.safety.state_timeout,
+        timer=timer,
+        observers=observers,
+    )

@@ -1,0 +1,92 @@
+"""The floating-base dynamics at one state: the snapshot that tasks, contacts and limits all read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.records import Array
+
+
+class Dynamics:
+    """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
+
+    The arrays are Pinocchio's own and are overwritten by the next `update`: copy what must last.
+
+    Attributes:
+        model: the robot's model.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        M: joint-space inertia matrix, (nv, nv), symmetric.
+        h: Coriolis, centrifugal and gravity terms, (nv,).
+        com: position of the centre of mass in the world, (3,) in m.
+        com_velocity: its velocity in the world, (3,) in m/s.
+        com_jacobian: (3, nv), so that com_velocity = com_jacobian v.
+        com_drift: acceleration of the centre of mass at v̇ = 0, (3,) in m/s².
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self._pin = model.pinocchio
+        self._data = model.pinocchio.createData()
+        self._zero = np.zeros(model.nv)
+        self._lower = np.tril_indices(model.nv, -1)
+        self.q = model.configuration(model.posture)
+        self.v = np.zeros(model.nv)
+        self.update(self.q, self.v)
+
+    def update(self, q: Array, v: Array) -> None:
+        """Compute all terms at a new state.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+        """
+        model, data = self._pin, self._data
+        self.q, self.v = q, v
+        pin.computeAllTerms(model, data, q, v)
+        # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
+        pin.centerOfMass(model, data, q, v, self._zero)
+        pin.updateFramePlacements(model, data)
+        self.M = data.M
+        self.M[self._lower] = self.M.T[self._lower]  # Pinocchio fills the upper triangle alone
+        self.h = data.nle
+        self.com = data.com[0]
+        self.com_velocity = data.vcom[0]
+        self.com_jacobian = data.Jcom
+        self.com_drift = data.acom[0]
+
+    def placement(self, frame_id: int) -> pin.SE3:
+        """Placement of a frame in the world."""
+        return self._data.oMf[frame_id]
+
+    def velocity(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
+        """Spatial velocity of a frame, (6,), linear part first."""
+        return np.asarray(pin.getFrameVelocity(self._pin, self._data, frame_id, axes).vector)
+
+    def jacobian(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
+        """Jacobian of a frame, (6, nv), linear rows first."""
+        return np.asarray(pin.getFrameJacobian(self._pin, self._data, frame_id, axes))
+
+    def drift_local(self, frame_id: int) -> Array:
+        """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): d/dt of its local velocity is J v̇ + this."""
+        return np.asarray(pin.getFrameAcceleration(self._pin, self._data, frame_id, pin.LOCAL).vector)
+
+    def drift_world(self, frame_id: int) -> Array:
+        """Classical acceleration of a frame's origin, and angular acceleration, at v̇ = 0, in world axes, (6,)."""
+        axes = pin.LOCAL_WORLD_ALIGNED
+        return np.asarray(pin.getFrameClassicalAcceleration(self._pin, self._data, frame_id, axes).vector)
+
+    def external_force(self, frame: str, wrench: Array) -> Array:
+        """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).
+
+        Args:
+            frame: name of the frame at whose origin the wrench acts.
+            wrench: force in N and torque in N·m, in world axes, (6,).
+
+        Returns:
+            (nv,).
+        """
+        J = self.jacobian(self._pin.getFrameId(frame), pin.LOCAL_WORLD_ALIGNED)
+        return np.asarray(J.T @ wrench)

@@ -1,0 +1,6 @@
+"""The limits of the joints: one file per kind."""
+
+from wbc_controller.core.limits.joint_motion import JointMotionLimit
+from wbc_controller.core.limits.torque import TorqueLimit
+
+__all__ = ["JointMotionLimit", "TorqueLimit"]

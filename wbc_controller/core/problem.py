@@ -1,0 +1,128 @@
+"""The quadratic program of one cycle, as data: built here and in `controller`, solved elsewhere.
+
+The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly: with the rows of the actuated joints,
+τ = M_a v̇ + h_a - J_aᵀ f, so that bounds of τ are rows in x. With S a selection of joints this loses nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.model import RobotModel
+from wbc_controller.records import Array
+
+#: Forces in the problem are in units of 100 N (and 100 N·m), so that all unknowns are of one size. Without it the
+#: first-order solvers lose two digits and ProxQP takes feasible problems for infeasible.
+FORCE_UNIT = 100.0
+
+
+@dataclass(slots=True)
+class QuadraticProgram:
+    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
+
+    The arrays are filled anew in every cycle; a solver may read them, and must not keep them.
+
+    Attributes:
+        H: (n, n), symmetric positive definite.
+        g: (n,).
+        A: (m_eq, n).
+        b: (m_eq,).
+        C: (m_in, n).
+        lower: (m_in,), -inf where there is no bound.
+        upper: (m_in,), inf where there is no bound.
+        x_lower: (n,).
+        x_upper: (n,).
+    """
+
+    H: Array
+    g: Array
+    A: Array
+    b: Array
+    C: Array
+    lower: Array
+    upper: Array
+    x_lower: Array
+    x_upper: Array
+
+    @classmethod
+    def empty(cls, n: int, equalities: int, inequalities: int) -> QuadraticProgram:
+        """Allocate a problem without bounds."""
+        return cls(
+            H=np.zeros((n, n)),
+            g=np.zeros(n),
+            A=np.zeros((equalities, n)),
+            b=np.zeros(equalities),
+            C=np.zeros((inequalities, n)),
+            lower=np.full(inequalities, -np.inf),
+            upper=np.full(inequalities, np.inf),
+            x_lower=np.full(n, -np.inf),
+            x_upper=np.full(n, np.inf),
+        )
+
+    def violation(self, x: Array) -> float:
+        """Largest amount by which x breaks a constraint; NaN where x has one."""
+        parts = [
+            np.abs(self.A @ x - self.b),
+            self.lower - self.C @ x,
+            self.C @ x - self.upper,
+            self.x_lower - x,
+            x - self.x_upper,
+        ]
+        worst = np.concatenate([np.zeros(1), *parts])
+        return float(np.max(worst))
+
+    def objective(self, x: Array) -> float:
+        """Value of ½ xᵀHx + gᵀx."""
+        return float(0.5 * x @ self.H @ x + self.g @ x)
+
+
+class Layout:
+    """Where each quantity stands in the problem, for one set of made contacts.
+
+    Attributes:
+        contacts: the made contacts, in order.
+        problem: the problem's arrays.
+        forces: for each contact, the columns of its force in x.
+        motion: for each contact, the rows of its motion in A and b.
+        floating: rows of A of the equations of motion that no actuator enters.
+        torque: rows of C of the torque bounds.
+        cones: for each contact, the rows of C of its cone.
+        joints: columns of x of the actuated joints' accelerations, (na,).
+    """
+
+    def __init__(self, model: RobotModel, contacts: Sequence[Contact]) -> None:
+        nv, na = model.nv, model.na
+        self.contacts = tuple(contacts)
+        self.unactuated = np.setdiff1d(np.arange(nv), model.v_index)  # rows of M without an actuator
+        sizes = [contact.size for contact in contacts]
+        nf = sum(sizes)
+        self.floating = slice(0, len(self.unactuated))
+        self.torque = slice(0, na)
+        self.joints = model.v_index
+        self.forces: list[slice] = []
+        self.motion: list[slice] = []
+        self.cones: list[slice] = []
+        column, row, cone_row = nv, len(self.unactuated), na
+        for contact in contacts:
+            self.forces.append(slice(column, column + contact.size))
+            self.motion.append(slice(row, row + contact.size))
+            self.cones.append(slice(cone_row, cone_row + len(contact.cone)))
+            column += contact.size
+            row += contact.size
+            cone_row += len(contact.cone)
+        self.problem = QuadraticProgram.empty(nv + nf, row, cone_row)
+        for contact, columns, rows in zip(contacts, self.forces, self.cones, strict=True):
+            self.problem.C[rows, columns] = contact.cone
+            self.problem.upper[rows] = 0.0
+        self.J = np.zeros((nf, nv))  # stacked contact Jacobians
+        self.acceleration_columns = slice(0, nv)
+        self.force_columns = slice(nv, nv + nf)
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Names of the made contacts."""
+        return tuple(contact.name for contact in self.contacts)

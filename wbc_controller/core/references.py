@@ -1,0 +1,224 @@
+"""What the commands have set so far, and its value at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.tasks import Task
+from wbc_controller.core.trajectories import Knot, Ramp, Trajectory
+from wbc_controller.errors import InputRefused
+from wbc_controller.records import Array, Reference, References
+
+
+@dataclass(frozen=True, slots=True)
+class SetSetpoint:
+    """Go to a position and stay there."""
+
+    task: str
+    position: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SetTrajectory:
+    """Follow timed points. `start` is in s on the clock of the states; None means now. The points' times count from it."""
+
+    task: str
+    start: float | None
+    points: tuple[Knot, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SetWeight:
+    """Give a task another weight."""
+
+    task: str
+    weight: float
+
+
+@dataclass(frozen=True, slots=True)
+class EnableTask:
+    """Switch a task on or off."""
+
+    task: str
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class EnableContact:
+    """Make or break a contact."""
+
+    contact: str
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetExternalWrench:
+    """State a known external wrench at a frame, (6,) in N and N·m, world axes."""
+
+    frame: str
+    wrench: Array
+
+
+Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench
+
+
+@dataclass(frozen=True, slots=True)
+class TaskPlan:
+    """How one task's references move.
+
+    Attributes:
+        task: the task.
+        weight: weight when it is enabled.
+        enabled: whether it is on at activation.
+        setpoint_duration: time in which a new setpoint is reached, s.
+    """
+
+    task: Task
+    weight: float
+    enabled: bool
+    setpoint_duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class ContactPlan:
+    """How one contact is made and broken.
+
+    Attributes:
+        enabled: whether it is made at activation.
+        ramp: time in which it is loaded or unloaded, s.
+    """
+
+    enabled: bool
+    ramp: float
+
+
+class ReferenceBoard:
+    """Holds trajectories and ramps; changes are applied between cycles, all of a set or none of it."""
+
+    def __init__(
+        self, tasks: Iterable[TaskPlan], contacts: Mapping[str, ContactPlan], *, weight_ramp: float
+    ) -> None:
+        """Make a board.
+
+        Args:
+            tasks: the tasks and how their references move.
+            contacts: the contacts, by name.
+            weight_ramp: time in which a new weight is reached, s.
+        """
+        self.plans = {plan.task.name: plan for plan in tasks}
+        self.contact_plans = dict(contacts)
+        self._weight_ramp = weight_ramp
+        self._weights = {name: plan.weight for name, plan in self.plans.items()}
+        self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
+        self._weight_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
+        self._contact_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self._trajectories: dict[str, Trajectory] = {}
+        self._wrenches: dict[str, Array] = {}
+
+    def reset(self, dynamics: Dynamics, time: float) -> None:
+        """Start from the present state: every task's reference is where the robot is, contacts as configured."""
+        for name, plan in self.plans.items():
+            self._enabled[name] = plan.enabled
+            self._weights[name] = plan.weight
+            weight = plan.weight if plan.enabled else 0.0
+            self._weight_ramps[name] = Ramp(time, 0.0, weight, weight)
+            self._trajectories[name] = _stay(plan.task.rest(dynamics), time)
+        for name, contact in self.contact_plans.items():
+            self._contact_ramps[name] = Ramp(time, 0.0, 0.0, float(contact.enabled))
+        self._wrenches.clear()
+
+    def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
+        """Apply a set of changes.
+
+        Args:
+            changes: validated changes.
+            dynamics: the snapshot of the last cycle, from which a task that is switched on starts.
+            time: s, on the clock of the states.
+
+        Raises:
+            InputRefused: where a trajectory cannot be followed; then nothing has been applied.
+        """
+        changes = tuple(changes)
+        for change in changes:
+            if isinstance(change, SetTrajectory):
+                self._check(change, time)
+        for change in changes:
+            self._apply(change, dynamics, time)
+
+    def _check(self, change: SetTrajectory, time: float) -> None:
+        end = (time if change.start is None else change.start) + change.points[-1].time
+        if end < time:
+            raise InputRefused(
+                f"trajectory for task {change.task!r} ended {time - end:.3f} s ago on the clock of the states "
+                "(header.stamp 0 means: start now)"
+            )
+
+    def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
+        if isinstance(change, SetSetpoint):
+            self._wake(change.task, dynamics, time)
+            self._trajectories[change.task] = self._towards(change, time)
+        elif isinstance(change, SetTrajectory):
+            self._wake(change.task, dynamics, time)
+            self._trajectories[change.task] = self._along(change, time)
+        elif isinstance(change, SetWeight):
+            self._weights[change.task] = change.weight
+            self._ramp_weight(change.task, time)
+        elif isinstance(change, EnableTask):
+            self._wake(change.task, dynamics, time)
+            self._enabled[change.task] = change.enabled
+            self._ramp_weight(change.task, time)
+        elif isinstance(change, EnableContact):
+            ramp = self._contact_ramps[change.contact]
+            duration = self.contact_plans[change.contact].ramp
+            self._contact_ramps[change.contact] = ramp.towards(float(change.enabled), time, duration)
+        else:
+            self._wrenches[change.frame] = change.wrench
+
+    def _ramp_weight(self, task: str, time: float) -> None:
+        target = self._weights[task] if self._enabled[task] else 0.0
+        self._weight_ramps[task] = self._weight_ramps[task].towards(target, time, self._weight_ramp)
+
+    def _wake(self, task: str, dynamics: Dynamics, time: float) -> None:
+        """A task without any weight has not been followed: its reference starts where the robot is."""
+        if self._weight_ramps[task].sample(time) <= 0.0 and not self._enabled[task]:
+            self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
+
+    def _towards(self, change: SetSetpoint, time: float) -> Trajectory:
+        size = len(self._trajectories[change.task].knots[0].velocity)
+        still = np.zeros(size)
+        duration = self.plans[change.task].setpoint_duration
+        if duration <= 0.0:
+            return Trajectory([Knot(time, change.position, still, still)])
+        return Trajectory([self._present(change.task, time), Knot(time + duration, change.position, still, still)])
+
+    def _along(self, change: SetTrajectory, time: float) -> Trajectory:
+        start = time if change.start is None else change.start
+        knots = [
+            Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points
+        ]
+        ahead = [knot for knot in knots if knot.time > time]
+        if len(ahead) < len(knots) and ahead:  # already under way: keep the segment that holds the present
+            ahead.insert(0, knots[len(knots) - len(ahead) - 1])
+            return Trajectory(ahead)
+        return Trajectory([self._present(change.task, time), *ahead]) if ahead else Trajectory(knots[-1:])
+
+    def _present(self, task: str, time: float) -> Knot:
+        reference = self._trajectories[task].sample(time)
+        return Knot(time, reference.position, reference.velocity, reference.acceleration)
+
+    def sample(self, time: float) -> References:
+        """Everything at one time, in s."""
+        return References(
+            tasks={name: trajectory.sample(time) for name, trajectory in self._trajectories.items()},
+            weights={name: ramp.sample(time) for name, ramp in self._weight_ramps.items()},
+            contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
+            external_wrenches=dict(self._wrenches),
+        )
+
+
+def _stay(reference: Reference, time: float) -> Trajectory:
+    return Trajectory([Knot(time, reference.position, reference.velocity, reference.acceleration)])

@@ -1,0 +1,50 @@
+"""Solvers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import qpsolvers
+
+from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.solvers.daqp import DaqpSolver
+from wbc_controller.core.solvers.osqp import OsqpSolver
+from wbc_controller.core.solvers.proxqp import ProxqpSolver
+from wbc_controller.core.solvers.solver import Solver
+from wbc_controller.core.solvers.through_qpsolvers import ThroughQpsolvers
+from wbc_controller.errors import ConfigurationError, valid_choices
+
+_PERSISTENT: dict[str, Callable[[int, int, int], Solver]] = {
+    "daqp": DaqpSolver,
+    "osqp": OsqpSolver,
+    "proxqp": ProxqpSolver,
+}
+
+
+def available_solvers() -> list[str]:
+    """Names of the solvers that are installed."""
+    return sorted({*_PERSISTENT, *qpsolvers.available_solvers})
+
+
+def make_solver(name: str, problem: QuadraticProgram) -> Solver:
+    """Make a solver for problems of the size of one.
+
+    Raises:
+        ConfigurationError: where no solver of that name is installed.
+    """
+    if name in _PERSISTENT:
+        return _PERSISTENT[name](len(problem.g), len(problem.b), len(problem.upper))
+    require_solver(name)
+    return ThroughQpsolvers(name)
+
+
+def require_solver(name: str) -> None:
+    """Check that a solver is installed.
+
+    Raises:
+        ConfigurationError: where it is not.
+    """
+    if name not in available_solvers():
+        raise ConfigurationError(
+            f"solver.name = {name!r}: no such solver is installed; {valid_choices(name, available_solvers())}"
+        )

@@ -1,0 +1,54 @@
+"""ProxQP, an augmented-Lagrangian solver, dense back end: persistent, warm-started from the last answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import proxsuite
+
+from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.solvers.solver import Answer, Solver
+
+_proxqp = proxsuite.proxqp
+
+
+class ProxqpSolver(Solver):
+    """ProxQP (Bambade, El-Kazdadi, Taylor, Carpentier, "PROX-QP: Yet another quadratic programming solver for robotics
+    and beyond", RSS 2022)."""
+
+    tolerance = 1.0e-5
+
+    def __init__(self, n: int, equalities: int, inequalities: int) -> None:
+        self._size = (n, equalities, inequalities)
+        self._qp = self._make()
+        self._started = False
+
+    def _make(self) -> Any:
+        n, equalities, inequalities = self._size
+        qp = _proxqp.dense.QP(n, equalities, inequalities, True)
+        qp.settings.eps_abs = 1.0e-7
+        qp.settings.eps_rel = 0.0
+        qp.settings.max_iter = 1000
+        # With the default of 1e-4, feasible problems with a tight cone were called infeasible (1 to 20 in 100).
+        qp.settings.eps_primal_inf = 1.0e-12
+        qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        return qp
+
+    def solve(self, problem: QuadraticProgram) -> Answer:
+        """Solve a problem."""
+        qp = self._qp
+        data = (problem.H, problem.g, problem.A, problem.b, problem.C, problem.lower, problem.upper,
+                problem.x_lower, problem.x_upper)  # fmt: skip
+        if self._started:
+            qp.update(*data, update_preconditioner=False)  # the size of the entries hardly changes
+        else:
+            qp.init(*data)
+            self._started = True
+        qp.solve()
+        info = qp.results.info
+        if info.status == _proxqp.PROXQP_SOLVED:
+            return Answer(np.array(qp.results.x), "optimal", int(info.iter))
+        status = str(info.status).rsplit(".", 1)[-1].removeprefix("PROXQP_").replace("_", " ").lower()
+        self._qp, self._started = self._make(), False
+        return Answer(None, status, int(info.iter))

@@ -1,0 +1,38 @@
+"""What every solver back end does."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.records import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a solver says.
+
+    Attributes:
+        x: the minimizer, (n,); None where there is none.
+        status: the solver's own word for the outcome.
+        iterations: the solver's own count.
+    """
+
+    x: Array | None
+    status: str
+    iterations: int
+
+
+class Solver(ABC):
+    """A solver bound to problems of one size; it may keep what helps the next solve.
+
+    Attributes:
+        tolerance: largest constraint violation that its answers may have, in the problem's units.
+    """
+
+    tolerance: float
+
+    @abstractmethod
+    def solve(self, problem: QuadraticProgram) -> Answer:
+        """Solve a problem, warm-started from the last answer. Never raises for a problem without solution."""

@@ -1,0 +1,38 @@
+"""Any other solver of qpsolvers, by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import qpsolvers
+
+from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.solvers.solver import Answer, Solver
+
+
+class ThroughQpsolvers(Solver):
+    """A solver called through qpsolvers: set up anew in every cycle, so slower than the persistent ones."""
+
+    tolerance = 1.0e-3
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._last: np.ndarray | None = None
+
+    def solve(self, problem: QuadraticProgram) -> Answer:
+        """Solve a problem."""
+        upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
+        G = np.vstack([problem.C[upper], -problem.C[lower]])
+        h = np.concatenate([problem.upper[upper], -problem.lower[lower]])
+        qp = qpsolvers.Problem(
+            problem.H, problem.g, G, h, problem.A, problem.b, problem.x_lower, problem.x_upper
+        )
+        try:
+            solution = qpsolvers.solve_problem(qp, solver=self._name, initvals=self._last)
+        except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError) as error:
+            # Some back ends raise for an infeasible problem instead of saying so.
+            return Answer(None, f"{type(error).__name__}: {error}", 0)
+        # A solution may be marked as found and hold NaN: look at the numbers.
+        if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
+            return Answer(None, "no solution found", 0)
+        self._last = np.array(solution.x)
+        return Answer(self._last, "optimal", 0)

@@ -1,0 +1,8 @@
+"""The tasks: one file per kind, on the base class of `task`."""
+
+from wbc_controller.core.tasks.com import ComTask
+from wbc_controller.core.tasks.frame import FrameOrientationTask, FramePoseTask, FramePositionTask
+from wbc_controller.core.tasks.posture import PostureTask
+from wbc_controller.core.tasks.task import Task
+
+__all__ = ["ComTask", "FrameOrientationTask", "FramePoseTask", "FramePositionTask", "PostureTask", "Task"]

@@ -1,0 +1,33 @@
+"""Centre of mass."""
+
+from __future__ import annotations
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.tasks.task import Task
+from wbc_controller.records import Array
+
+
+class ComTask(Task):
+    """Position of the centre of mass in the world, (3,) in m."""
+
+    size = 3
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position of the centre of mass, (3,) in m."""
+        return dynamics.com.copy()
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Velocity of the centre of mass, (3,) in m/s."""
+        return dynamics.com_velocity
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement to the reference, (3,) in m."""
+        return position - dynamics.com
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Jacobian of the centre of mass, (3, nv)."""
+        return dynamics.com_jacobian
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Acceleration of the centre of mass at v̇ = 0, (3,) in m/s²."""
+        return dynamics.com_drift

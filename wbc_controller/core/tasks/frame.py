@@ -1,0 +1,122 @@
+"""Pose, position or orientation of a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.tasks.task import Task
+from wbc_controller.records import Array
+
+_WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
+
+
+def orientation_error(rotation: Array, quaternion: Array) -> Array:
+    """Rotation vector from an orientation to a reference, in world axes.
+
+    Args:
+        rotation: present orientation of the frame in the world, (3, 3).
+        quaternion: reference (x, y, z, w), (4,).
+
+    Returns:
+        R log(Rᵀ R_ref), (3,) in rad; its norm is at most π.
+    """
+    reference = pin.Quaternion(quaternion).normalized().toRotationMatrix()
+    return np.asarray(rotation @ pin.log3(rotation.T @ reference))
+
+
+class _FrameTask(Task):
+    #: Rows of the frame's six that the task takes.
+    part: slice
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        frame: str,
+        mask: Sequence[bool] | None = None,
+        *,
+        stiffness: float = 100.0,
+        damping: float | None = None,
+    ) -> None:
+        """Make a frame task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            frame: a frame of the URDF.
+            mask: world axes concerned, (size,); all where it is not given.
+            stiffness: K, 1/s².
+            damping: D, 1/s; critical where it is not given.
+
+        Raises:
+            ConfigurationError: where the model has no such frame.
+        """
+        super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
+        self.frame = frame
+        self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Velocity of the frame in world axes: linear in m/s, then angular in rad/s, (size,)."""
+        return dynamics.velocity(self._frame_id, _WORLD_AXES)[self.part]
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Jacobian of the frame in world axes, (size, nv)."""
+        return dynamics.jacobian(self._frame_id, _WORLD_AXES)[self.part]
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Acceleration of the frame at v̇ = 0, in world axes, (size,) in m/s² and rad/s²."""
+        return dynamics.drift_world(self._frame_id)[self.part]
+
+
+class FramePositionTask(_FrameTask):
+    """Position of a frame's origin in the world, (3,) in m."""
+
+    size = 3
+    part = slice(0, 3)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position, (3,) in m."""
+        return np.array(dynamics.placement(self._frame_id).translation)
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement to the reference, (3,) in m."""
+        return position - np.asarray(dynamics.placement(self._frame_id).translation)
+
+
+class FrameOrientationTask(_FrameTask):
+    """Orientation of a frame in the world; the reference is a quaternion (x, y, z, w), (4,)."""
+
+    size = 3
+    part = slice(3, 6)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Orientation as a quaternion, (4,)."""
+        return np.array(pin.Quaternion(dynamics.placement(self._frame_id).rotation).coeffs())
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Rotation vector to the reference in world axes, (3,) in rad."""
+        return orientation_error(dynamics.placement(self._frame_id).rotation, position)
+
+
+class FramePoseTask(_FrameTask):
+    """Position and orientation of a frame in the world; the reference is position and quaternion, (7,)."""
+
+    size = 6
+    part = slice(0, 6)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position and quaternion, (7,)."""
+        return np.asarray(pin.SE3ToXYZQUAT(dynamics.placement(self._frame_id)))
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement and rotation vector to the reference in world axes, (6,) in m and rad."""
+        placement = dynamics.placement(self._frame_id)
+        error = np.empty(6)
+        error[:3] = position[:3] - placement.translation
+        error[3:] = orientation_error(placement.rotation, position[3:])
+        return error

@@ -1,0 +1,67 @@
+"""Joint positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.tasks.task import Task
+from wbc_controller.records import Array
+
+
+class PostureTask(Task):
+    """Positions of some actuated joints, (k,) in rad."""
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        joints: Sequence[str] = (),
+        *,
+        stiffness: float = 100.0,
+        damping: float | None = None,
+    ) -> None:
+        """Make a posture task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            joints: actuated joints concerned; none means all, in the order of the command.
+            stiffness: K, 1/s².
+            damping: D, 1/s; critical where it is not given.
+
+        Raises:
+            ConfigurationError: where a joint is not actuated.
+        """
+        columns = model.joint_columns(joints, f"tasks.{name}.joints")
+        super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
+        self.size = len(columns)
+        self.joints = tuple(joints) or model.joints
+        self._q_index = model.q_index[columns]
+        self._v_index = model.v_index[columns]
+        self._jacobian = np.zeros((self.size, model.nv))
+        self._jacobian[np.arange(self.size), self._v_index] = 1.0
+        self._drift = np.zeros(self.size)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Joint positions, (k,) in rad."""
+        return dynamics.q[self._q_index]
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Joint velocities, (k,) in rad/s."""
+        return dynamics.v[self._v_index]
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement to the reference, (k,) in rad."""
+        return position - self.position(dynamics)
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Selection of the joints, (k, nv)."""
+        return self._jacobian
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Zero, (k,)."""
+        return self._drift

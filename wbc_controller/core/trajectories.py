@@ -1,0 +1,149 @@
+"""References over time: quintic interpolation of vectors, orientations and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.records import Array, Reference
+
+
+@dataclass(frozen=True, slots=True)
+class Knot:
+    """One point of a trajectory.
+
+    Attributes:
+        time: seconds on the clock of the states.
+        position: vector (k,), quaternion (4,), or position and quaternion (7,).
+        velocity: (k,), (3,) or (6,), in world axes.
+        acceleration: of the same shape as the velocity.
+    """
+
+    time: float
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def rest(position: Array, size: int) -> Reference:
+    """Reference that stays at a position; the velocity has the given size."""
+    still = np.zeros(size)
+    return Reference(position, still, still)
+
+
+class Trajectory:
+    """Knots joined by quintics: continuous in position, velocity and acceleration; at rest before and after.
+
+    Orientations are interpolated by their rotation vector from each knot to the next, which is a geodesic between knots
+    at rest.
+    """
+
+    def __init__(self, knots: Sequence[Knot]) -> None:
+        self.knots = tuple(knots)
+        size = len(knots[0].velocity)
+        # Of a position's components the first are a vector; four more, where there are any, are a quaternion.
+        self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
+        self._segments = [
+            _quintic(self._chart(a, b), b.time - a.time) for a, b in zip(self.knots, self.knots[1:], strict=False)
+        ]
+
+    def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Ends of a segment in coordinates that start with the rotation vector 0."""
+        n = self._linear
+        if n == len(a.position):
+            return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
+        start = _rotation(a.position[n:])
+        turn = pin.log3(start.T @ _rotation(b.position[n:]))
+        to_chart = np.linalg.inv(pin.Jexp3(turn))  # body angular velocity to rate of the rotation vector
+        end = _rotation(b.position[n:])
+        return (
+            np.concatenate([a.position[:n], np.zeros(3)]),
+            np.concatenate([a.velocity[:n], start.T @ a.velocity[n:]]),
+            np.concatenate([a.acceleration[:n], start.T @ a.acceleration[n:]]),
+            np.concatenate([b.position[:n], turn]),
+            np.concatenate([b.velocity[:n], to_chart @ end.T @ b.velocity[n:]]),
+            np.concatenate([b.acceleration[:n], to_chart @ end.T @ b.acceleration[n:]]),
+        )
+
+    def sample(self, time: float) -> Reference:
+        """Reference at a time, in s."""
+        knots = self.knots
+        if not time >= knots[0].time:
+            return rest(knots[0].position, len(knots[0].velocity))
+        if time >= knots[-1].time:
+            return rest(knots[-1].position, len(knots[-1].velocity))
+        i = next(i for i in range(len(knots) - 1) if time < knots[i + 1].time)
+        powers = (time - knots[i].time) ** np.arange(6)
+        coefficients = self._segments[i]  # (6, k), by rising power
+        factors = np.arange(1, 6)
+        x = powers @ coefficients
+        x_dot = (factors * powers[:5]) @ coefficients[1:]
+        x_ddot = (factors[1:] * factors[:4] * powers[:4]) @ coefficients[2:]
+        n = self._linear
+        if n == len(knots[0].position):
+            return Reference(x, x_dot, x_ddot)
+        return _with_orientation(_rotation(knots[i].position[n:]), n, x, x_dot, x_ddot)
+
+
+def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Array) -> Reference:
+    turn, rate = x[n:], x_dot[n:]
+    rotation = start @ pin.exp3(turn)
+    jacobian = pin.Jexp3(turn)
+    # d/dt Jexp3 by a central difference along the rate: it vanishes along a geodesic.
+    step = 1.0e-5
+    jacobian_dot = (pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step)
+    angular = rotation @ (jacobian @ rate)
+    angular_dot = rotation @ (jacobian @ x_ddot[n:] + jacobian_dot @ rate)
+    return Reference(
+        np.concatenate([x[:n], pin.Quaternion(rotation).coeffs()]),
+        np.concatenate([x_dot[:n], angular]),
+        np.concatenate([x_ddot[:n], angular_dot]),
+    )
+
+
+def _rotation(quaternion: Array) -> Array:
+    return np.asarray(pin.Quaternion(quaternion).normalized().toRotationMatrix())
+
+
+def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:
+    """Coefficients, (6, k) by rising power, of the quintic with given position, velocity, acceleration at both ends."""
+    x0, v0, a0, x1, v1, a1 = ends
+    T = duration
+    d = x1 - x0 - v0 * T - 0.5 * a0 * T**2
+    e = (v1 - v0 - a0 * T) * T
+    f = (a1 - a0) * T**2
+    c3 = (10.0 * d - 4.0 * e + 0.5 * f) / T**3
+    c4 = (-15.0 * d + 7.0 * e - f) / T**4
+    c5 = (6.0 * d - 3.0 * e + 0.5 * f) / T**5
+    return np.stack([x0, v0, 0.5 * a0, c3, c4, c5])
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """A number that goes from one value to another along a straight line.
+
+    Attributes:
+        start: time at which it leaves the first value, s.
+        duration: time it takes, s.
+        before: value until the start.
+        after: value from the end on.
+    """
+
+    start: float
+    duration: float
+    before: float
+    after: float
+
+    def sample(self, time: float) -> float:
+        """Value at a time, in s."""
+        if self.duration <= 0.0 or time >= self.start + self.duration:
+            return self.after
+        share = max(0.0, (time - self.start) / self.duration)
+        return self.before + share * (self.after - self.before)
+
+    def towards(self, target: float, time: float, duration: float) -> Ramp:
+        """A ramp from where this one is to a new target."""
+        return Ramp(time, duration, self.sample(time), target)

@@ -1,0 +1,314 @@
+"""From one message to what it means: the conversions at the border, and every refusal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from wbc_controller.core.references import (
+    Change,
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.core.trajectories import Knot
+from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.messages import nanoseconds
+from wbc_controller.records import Array
+
+#: Quaternions whose norm differs from 1 by more are refused.
+_QUATERNION_TOLERANCE = 1.0e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """The names and sizes that messages are checked against.
+
+    Attributes:
+        kinds: kind of each task, such as ``frame_pose``, by its name.
+        joints: of each posture task, its joints.
+        contacts: names of the contacts.
+        frames: names of the frames on which external wrenches are accepted.
+    """
+
+    kinds: Mapping[str, str]
+    joints: Mapping[str, tuple[str, ...]]
+    contacts: tuple[str, ...]
+    frames: tuple[str, ...]
+
+
+def stamp_of(content: Any) -> int:
+    """Time in a message's header, ns."""
+    return nanoseconds(content.header.stamp)
+
+
+def finite(values: Any, what: str) -> Array:
+    """Read numbers, all finite.
+
+    Raises:
+        InputRefused: where one is not.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise InputRefused(f"{what} holds a value that is not finite: {_short(array)}")
+    return array
+
+
+def _short(array: Array) -> str:
+    flat = array.reshape(-1)
+    shown = ", ".join(f"{value:g}" for value in flat[:8])
+    return f"[{shown}{', …' if flat.size > 8 else ''}]"
+
+
+class JointOrder:
+    """Reads joint states by name, and remembers where the names stood in the last message."""
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = tuple(joints)
+        self._names: list[str] = []
+        self._index = np.zeros(0, dtype=np.intp)
+
+    def read(self, content: Any) -> tuple[Array, Array]:
+        """Read a sensor_msgs/JointState.
+
+        Returns:
+            Positions in rad and velocities in rad/s, both (na,).
+
+        Raises:
+            InputRefused: where a joint is missing, an array has a wrong size, or a value is not finite.
+        """
+        if content.name != self._names:
+            self._index = self._find(content.name)
+            self._names = content.name
+        values = []
+        for what, unit in (("position", "rad"), ("velocity", "rad/s")):
+            array = getattr(content, what)
+            if len(array) != len(content.name):
+                raise InputRefused(f"{what} has {len(array)} values for {len(content.name)} names")
+            own = array[self._index]
+            if not np.isfinite(own).all():
+                i = int(np.flatnonzero(~np.isfinite(own))[0])
+                raise InputRefused(f"{what} of {self._joints[i]!r} is {own[i]} {unit}; every value must be finite")
+            values.append(own)
+        return values[0], values[1]
+
+    def _find(self, names: Sequence[str]) -> Any:
+        places = {name: i for i, name in enumerate(names)}
+        if len(places) < len(names):
+            twice = sorted({name for name in names if list(names).count(name) > 1})
+            raise InputRefused(f"joint {twice[0]!r} stands more than once")
+        missing = [name for name in self._joints if name not in places]
+        if missing:
+            strange = [name for name in names if name not in self._joints]
+            unknown = f"; names that are none of the controller's joints: {', '.join(strange)}" if strange else ""
+            raise InputRefused(
+                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
+            )
+        return np.array([places[name] for name in self._joints], dtype=np.intp)
+
+
+def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
+    """Read a nav_msgs/Odometry.
+
+    Returns:
+        Base position and quaternion (7,), in the world; base twist (6,), in the base frame.
+
+    Raises:
+        InputRefused: where the child frame is another link, or a value cannot be used.
+    """
+    if content.child_frame_id not in ("", base_link):
+        raise InputRefused(f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {base_link!r}")
+    pose, twist = content.pose.pose, content.twist.twist
+    q = finite([pose.position.x, pose.position.y, pose.position.z, *_quaternion(pose.orientation)], "the pose")
+    v = finite([*_xyz(twist.linear), *_xyz(twist.angular)], "the twist")
+    return q, v
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _quaternion(quaternion: Any) -> Array:
+    values = finite([quaternion.x, quaternion.y, quaternion.z, quaternion.w], "the orientation")
+    norm = float(np.linalg.norm(values))
+    if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
+        raise InputRefused(f"the orientation {_short(values)} is not a unit quaternion (norm {norm:.3g})")
+    return values / norm
+
+
+#: Names under which the world frame is accepted in headers.
+WORLD_FRAMES = ("", "world", "odom", "map")
+
+
+def _in_world(content: Any) -> None:
+    frame = content.header.frame_id
+    if frame not in WORLD_FRAMES:
+        raise InputRefused(f"frame_id is {frame!r}; references are given in the world: {', '.join(WORLD_FRAMES[1:])}")
+
+
+def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+    kind = vocabulary.kinds[task]
+    if kind == "posture":
+        return (SetSetpoint(task, _joint_values(vocabulary.joints[task], content.name, content.position, "position")),)
+    _in_world(content)
+    if kind in ("com", "frame_position"):
+        return (SetSetpoint(task, finite(_xyz(content.point), "the point")),)
+    return (SetSetpoint(task, _pose(kind, content.pose.position, content.pose.orientation)),)
+
+
+def _pose(kind: str, position: Any, orientation: Any) -> Array:
+    if kind in ("com", "frame_position"):
+        return finite(_xyz(position), "the position")
+    if kind == "frame_orientation":
+        return _quaternion(orientation)
+    return np.concatenate([finite(_xyz(position), "the position"), _quaternion(orientation)])
+
+
+def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
+    """Values of the task's joints by name; all of them must be there."""
+    if len(values) != len(names):
+        raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+    for name in names:
+        if name not in joints:
+            raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
+    given = dict(zip(names, values, strict=True))
+    missing = [name for name in joints if name not in given]
+    if missing:
+        raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
+    return finite([given[name] for name in joints], what)
+
+
+def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+    if not content.points:
+        raise InputRefused("the trajectory has no points")
+    kind = vocabulary.kinds[task]
+    if kind == "posture":
+        knots = [_joint_knot(vocabulary.joints[task], content.joint_names, point) for point in content.points]
+    else:
+        _in_world(content)
+        if len(content.joint_names) > 1:
+            raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; this task takes one frame")
+        knots = [_frame_knot(kind, point) for point in content.points]
+    times = [knot.time for knot in knots]
+    if any(not (a < b) for a, b in zip(times, times[1:], strict=False)) or times[0] < 0.0:
+        raise InputRefused(f"time_from_start must rise from 0: {_short(np.array(times))} s")
+    stamp = stamp_of(content)
+    return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
+
+
+def _joint_knot(joints: Sequence[str], names: Sequence[str], point: Any) -> Knot:
+    arrays = [_joint_values(joints, names, point.positions, "positions")]
+    for what in ("velocities", "accelerations"):
+        values = getattr(point, what)
+        arrays.append(_joint_values(joints, names, values, what) if len(values) else np.zeros(len(joints)))
+    return Knot(nanoseconds(point.time_from_start) * 1.0e-9, *arrays)
+
+
+def _frame_knot(kind: str, point: Any) -> Knot:
+    if len(point.transforms) != 1:
+        raise InputRefused(f"a point has {len(point.transforms)} transforms; this task takes one")
+    transform = point.transforms[0]
+    position = _pose(kind, transform.translation, transform.rotation)
+    part = {"frame_pose": slice(0, 6), "frame_orientation": slice(3, 6)}.get(kind, slice(0, 3))
+    derivatives = []
+    for what in ("velocities", "accelerations"):
+        twists = getattr(point, what)
+        if len(twists) > 1:
+            raise InputRefused(f"a point has {len(twists)} {what}; this task takes one")
+        six = [*_xyz(twists[0].linear), *_xyz(twists[0].angular)] if twists else np.zeros(6)
+        derivatives.append(finite(six, what)[part])
+    return Knot(nanoseconds(point.time_from_start) * 1.0e-9, position, *derivatives)
+
+
+def _weight(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputRefused(f"a weight is a number, not {value!r}")
+    if not (math.isfinite(value) and 0.0 <= value <= 1.0e6):
+        raise InputRefused(f"a weight must be from 0 to 1e6, not {value:g}")
+    return float(value)
+
+
+def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
+    _in_world(content)
+    wrench = content.wrench
+    return (SetExternalWrench(frame, finite([*_xyz(wrench.force), *_xyz(wrench.torque)], "the wrench")),)
+
+
+_UPDATE_FORM = (
+    "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
+    "contacts: {left_foot: {enabled: false}}}"
+)
+
+
+def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change, ...]:
+    """Read several changes; one that is refused refuses all."""
+    try:
+        update = yaml.safe_load(content.data)
+    except yaml.YAMLError as error:
+        raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
+    if not isinstance(update, dict) or not update:
+        raise InputRefused(f"{content.data!r} is not a mapping; {_UPDATE_FORM}")
+    changes: list[Change] = []
+    for section, entries in update.items():
+        if section not in ("tasks", "contacts"):
+            raise InputRefused(f"unknown key {section!r}; {valid_choices(str(section), ('tasks', 'contacts'))}")
+        known = vocabulary.kinds if section == "tasks" else vocabulary.contacts
+        if not isinstance(entries, dict):
+            raise InputRefused(f"{section} is not a mapping; {_UPDATE_FORM}")
+        for name, fields in entries.items():
+            if name not in known:
+                raise InputRefused(f"unknown {section[:-1]} {name!r}; {valid_choices(str(name), known)}")
+            if not isinstance(fields, dict):
+                raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
+            changes += [_update_field(vocabulary, section, name, key, value) for key, value in fields.items()]
+    return tuple(changes)
+
+
+def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any) -> Change:
+    keys = ("enabled", "weight", "setpoint") if section == "tasks" else ("enabled",)
+    if key not in keys:
+        raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), keys)}")
+    if key == "weight":
+        return SetWeight(name, _weight(value))
+    if key == "setpoint":
+        return SetSetpoint(name, _setpoint_values(vocabulary, name, value))
+    if not isinstance(value, bool):
+        raise InputRefused(f"{section}.{name}.enabled is true or false, not {value!r}")
+    return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
+
+
+def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
+    kind = vocabulary.kinds[task]
+    size = {"posture": len(vocabulary.joints.get(task, ())), "frame_pose": 7, "frame_orientation": 4}.get(kind, 3)
+    where = f"tasks.{task}.setpoint"
+    if not isinstance(value, list) or not all(isinstance(number, (int, float)) for number in value):
+        raise InputRefused(f"{where} is a list of {size} numbers, not {value!r}")
+    if len(value) != size:
+        raise InputRefused(f"{where} has {len(value)} values; a {kind} task takes {size}")
+    values = finite(value, where)
+    if kind in ("frame_pose", "frame_orientation"):
+        norm = float(np.linalg.norm(values[-4:]))
+        if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
+            raise InputRefused(f"{where}: {_short(values[-4:])} is not a unit quaternion (norm {norm:.3g})")
+        values[-4:] /= norm
+    return values
+
+
+#: How to read each row of the topic table that changes references.
+READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change, ...]]] = {
+    "setpoint": _read_setpoint,
+    "trajectory": _read_trajectory,
+    "weight": lambda vocabulary, task, content: (SetWeight(task, _weight(float(content.data))),),
+    "task_enable": lambda vocabulary, task, content: (EnableTask(task, bool(content.data)),),
+    "contact_enable": lambda vocabulary, contact, content: (EnableContact(contact, bool(content.data)),),
+    "external_wrench": _read_external_wrench,
+    "update": _read_update,
+}

@@ -1,0 +1,84 @@
+"""Cycle reports summed up as a diagnostic_msgs/DiagnosticArray."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.messages import header, message
+from wbc_controller.records import CycleReport, Mode
+
+_OK, _WARN, _ERROR = 0, 1, 2
+_LEVELS = {
+    Mode.INACTIVE: _OK,
+    Mode.ACTIVE: _OK,
+    Mode.HOLDING: _WARN,
+    Mode.DAMPING: _WARN,
+    Mode.STOPPED: _WARN,
+    Mode.FAULT: _ERROR,
+}
+
+
+class StatusSummary:
+    """Collects reports, and sums up those since the last message."""
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = tuple(joints)
+        self._reports: list[CycleReport] = []
+
+    def add(self, report: CycleReport) -> None:
+        """Take one report."""
+        self._reports.append(report)
+
+    def message(self, wall: int) -> Any:
+        """Make the message, and start over.
+
+        Args:
+            wall: time of day, ns.
+        """
+        reports, self._reports = self._reports, []
+        values, warnings = _values(reports)
+        last = reports[-1]
+        level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
+        if last.fault is not None:
+            level = max(level, _WARN)
+            warnings.insert(0, f"{last.fault.code}: {last.fault.sentence}")
+        status = message(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name="wbc_controller: control loop",
+            message="; ".join([last.mode.value, *warnings]),
+            hardware_id="wbc_controller",
+            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+        )
+        return message("diagnostic_msgs/msg/DiagnosticArray", header=header(wall), status=[status])
+
+
+def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
+    """Key values of some cycles, and sentences worth a warning."""
+    last = reports[-1]
+    values = {
+        "mode": last.mode.value,
+        "cycle": str(last.cycle),
+        "cycles": str(len(reports)),
+        "deadlines_missed": str(last.deadlines_missed),
+    }
+    values |= {f"age/{name}": f"{age:.4f} s" for name, age in last.ages.items()}
+    for stage in last.stage_seconds:
+        times = [report.stage_seconds[stage] for report in reports if stage in report.stage_seconds]
+        values[f"time/{stage}/median"] = f"{1e6 * float(np.median(times)):.0f} us"
+        values[f"time/{stage}/max"] = f"{1e6 * max(times):.0f} us"
+    solution = last.solution
+    if solution is not None:
+        values |= {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
+        values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
+        values["binding"] = ", ".join(solution.binding) or "none"
+        values["solver_iterations"] = str(solution.iterations)
+    relaxed = Counter(what for report in reports if report.solution is not None for what in report.solution.relaxed)
+    warnings = [f"relaxed {what} in {count} of {len(reports)} cycles" for what, count in sorted(relaxed.items())]
+    refused = [sentence for report in reports for sentence in report.refused]
+    values |= {f"refused/{i}": sentence for i, sentence in enumerate(refused)}
+    return values, warnings + [f"refused {sentence}" for sentence in refused]

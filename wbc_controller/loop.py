@@ -1,0 +1,195 @@
+"""The loop: read, decide, write. One way through, once per cycle."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from wbc_controller.clock import Clock
+from wbc_controller.core.controller import Controller
+from wbc_controller.core.references import ReferenceBoard
+from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.inputs import Inputs, Latched
+from wbc_controller.outputs import Outputs
+from wbc_controller.records import CycleReport, Fault, RobotState, Solution
+from wbc_controller.safety.checks import stale_inputs
+from wbc_controller.safety.supervisor import Supervisor
+
+_log = logging.getLogger(__name__)
+
+
+class ControlLoop:
+    """Owns the stages of a cycle and calls them in order.
+
+    Attributes:
+        supervisor: the safety supervisor.
+        observers: called with the report of every cycle.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        board: ReferenceBoard,
+        supervisor: Supervisor,
+        inputs: Inputs,
+        outputs: Outputs,
+        clock: Clock,
+        *,
+        state_timeout: float,
+        timer: Callable[[], float] = time.perf_counter,
+        observers: Sequence[Callable[[CycleReport], None]] = (),
+    ) -> None:
+        """Make a loop.
+
+        Args:
+            controller: solves the quadratic program.
+            board: what the commands have set.
+            supervisor: makes the commands.
+            inputs: what comes in.
+            outputs: what goes out.
+            clock: measures ages and durations.
+            state_timeout: oldest state that torques may be computed from, s.
+            timer: gives seconds, for the stage times.
+            observers: called with the report of every cycle.
+        """
+        self.supervisor = supervisor
+        self.observers = tuple(observers)
+        self._controller = controller
+        self._board = board
+        self._inputs = inputs
+        self._outputs = outputs
+        self._clock = clock
+        self._state_timeout = state_timeout
+        self._timer = timer
+        self._cycle = 0
+        self._deadlines_missed = 0
+
+    def cycle(self) -> CycleReport:
+        """Run one cycle."""
+        started = self._timer()
+        now = self._clock.now()
+        latched = self._inputs.latch()
+        refused = list(latched.refused)
+        problem = stale_inputs(latched.ages, self._state_timeout, latched.notes)
+        read = self._timer()
+        self._take_requests(latched, now, problem, refused)
+        outcome = self._compute(latched, now, refused) if problem is None and self.supervisor.solving else None
+        computed = self._timer()
+        fresh = latched.ages["joint_states"] <= self._state_timeout
+        command = self.supervisor.step(
+            now, latched.state, latched.joint_velocity if fresh else None, problem, outcome
+        )
+        supervised = self._timer()
+        solution = outcome if isinstance(outcome, Solution) else None
+        stages = {"read": read - started, "compute": computed - read, "supervise": supervised - computed}
+        if solution is not None:
+            stages |= {f"compute/{name}": seconds for name, seconds in solution.stage_seconds.items()}
+        report = self._report(latched, command, solution, refused, stages)
+        self._outputs.publish_command(report)
+        stages["write"] = self._timer() - supervised
+        stages["total"] = self._timer() - started
+        self._outputs.publish_status(report, now, time.time_ns())
+        for sentence in refused:
+            _log.warning("refused %s", sentence)
+        for observer in self.observers:
+            observer(report)
+        self._cycle += 1
+        return report
+
+    def _report(
+        self,
+        latched: Latched,
+        command: object,
+        solution: Solution | None,
+        refused: list[str],
+        stages: dict[str, float],
+    ) -> CycleReport:
+        return CycleReport(
+            cycle=self._cycle,
+            stamp=latched.state.stamp if latched.state is not None else 0,
+            mode=self.supervisor.mode,
+            fault=self.supervisor.fault,
+            command=command,  # type: ignore[arg-type]
+            solution=solution,
+            ages=latched.ages,
+            refused=tuple(refused),
+            stage_seconds=stages,
+            deadlines_missed=self._deadlines_missed,
+        )
+
+    def _take_requests(self, latched: Latched, now: float, problem: Fault | None, refused: list[str]) -> None:
+        for word in latched.commands:
+            try:
+                starts = self.supervisor.request(word, now, problem)
+            except InputRefused as refusal:
+                refused.append(str(refusal))
+                continue
+            _log.info("command %r: now %s", word, self.supervisor.mode.value)
+            if starts and latched.state is not None:
+                self._controller.dynamics.update(latched.state.q, latched.state.v)
+                self._board.reset(self._controller.dynamics, seconds(latched.state))
+        if latched.changes and not self.supervisor.solving:
+            refused.append(
+                f"{len(latched.changes)} task or contact commands: the controller is "
+                f"{self.supervisor.mode.value}; send 'activate' first"
+            )
+
+    def _compute(self, latched: Latched, now: float, refused: list[str]) -> Solution | NoSolution | Fault:
+        state = latched.state
+        if state is None:
+            return Fault("NO_STATE", "no state has arrived")
+        try:
+            for changes in latched.changes:
+                try:
+                    self._board.apply(changes, self._controller.dynamics, seconds(state))
+                except InputRefused as refusal:
+                    refused.append(str(refusal))
+            references = self._board.sample(seconds(state))
+            return self._controller.solve(state, references, self.supervisor.torques_before(now))
+        except NoSolution as failure:
+            _log.warning("%s", failure)
+            return failure
+        except Exception as error:
+            # A defect must end in damping with a reason, never in a process that dies with torques applied.
+            _log.exception("the controller failed")
+            return Fault("INTERNAL_ERROR", f"{type(error).__name__}: {error}")
+
+    def run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
+        """Run cycles until stopped.
+
+        Args:
+            stop: ends the loop.
+            period: time between cycles, s.
+            triggered: run one cycle for each joint state, and at the period where none come; otherwise run on absolute
+                deadlines.
+        """
+        gc.collect()
+        gc.freeze()  # what was built at start-up is never garbage: collections in mid-run stay short
+        deadline = self._clock.now() + period
+        while not stop.is_set():
+            if triggered:
+                self._inputs.arrived.wait(self._patience(period))
+                self._inputs.arrived.clear()
+                self.cycle()
+                continue
+            self.cycle()
+            now = self._clock.now()
+            if now > deadline:
+                missed = int((now - deadline) / period) + 1
+                self._deadlines_missed += missed
+                deadline += missed * period  # stay on the grid: lateness does not add up
+            stop.wait(deadline - now if deadline > now else 0.0)
+            deadline += period
+
+    def _patience(self, period: float) -> float:
+        """How long to wait for a joint state: until the last one is stale, then one period at a time."""
+        remaining = self._state_timeout - self._inputs.age_of_joint_states()
+        return max(period, min(remaining, self._state_timeout))
+
+
+def seconds(state: RobotState) -> float:
+    """Time of a state on the clock of the states, s."""
+    return state.stamp * 1.0e-9

@@ -1,0 +1,111 @@
+"""Messages out: commands, contact wrenches, the mode, and diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.diagnostics.status import StatusSummary
+from wbc_controller.interface import Direction, Endpoint
+from wbc_controller.messages import encode, header, message
+from wbc_controller.records import CycleReport, Mode
+from wbc_controller.transports.transport import Publish, Transport
+
+
+class Outputs:
+    """Publishes what a cycle leads to."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        contact_frames: dict[str, str],
+        endpoints: Iterable[Endpoint],
+        transport: Transport,
+        diagnostics_period: float,
+    ) -> None:
+        """Advertise every outgoing topic.
+
+        Args:
+            model: the robot's model.
+            contact_frames: the link of each contact, for headers.
+            endpoints: of the controller's node.
+            transport: carries the messages.
+            diagnostics_period: s between two diagnostics.
+        """
+        self._joints = list(model.joints)
+        self._contact_frames = contact_frames
+        self._publish: dict[tuple[str, str], Publish] = {
+            (endpoint.key, endpoint.subject): transport.advertise(endpoint)
+            for endpoint in endpoints
+            if endpoint.direction is Direction.OUT
+        }
+        self._state_said: tuple[object, object] | None = None
+        self._summary = StatusSummary(model.joints)
+        self._diagnostics_period = diagnostics_period
+        self._diagnostics_due = -np.inf
+
+    def publish_command(self, report: CycleReport) -> None:
+        """Send the torques and the forces counted on: the part of a cycle that the robot waits for."""
+        command = report.command
+        if command is not None:
+            dimension = message(
+                "std_msgs/msg/MultiArrayDimension", label="joints", size=len(self._joints), stride=len(self._joints)
+            )
+            layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
+            self._send("effort", message("std_msgs/msg/Float64MultiArray", layout=layout, data=command.tau))
+            self._send(
+                "joint_commands",
+                message(
+                    "sensor_msgs/msg/JointState",
+                    header=header(command.stamp),
+                    name=self._joints,
+                    position=command.q_desired,
+                    velocity=command.v_desired,
+                    effort=command.tau,
+                ),
+            )
+        if report.solution is not None and report.mode is Mode.ACTIVE:
+            for name, force in report.solution.forces.items():
+                six = np.zeros(6)
+                six[: len(force)] = force
+                frame = self._contact_frames[name] if len(force) == 6 else "world"
+                self._send("contact_wrench", wrench_stamped(report.stamp, frame, six), name)
+
+    def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
+        """Send the mode where it has changed, and diagnostics where they are due.
+
+        Args:
+            report: of the cycle.
+            now: s, on the clock of the loop.
+            wall: time of day for the headers, ns.
+        """
+        said = (report.mode, report.fault)
+        if said != self._state_said:
+            self._state_said = said
+            text = report.mode.value
+            if report.fault is not None:
+                text += f" {report.fault.code}: {report.fault.sentence}"
+            self._send("state", message("std_msgs/msg/String", data=text))
+        self._summary.add(report)
+        if now >= self._diagnostics_due or report.refused:
+            self._diagnostics_due = now + self._diagnostics_period
+            self._send("diagnostics", self._summary.message(wall))
+
+    def _send(self, key: str, content: object, subject: str = "") -> None:
+        self._publish[key, subject](encode(content))
+
+
+def wrench_stamped(stamp: int, frame: str, wrench: np.ndarray) -> object:
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m."""
+    fx, fy, fz, tx, ty, tz = (float(value) for value in wrench)
+    return message(
+        "geometry_msgs/msg/WrenchStamped",
+        header=header(stamp, frame),
+        wrench=message(
+            "geometry_msgs/msg/Wrench",
+            force=message("geometry_msgs/msg/Vector3", x=fx, y=fy, z=fz),
+            torque=message("geometry_msgs/msg/Vector3", x=tx, y=ty, z=tz),
+        ),
+    )

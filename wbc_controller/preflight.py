@@ -1,0 +1,157 @@
+"""Checks of a robot's configuration before it moves: what `wbc check` says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+
+from wbc_controller.build import make_board, make_controller, make_model
+from wbc_controller.core.controller import Controller
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.problem import FORCE_UNIT
+from wbc_controller.core.solvers import make_solver
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array, RobotState, frozen
+from wbc_controller.settings import Settings
+
+#: Contacts whose heights differ by more, with the base upright, do not stand on one floor, m.
+_LEVEL = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one check found.
+
+    Attributes:
+        subject: what was looked at.
+        text: what was found.
+    """
+
+    subject: str
+    text: str
+
+
+def stance(model: RobotModel, controller: Controller, made: list[str]) -> Array:
+    """Configuration with the nominal posture, base upright, lowest contact on the floor, (nq,)."""
+    q = model.configuration(model.posture)
+    controller.dynamics.update(q, np.zeros(model.nv))
+    if model.floating_base and made:
+        q[2] -= min(controller.contacts[name].points(controller.dynamics)[:, 2].min() for name in made)
+    return q
+
+
+def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
+    """Build everything that a configuration asks for, and see whether the robot can stand as configured.
+
+    Args:
+        settings: the robot's settings.
+        urdf: the URDF's text, where it did not come from the settings.
+
+    Returns:
+        What was found.
+
+    Raises:
+        ConfigurationError: where the robot cannot be controlled, or cannot stand still in its nominal posture.
+    """
+    model = make_model(settings, urdf)
+    controller = make_controller(settings, model)
+    board = make_board(settings, controller)
+    made = [name for name, contact in settings.contacts.items() if contact.enabled]
+    q = stance(model, controller, made)
+    findings = [
+        Finding("joints", f"{model.na} actuated, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
+        Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
+        Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
+        Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
+        Finding("contacts", ", ".join(f"{name} ({contact.type})" for name, contact in settings.contacts.items()) or "none"),
+        Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
+    ]
+    controller.dynamics.update(q, np.zeros(model.nv))
+    if made and model.floating_base:
+        findings.append(_support(controller, made))
+    board.reset(controller.dynamics, 0.0)
+    state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
+    findings += _static(controller, state, board.sample(0.0), made)
+    return findings
+
+
+def _support(controller: Controller, made: list[str]) -> Finding:
+    points = {name: controller.contacts[name].points(controller.dynamics) for name in made}
+    heights = {name: float(corners[:, 2].max()) for name, corners in points.items()}
+    high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= _LEVEL)]
+    if high:
+        raise ConfigurationError(
+            f"robot.posture: with the base upright these contacts are above the floor on which the lowest one stands: "
+            f"{', '.join(high)} (allowed {1e3 * _LEVEL:.0f} mm)"
+        )
+    margin = support_margin(np.vstack(list(points.values()))[:, :2], controller.dynamics.com[:2])
+    side = "inside" if margin >= 0.0 else "outside"
+    return Finding("centre of mass", f"{1e3 * abs(margin):.0f} mm {side} the edge of the support")
+
+
+def support_margin(points: Array, position: Array) -> float:
+    """Distance from a point to the edge of the convex hull of some points, negative outside.
+
+    Args:
+        points: (n, 2) in m.
+        position: (2,) in m.
+    """
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # points on a line: there is no inside
+        return -float(np.min(np.linalg.norm(points - position, axis=1)))
+    return float(-np.max(hull.equations[:, :2] @ position + hull.equations[:, 2]))
+
+
+def _static(controller: Controller, state: RobotState, references: object, made: list[str]) -> list[Finding]:
+    """Solve for torques and forces that hold the robot at rest."""
+    model = controller.model
+    layout = controller.build(state, references)  # type: ignore[arg-type]
+    problem = layout.problem
+    still = layout.acceleration_columns
+    problem.x_lower[still] = problem.x_upper[still] = 0.0
+    solver = make_solver("daqp", problem)
+    x = solver.solve(problem).x
+    if x is None:
+        raise ConfigurationError(_why_not(controller, layout.key))
+    tau = (controller.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])[model.v_index]
+    share = np.abs(tau) / model.effort_limits
+    worst = int(np.argmax(share))
+    names = ", ".join(made) or "no contact"
+    return [
+        Finding("standing", f"possible on {names}; the largest torque is {abs(tau[worst]):.1f} N·m at "
+                            f"{model.joints[worst]}, {100 * share[worst]:.0f} % of its limit")
+    ]  # fmt: skip
+
+
+def _why_not(controller: Controller, made: tuple[str, ...]) -> str:
+    model = controller.model
+    if model.floating_base and not made:
+        return "contacts: none is enabled, so a robot with a floating base falls"
+    begin = f"the robot cannot stand still in robot.posture on {', '.join(made) or 'its fixed base'}: "
+    if made and model.floating_base:
+        points = np.vstack([controller.contacts[name].points(controller.dynamics) for name in made])
+        margin = support_margin(points[:, :2], controller.dynamics.com[:2])
+        if margin < 0.0:
+            return begin + f"the centre of mass is {-1e3 * margin:.0f} mm outside the support"
+        most = sum(controller.contacts[name].max_normal_force for name in made)
+        weight = model.mass * model.gravity
+        if most < weight:
+            return begin + (
+                f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N"
+            )
+    gravity = np.abs(pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), controller.dynamics.q))
+    over = [
+        f"{name} {gravity[i]:.1f} of {limit:g} N·m"
+        for name, i, limit in zip(model.joints, model.v_index, model.effort_limits, strict=True)
+        if gravity[i] > limit
+    ]
+    if over and not model.floating_base:
+        return begin + "gravity needs more than the effort limit of " + ", ".join(over)
+    return begin + (
+        "no contact forces within friction and the supports carry the weight within the effort limits "
+        f"(scaled by robot.effort_limit_scale, from {model.effort_limits.min():g} to {model.effort_limits.max():g} N·m)"
+    )

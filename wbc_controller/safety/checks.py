@@ -1,0 +1,46 @@
+"""The checks, as pure functions: each gives a fault, or None where all is well.
+
+All comparisons are written so that NaN fails them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wbc_controller.records import Array, Fault
+
+
+def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, str] | None = None) -> Fault | None:
+    """Name the inputs that are older than a limit.
+
+    Args:
+        ages: age of each input, s; infinite where none has arrived.
+        limit: s.
+        notes: for some inputs, why the last message was refused.
+    """
+    parts = []
+    for name, age in ages.items():
+        if not (age <= limit):
+            said = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
+            note = (notes or {}).get(name)
+            parts.append(f"{name} {said} (limit {1e3 * limit:.0f} ms)" + (f"; last refusal: {note}" if note else ""))
+    return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
+
+
+def torques_usable(tau: Array, limits: Array, joints: Sequence[str], tolerance: float = 0.01) -> Fault | None:
+    """Check that torques are finite and within their limits.
+
+    Args:
+        tau: (na,) in N·m.
+        limits: (na,) in N·m.
+        joints: names, (na,).
+        tolerance: share of a limit by which a solver may miss it; the supervisor clips that much.
+    """
+    bad = ~(np.abs(tau) <= limits * (1.0 + tolerance))
+    if not bad.any():
+        return None
+    worst = [f"{joints[i]}: {tau[i]:.3g} N·m (limit {limits[i]:.3g})" for i in np.flatnonzero(bad)]
+    return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

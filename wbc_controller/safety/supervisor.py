@@ -1,0 +1,221 @@
+"""The supervisor: the modes of the controller, and the only maker of a `JointCommand`.
+
+::
+
+    inactive ── activate ──> active <──> holding        no solution: last torques and damping, for `hold_time`
+       ^                       │            │
+       │                       v            v
+     reset               damping ──────────────> fault (or stopped, where a user asked for it)
+       └─────────────── from damping, stopped and fault
+
+Inactive publishes nothing once the torques are zero. Damping opposes the joint velocities, and lets the torques sink to zero where these are not
+known. Stopped and fault publish zero torques. A fault is latched until `reset`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.errors import InputRefused, NoSolution, valid_choices
+from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, frozen
+from wbc_controller.safety.checks import torques_usable
+
+REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorLimits:
+    """What the supervisor holds.
+
+    Attributes:
+        activation_ramp: time in which the torques ramp in, s.
+        hold_time: longest time without a solution before damping, s.
+        damping_time: time of damping before the torques are zero, s.
+        damping: joint damping, N·m·s/rad.
+        torque_rate: largest torque change, in effort limits per second.
+        period: time between cycles, s.
+    """
+
+    activation_ramp: float
+    hold_time: float
+    damping_time: float
+    damping: float
+    torque_rate: float
+    period: float
+
+
+class Supervisor:
+    """Decides in every cycle what goes to the joints.
+
+    Attributes:
+        mode: the present mode.
+        fault: why the active mode was left, until `reset`.
+    """
+
+    def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
+        self.mode = Mode.INACTIVE
+        self.fault: Fault | None = None
+        self._model = model
+        self._limits = limits
+        self._since = 0.0  # when the present mode began, s
+        self._leaving = False  # deactivation: the torques ramp out
+        self._tau = np.zeros(model.na)  # last torques sent
+        self._held = self._tau  # the torques at the start of holding
+        self._nan = frozen(np.full(model.na, np.nan))
+
+    @property
+    def solving(self) -> bool:
+        """Whether this cycle needs a solution."""
+        return self.mode in (Mode.ACTIVE, Mode.HOLDING)
+
+    def torques_before(self, now: float) -> Array | None:
+        """The torques that the joints have, to hold the torque rate; None while they ramp in or out."""
+        ramping = self._leaving or now - self._since < self._limits.activation_ramp
+        return None if ramping or self.mode is not Mode.ACTIVE else self._tau
+
+    def request(self, word: str, now: float, problem: Fault | None) -> bool:
+        """Take a user's request.
+
+        Args:
+            word: one of `REQUESTS`.
+            now: s.
+            problem: what is wrong with the inputs, if anything.
+
+        Returns:
+            Whether the controller starts from the present state (activation).
+
+        Raises:
+            InputRefused: where the request is unknown, or not possible now.
+        """
+        if word not in REQUESTS:
+            raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
+        if word == "estop":
+            self._enter(Mode.FAULT, now, Fault("ESTOP", "emergency stop by command"))
+            self._tau = np.zeros(self._model.na)  # at once, without a rate
+        elif word == "reset":
+            self._reset(now)
+        elif word == "activate":
+            return self._activate(now, problem)
+        elif self.mode is Mode.INACTIVE:
+            raise InputRefused(f"command {word!r} has no effect: the controller is inactive")
+        elif word == "damp":
+            if self.mode in (Mode.ACTIVE, Mode.HOLDING):
+                self._enter(Mode.DAMPING, now, self.fault)
+        elif self.mode is Mode.ACTIVE:
+            self._leaving, self._since = True, now
+        else:
+            raise InputRefused(f"command 'deactivate' needs the mode active, not {self.mode.value}; use 'reset'")
+        return False
+
+    def _reset(self, now: float) -> None:
+        if self.solving:
+            raise InputRefused(f"command 'reset' is refused while {self.mode.value}; use 'deactivate' or 'damp' first")
+        self._enter(Mode.INACTIVE, now, None)
+
+    def _activate(self, now: float, problem: Fault | None) -> bool:
+        if self.fault is not None:
+            raise InputRefused(
+                f"command 'activate' is refused in {self.mode.value} ({self.fault.code}); send 'reset' first"
+            )
+        if self.solving:
+            raise InputRefused("command 'activate' has no effect: the controller is active already")
+        if problem is not None:
+            raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
+        self._enter(Mode.ACTIVE, now, None)
+        return True
+
+    def _enter(self, mode: Mode, now: float, fault: Fault | None) -> None:
+        self.mode, self.fault, self._since, self._leaving = mode, fault, now, False
+
+    def step(
+        self,
+        now: float,
+        state: RobotState | None,
+        joint_velocity: Array | None,
+        problem: Fault | None,
+        outcome: Solution | NoSolution | Fault | None,
+    ) -> JointCommand | None:
+        """Make this cycle's command.
+
+        Args:
+            now: s, on the clock of the loop.
+            state: the latched state, where there is one.
+            joint_velocity: joint velocities in the order of the command, (na,) in rad/s; None where they are not fresh.
+            problem: what is wrong with the inputs, if anything.
+            outcome: the solution; or why there is none.
+
+        Returns:
+            The command; None where nothing is to be sent.
+        """
+        tau: Array | None = None
+        solution = outcome if isinstance(outcome, Solution) else None
+        if self.solving:
+            tau = self._solving(now, problem, outcome, joint_velocity)
+        if self.mode is Mode.DAMPING and now - self._since > self._limits.damping_time:
+            self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
+        if self.mode is Mode.INACTIVE and not self._tau.any():
+            return None
+        if self.mode is Mode.DAMPING:
+            tau = np.zeros(self._model.na) if joint_velocity is None else -self._limits.damping * joint_velocity
+        if tau is None or self.mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT):
+            tau = np.zeros(self._model.na)
+        return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None)
+
+    def _solving(
+        self,
+        now: float,
+        problem: Fault | None,
+        outcome: Solution | NoSolution | Fault | None,
+        joint_velocity: Array | None,
+    ) -> Array | None:
+        """Active or holding: the torques, or a step down the ladder."""
+        if problem is not None:
+            self._enter(Mode.DAMPING, now, problem)
+            return None
+        if isinstance(outcome, Solution):
+            unusable = torques_usable(outcome.tau, self._model.effort_limits, self._model.joints)
+            if unusable is None:
+                return self._active(now, outcome.tau)
+            reason = unusable
+        elif isinstance(outcome, Fault):
+            self._enter(Mode.DAMPING, now, outcome)
+            return None
+        else:
+            reason = Fault("NO_SOLUTION", str(outcome) if outcome is not None else "no solution was computed")
+        if self.mode is Mode.ACTIVE:
+            self._enter(Mode.HOLDING, now, reason)
+            self._held = self._tau
+        if now - self._since > self._limits.hold_time:
+            self._enter(Mode.DAMPING, now, reason)
+            return None
+        velocity = np.zeros(self._model.na) if joint_velocity is None else joint_velocity
+        return self._held - self._limits.damping * velocity
+
+    def _active(self, now: float, tau: Array) -> Array | None:
+        if self.mode is Mode.HOLDING:
+            # The ramp is over: going on from holding is bounded by the torque rate.
+            self._enter(Mode.ACTIVE, now - self._limits.activation_ramp, None)
+        ramp = self._limits.activation_ramp
+        share = 1.0 if ramp <= 0.0 else min(1.0, (now - self._since) / ramp)
+        if self._leaving:
+            share = 1.0 - share
+            if share <= 0.0:
+                self._enter(Mode.INACTIVE, now, None)
+                return None
+        return share * tau
+
+    def _command(self, tau: Array, state: RobotState | None, solution: Solution | None) -> JointCommand:
+        model, limits = self._model, self._limits
+        step = limits.torque_rate * limits.period * model.effort_limits
+        tau = np.clip(tau, self._tau - step, self._tau + step)
+        tau = np.clip(tau, -model.effort_limits, model.effort_limits)
+        self._tau = tau
+        q_desired = v_desired = self._nan
+        if solution is not None and state is not None:
+            period = limits.period
+            v_desired = frozen(state.v[model.v_index] + period * solution.v_dot[model.v_index])
+            q_desired = frozen(state.q[model.q_index] + period * v_desired)
+        return JointCommand(state.stamp if state is not None else 0, frozen(tau), q_desired, v_desired)
