@@ -1,0 +1,321 @@
+import logging
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from wbc_controller import messages
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.interface import MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.mock.robot import NODE_NAME, MockRobot
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+
+
+class Peer:
+    """The other side of the mock robot's topics: keeps what comes, in order, and sends what it is told."""
+
+    def __init__(self, bus: MemoryBus, settings) -> None:
+        self.received: list[tuple[str, str, object]] = []
+        self.on_joint_states = lambda content: None
+        transport = MemoryTransport(bus)
+        self._publish = {}
+        for endpoint in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
+            if endpoint.direction is Direction.IN:
+                qos = endpoint.qos
+                other = Endpoint(endpoint.key, endpoint.subject, endpoint.name, endpoint.type, Direction.OUT, qos)
+                self._publish[endpoint.key] = transport.advertise(other)
+            else:
+                transport.subscribe(endpoint, lambda payload, endpoint=endpoint: self._take(endpoint, payload))
+
+    def _take(self, endpoint: Endpoint, payload: bytes) -> None:
+        content = messages.decode(payload, endpoint.type)
+        self.received.append((endpoint.key, endpoint.subject, content))
+        if endpoint.key == "joint_states":
+            self.on_joint_states(content)
+
+    def all(self, key: str) -> list:
+        return [content for received, _, content in self.received if received == key]
+
+    def raw(self, key: str, payload: bytes) -> None:
+        self._publish[key](payload)
+
+    def effort(self, tau) -> None:
+        layout = messages.message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        data = np.asarray(tau, dtype=np.float64)
+        self.raw(
+            "effort", messages.encode(messages.message("std_msgs/msg/Float64MultiArray", layout=layout, data=data))
+        )
+
+    def answer(self, stamp: int, names, tau) -> None:
+        content = messages.message(
+            "sensor_msgs/msg/JointState",
+            header=messages.header(stamp),
+            name=list(names),
+            position=np.zeros(0),
+            velocity=np.zeros(0),
+            effort=np.asarray(tau, dtype=np.float64),
+        )
+        self.raw("joint_commands", messages.encode(content))
+
+    def push(self, frame: str, force) -> None:
+        vectors = [messages.message("geometry_msgs/msg/Vector3", x=x, y=0.0, z=0.0) for x in (force, 0.0)]
+        wrench = messages.message("geometry_msgs/msg/Wrench", force=vectors[0], torque=vectors[1])
+        content = messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(0, frame), wrench=wrench)
+        self.raw("push", messages.encode(content))
+
+    def hold(self, held: bool) -> None:
+        self.raw("hold", messages.encode(messages.message("std_msgs/msg/Bool", data=held)))
+
+
+def stamp_of(content) -> int:
+    return messages.nanoseconds(content.header.stamp)
+
+
+@pytest.fixture
+def make(go2):
+    model, settings = go2
+
+    def build(**options):
+        bus = MemoryBus()
+        peer = Peer(bus, settings)
+        return MockRobot(model, settings, MemoryTransport(bus), **options), peer
+
+    return build
+
+
+def test_a_period_publishes_the_state_with_one_stamp(make, go2):
+    model, settings = go2
+    robot, peer = make()
+    assert [content.data for content in peer.all("robot_description")] == [model.urdf]
+    robot.step_period()
+    keys = [key for key, _, _ in peer.received]
+    assert keys.index("odom") < keys.index("joint_states")
+    (odom,), (joints,), (imu,) = peer.all("odom"), peer.all("joint_states"), peer.all("imu")
+    assert stamp_of(odom) == stamp_of(joints) == stamp_of(imu) == 2_000_000
+    assert (odom.header.frame_id, odom.child_frame_id, imu.header.frame_id) == ("world", "base", "base")
+    assert joints.name == list(model.joints)
+    np.testing.assert_array_equal(joints.position, model.posture)
+    assert {subject for key, subject, _ in peer.received if key == "contact_wrench"} == set(settings.contacts)
+    robot.step_period()
+    assert stamp_of(peer.all("joint_states")[1]) == 4_000_000
+
+
+def test_a_late_subscriber_is_given_the_description(go2):
+    model, settings = go2
+    bus = MemoryBus()
+    MockRobot(model, settings, MemoryTransport(bus))
+    assert len(Peer(bus, settings).all("robot_description")) == 1
+
+
+def test_contact_wrenches_come_at_their_own_rate(make, go2):
+    _, settings = go2
+    robot, peer = make()
+    for _ in range(10):
+        robot.step_period()
+    assert len(peer.all("contact_wrench")) == 2 * len(settings.contacts)
+
+
+def test_torques_are_applied_and_reported(make, go2):
+    model, _ = go2
+    robot, peer = make()
+    tau = np.linspace(-3.0, 3.0, model.na)
+    robot.publish()
+    peer.effort(tau)
+    robot.advance()
+    robot.publish()
+    np.testing.assert_array_equal(peer.all("joint_states")[-1].effort, tau)
+    assert robot.plant.time == pytest.approx(0.002)
+
+
+def test_old_torques_give_way_to_damping(make, go2):
+    model, settings = go2
+    robot, peer = make()
+    tau = np.ones(model.na)
+    peer.effort(tau)
+    periods = round(settings.mock.command_timeout * settings.control.rate)
+    for _ in range(periods):
+        robot.step_period()
+        np.testing.assert_array_equal(robot.plant.applied_torques, tau)
+    for _ in range(3):
+        robot.step_period()
+    _, v = robot.plant.state()
+    damped = robot.plant.applied_torques
+    assert (damped != tau).all()
+    assert damped @ v[model.v_index] < 0.0
+    peer.effort(tau)
+    robot.step_period()
+    np.testing.assert_array_equal(robot.plant.applied_torques, tau)
+
+
+@pytest.mark.parametrize(
+    ("tau", "said"),
+    [([1.0] * 11, "got 11 torques; expected 12"), ([], "got 0"), ([np.nan] + [1.0] * 11, "FL_hip_joint: nan")],
+)
+def test_unusable_torques_are_refused_and_the_joints_damped(make, caplog, tau, said):
+    robot, peer = make()
+    peer.effort(np.ones(12))
+    robot.step_period()
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            peer.effort(tau)
+            robot.step_period()
+    assert [said in record.getMessage() for record in caplog.records] == [True]  # said once
+    assert (robot.plant.applied_torques != 1.0).all()
+
+
+def test_bytes_that_are_no_message_are_refused(make, caplog):
+    robot, peer = make()
+    for key in ("effort", "push", "hold"):
+        peer.raw(key, b"\x00\x01\x00\x00")
+    with caplog.at_level(logging.WARNING):
+        robot.step_period()
+    assert sum("are not a" in record.getMessage() for record in caplog.records) == 3
+
+
+def test_the_base_is_held_until_it_is_let_go(make):
+    robot, peer = make()
+    for _ in range(200):
+        robot.step_period()
+    assert robot.plant.held
+    assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=1e-3)
+    peer.hold(False)
+    for _ in range(500):
+        robot.step_period()
+    assert not robot.plant.held
+    assert robot.plant.state()[0][2] < 0.3
+
+
+def test_pushes_by_topic(make, caplog):
+    robot, peer = make()
+    peer.hold(False)
+    for _ in range(160):
+        robot.step_period()
+    for frame in ("", "FR_foot"):
+        before = robot.plant.acceleration()[0]
+        peer.push(frame, 100.0)
+        robot.step_period()
+        assert robot.plant.acceleration()[0] > before + 0.5
+    with caplog.at_level(logging.WARNING):
+        peer.push("FR_fot", 100.0)
+        peer.push("base", np.inf)
+        robot.step_period()
+    said = [record.getMessage() for record in caplog.records]
+    assert "did you mean 'FR_foot'" in said[0]
+    assert "finite" in said[1]
+
+
+def test_lockstep_answers_within_the_publication(make, go2):
+    model, _ = go2
+    robot, peer = make(lockstep=True)
+    torques = []
+
+    def controller(content):
+        torques.append(np.full(model.na, 0.01 * len(torques)))
+        peer.answer(stamp_of(content), reversed(model.joints), torques[-1])
+
+    peer.on_joint_states = controller
+    for index in range(50):
+        assert robot.step_period()
+        np.testing.assert_array_equal(robot.plant.applied_torques, torques[index])
+    assert len(torques) == 50
+
+
+def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
+    model, _ = go2
+    robot, peer = make(lockstep=True)
+    stop = threading.Event()
+    thread = threading.Thread(target=robot.run, args=(stop,))
+    thread.start()
+    try:
+        time.sleep(0.18)
+        states = peer.all("joint_states")
+        assert 2 <= len(states) <= 5  # published again while nobody answers
+        assert {stamp_of(state) for state in states} == {2_000_000}
+        peer.answer(1_000_000, model.joints, np.zeros(model.na))
+        time.sleep(0.02)
+        assert robot.plant.time == 0.0
+        peer.answer(2_000_000, model.joints, np.ones(model.na))
+        time.sleep(0.1)
+        assert stamp_of(peer.all("joint_states")[-1]) == 4_000_000
+    finally:
+        stop.set()
+        thread.join(timeout=2.0)
+    assert not thread.is_alive()
+    np.testing.assert_array_equal(peer.all("joint_states")[-1].effort, np.ones(model.na))
+
+
+@pytest.mark.parametrize(
+    ("names", "tau", "said"),
+    [
+        (slice(1, None), [1.0] * 11, "FL_hip_joint are missing"),
+        (slice(None), [1.0] * 11, "got 11 efforts for 12 names"),
+        (slice(None), [np.inf] * 12, "not finite"),
+    ],
+)
+def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, names, tau, said):
+    model, _ = go2
+    robot, peer = make(lockstep=True)
+    peer.on_joint_states = lambda content: peer.answer(stamp_of(content), model.joints[names], tau)
+    with caplog.at_level(logging.WARNING):
+        assert robot.step_period()
+    assert said in caplog.records[0].getMessage()
+    assert (np.abs(robot.plant.applied_torques) < 0.9).all()
+
+
+def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
+    model, _ = go2
+
+    def run():
+        robot, peer = make(lockstep=True)
+        seen = []
+
+        def controller(content):
+            seen.append(content.position.tobytes() + content.velocity.tobytes())
+            peer.answer(stamp_of(content), model.joints, 20.0 * (model.posture - content.position))
+
+        peer.on_joint_states = controller
+        peer.hold(False)
+        for _ in range(100):
+            robot.step_period()
+        return seen
+
+    assert run() == run()
+
+
+def test_real_time_keeps_absolute_deadlines(make):
+    robot, peer = make(real_time_factor=2.0)
+    stop = threading.Event()
+    thread = threading.Thread(target=robot.run, args=(stop,))
+    start = time.monotonic()
+    thread.start()
+    time.sleep(0.4)
+    stop.set()
+    thread.join(timeout=2.0)
+    elapsed = time.monotonic() - start
+    assert not thread.is_alive()
+    assert robot.plant.time == pytest.approx(2.0 * elapsed, rel=0.2)
+    assert peer.all("joint_states")
+
+
+def test_lateness_is_given_up_and_counted(make):
+    now = [0.0]
+    robot, peer = make(clock=lambda: now[0])
+    stop = threading.Event()
+    late_once = iter([0.15, 1.0])
+
+    def controller(content):
+        now[0] += next(late_once, 0.002)
+        if len(peer.all("joint_states")) == 5:
+            stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert robot.rebased == 1
+    assert robot.plant.time == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_real_time_factor_must_be_positive(make, factor):
+    with pytest.raises(ConfigurationError, match="real-time factor"):
+        make(real_time_factor=factor)

@@ -1,0 +1,202 @@
+"""MuJoCo's model of the robot: mechanism, floor, feet and hoist, from the URDF and the configuration alone."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array
+from wbc_controller.settings import ContactSettings, SurfaceContact
+
+#: Name of the equality constraint that holds the base.
+HOIST = "hoist"
+#: Time constant of contacts, joint stops and hoist, in steps of the physics; MuJoCo asks for two at least.
+STIFF_STEPS = 4.0
+#: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the rest gives, which keeps redundant
+#: contacts well posed.
+IMPEDANCE = 0.98
+#: Radius of the balls under the corners of a flat foot, m. Small, so that the lowest point stays at the corner.
+CORNER_RADIUS = 0.001
+#: How much stiffer friction is than the normal direction: soft friction would let a standing foot creep.
+FRICTION_STIFFNESS = 10.0
+_ROOT_ALIAS = "root_link"
+
+
+def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
+    """Find a contact of the configuration on the robot.
+
+    Returns:
+        The Pinocchio joint that moves it, and its placement in that joint's frame.
+
+    Raises:
+        ConfigurationError: where it names no frame of the robot.
+    """
+    model.frame_id(contact.frame, f"contacts.{name}.frame")
+    joint, placement = frame_on_joint(model, contact.frame)
+    rotation = pin.rpy.rpyToMatrix(*contact.rpy) if isinstance(contact, SurfaceContact) else np.eye(3)
+    return joint, placement * pin.SE3(rotation, np.array(contact.translation))
+
+
+def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
+    """Give the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
+    frame = model.pinocchio.frames[model.pinocchio.getFrameId(name)]
+    return int(frame.parentJoint), frame.placement
+
+
+def balls_of(contact: ContactSettings) -> tuple[Array, float]:
+    """Give the balls that a contact touches the floor with: centres in the contact frame, (n, 3), and radius, m."""
+    if not isinstance(contact, SurfaceContact):
+        return np.zeros((1, 3)), contact.radius
+    x, y = contact.half_length, contact.half_width
+    corners = [(x, y, CORNER_RADIUS), (x, -y, CORNER_RADIUS), (-x, -y, CORNER_RADIUS), (-x, y, CORNER_RADIUS)]
+    return np.array(corners), CORNER_RADIUS
+
+
+def geom_names(name: str, contacts: Mapping[str, ContactSettings]) -> list[str]:
+    """Name the balls of a contact in MuJoCo's model."""
+    return [f"{name}/{index}" for index in range(len(balls_of(contacts[name])[0]))]
+
+
+def position_and_wxyz(placement: pin.SE3) -> Array:
+    """Write a placement as MuJoCo does: position, then the quaternion with its real part first, (7,)."""
+    return np.array(pin.SE3ToXYZQUAT(placement))[[0, 1, 2, 6, 3, 4, 5]]
+
+
+def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
+    """Reduce a URDF to the mechanism that Pinocchio has of it.
+
+    Shapes go: only feet touch. Joints that the controller does not actuate are fixed at zero. Friction and damping of
+    the joints go, as they are not part of the controller's dynamics either.
+
+    Returns:
+        The URDF and the name of its root link.
+    """
+    tree = ET.fromstring(model.urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
+    children = set()
+    for joint in tree.findall("joint"):
+        if joint.get("name") not in model.joints:
+            joint.set("type", "fixed")
+        for tag in ("dynamics", "mimic", "safety_controller", "calibration"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+        child = joint.find("child")
+        if child is not None:
+            children.add(child.get("link"))
+    root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
+    if root == "world" and model.floating_base:
+        # MuJoCo takes a link of this name for the world itself.
+        for tag, key in (("link", "name"), ("joint/parent", "link")):
+            for element in tree.findall(tag):
+                if element.get(key) == root:
+                    element.set(key, _ROOT_ALIAS)
+        root = _ROOT_ALIAS
+    for link in tree.findall("link"):
+        for tag in ("visual", "collision"):
+            for element in link.findall(tag):
+                link.remove(element)
+    for element in [element for element in tree if element.tag not in ("link", "joint")]:
+        tree.remove(element)
+    extension = ET.SubElement(tree, "mujoco")
+    # Masses and inertias stay exactly what the URDF says. Links without a joint stay bodies of their own: MuJoCo 3.3
+    # gets the inertia wrong where it fuses them.
+    ET.SubElement(extension, "compiler", balanceinertia="false", boundmass="0", boundinertia="0", fusestatic="false")
+    return tree, root
+
+
+def _write_inertias(spec: Any, tree: ET.Element) -> None:
+    """Give MuJoCo the principal inertias of every link.
+
+    MuJoCo 3.3's own reading of a URDF gets the inertia of a link wrong whose inertial origin is turned, and its
+    principal axes are good to seven digits only.
+    """
+    for link in tree.findall("link"):
+        inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
+        if inertial is None or body.name == "world":
+            continue
+        origin, mass, inertia = inertial.find("origin"), inertial.find("mass"), inertial.find("inertia")
+        position, rotation = np.zeros(3), np.eye(3)
+        if origin is not None:
+            position = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
+            rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
+        tensor = np.zeros((3, 3))
+        if inertia is not None:
+            for row, column in ("xx", "yy", "zz", "xy", "xz", "yz"):
+                i, j = "xyz".index(row), "xyz".index(column)
+                tensor[i, j] = tensor[j, i] = float(inertia.get(f"i{row}{column}", "0"))
+        moments, axes = np.linalg.eigh(tensor)
+        axes[:, 2] *= np.linalg.det(axes)  # right-handed
+        # A flat link's largest moment is the sum of the others; rounding must not make it impossible.
+        if moments[0] + moments[1] < moments[2] <= (moments[0] + moments[1]) * (1.0 + 1e-9):
+            moments[2] = moments[0] + moments[1]
+        body.explicitinertial = True
+        body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
+        body.ipos = position
+        body.iquat = position_and_wxyz(pin.SE3(rotation @ axes, position))[3:]
+        body.inertia = moments
+        body.fullinertia = np.full(6, np.nan)  # not given
+
+
+def compile_mechanism(model: RobotModel, contacts: Mapping[str, ContactSettings], step: float) -> Any:
+    """Build MuJoCo's model: mechanism, free joint, floor, feet, hoist.
+
+    Raises:
+        ConfigurationError: where MuJoCo refuses the URDF.
+    """
+    tree, root = _mechanism(model)
+    stiff = [STIFF_STEPS * step, 1.0]
+    impedance = [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+    try:
+        spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: MuJoCo cannot read it: {error}") from error
+    _write_inertias(spec, tree)
+    spec.option.timestep = step
+    spec.option.gravity = np.array(model.pinocchio.gravity.linear)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = FRICTION_STIFFNESS
+    for name, index in zip(model.joints, model.v_index, strict=True):
+        joint = spec.joint(name)
+        joint.armature = float(model.pinocchio.armature[index])
+        joint.solref_limit = stiff
+    if model.floating_base:
+        base = spec.body(root)
+        base.add_freejoint()
+        hoist = spec.add_equality()
+        hoist.name = HOIST
+        hoist.type = mujoco.mjtEq.mjEQ_WELD
+        hoist.objtype = mujoco.mjtObj.mjOBJ_BODY
+        hoist.name1, hoist.name2 = "world", root
+        # Anchor at the base's origin; the pose is written at run time; one metre makes rotation as stiff.
+        hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    if contacts:
+        floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name="floor")
+        floor.contype, floor.conaffinity = 1, 0
+    for name, contact in contacts.items():
+        joint, placement = contact_frame(model, name, contact)
+        joint_name = model.pinocchio.names[joint]
+        body = spec.joint(joint_name).parent if joint_name in model.joints else spec.body(root)
+        balls, radius = balls_of(contact)
+        for geom_name, ball in zip(geom_names(name, contacts), balls, strict=True):
+            geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, name=geom_name)
+            geom.pos = placement.act(ball)
+            geom.size = [radius, 0.0, 0.0]
+            geom.mass = 0.0
+            geom.condim = 3
+            # Of two geoms MuJoCo takes the larger friction, unless one has priority: then it takes that one's.
+            geom.priority = 1
+            geom.friction = [contact.friction, 0.0, 0.0]
+            geom.solref = stiff
+            geom.solimp = impedance
+            geom.contype, geom.conaffinity = 0, 1
+    try:
+        return spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: MuJoCo cannot use it: {error}") from error

@@ -1,0 +1,388 @@
+"""The physics of the mock robot: MuJoCo, built from the same URDF and configuration as the controller's own model.
+
+What is physical about a robot comes from the URDF (links, inertias, joints, effort and position limits) and from
+`settings` (armature, contacts, friction, step); nothing here describes a robot a second time. Everything that goes in
+or comes out follows the conventions of `wbc_controller.records`, which are Pinocchio's; the conversions are made here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.errors import InputRefused, WbcError, valid_choices
+from wbc_controller.mock.hoist import RAMP, Hoist
+from wbc_controller.mock.mechanism import (
+    balls_of,
+    compile_mechanism,
+    contact_frame,
+    frame_on_joint,
+    geom_names,
+)
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings, SurfaceContact
+
+#: Largest force or torque of a push, N or N·m: more is a mistaken unit, and would break the physics.
+PUSH_LIMIT = 1.0e5
+#: Largest share of a joint's velocity that damping may take within one step.
+DAMPING_SHARE = 0.25
+#: A base tilted further than this has fallen, rad; so has one below this share of its initial height.
+FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class _Body:
+    """A MuJoCo body and where a frame of the URDF sits on it."""
+
+    id: int
+    placement: pin.SE3
+
+
+@dataclass(frozen=True, slots=True)
+class _Push:
+    """A wrench at a frame's origin, world axes, up to and without the step `end`."""
+
+    at: _Body
+    wrench: Array
+    end: int
+
+
+class Plant:
+    """The simulated robot, its floor, and a hoist that holds a floating base where it starts.
+
+    After construction, `step`, `set_state` and `forward`, everything that can be read belongs to the present state:
+    accelerations and contact forces are those that the present torques, pushes and hoist cause in it. The same calls
+    give the same results bit for bit.
+    """
+
+    def __init__(self, model: RobotModel, settings: Settings) -> None:
+        """Build the physics, stand the robot in its posture with its lowest contact on the floor, and hold it there.
+
+        Args:
+            model: the robot.
+            settings: the configuration that the model was built from.
+
+        Raises:
+            ConfigurationError: where MuJoCo cannot use the URDF, or a contact names no frame.
+        """
+        self._robot = model
+        period = 1.0 / settings.control.rate
+        #: Steps of the physics in one control period.
+        self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
+        #: Step of the physics, s: the largest one up to ``settings.mock.step`` of which a period is a multiple.
+        self.step_seconds = period / self.steps_per_period
+        #: Largest torque of each motor, (na,) in N·m: the URDF's limits, whatever share of them a controller may use.
+        self.effort_limits = np.array(model.pinocchio.upperEffortLimit)[model.v_index]
+        self._contacts = dict(settings.contacts)
+        self._model = compile_mechanism(model, self._contacts, self.step_seconds)
+        self._data = mujoco.MjData(self._model)
+        joints = [self._model.joint(name) for name in model.joints]
+        self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
+        self._dof = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
+        self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self._contacts.items()}
+        self._foot_of_geom = {
+            self._model.geom(geom).id: name for name in self._contacts for geom in geom_names(name, self._contacts)
+        }
+        self._count = 0
+        self._tau = np.zeros(model.na)
+        self._damping: Array | None = None
+        # A sampled drive that damps more shakes the joint itself: step times damping times (M⁻¹)ⱼⱼ stays well below 1.
+        self._most_damping = DAMPING_SHARE / (self.step_seconds * self._model.dof_invweight0[self._dof])
+        self._pushes: list[_Push] = []
+        self._stale = False
+        start = self._initial_base()
+        # Without contacts there is no floor to fall on.
+        self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self._contacts else -math.inf
+        self._hoist = Hoist(self._model, self._data, start) if model.floating_base else None
+        self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self._count * self.step_seconds
+
+    @property
+    def stamp(self) -> int:
+        """Simulated time, ns; counted in steps, so that no error adds up."""
+        return round(self._count * self.step_seconds * 1e9)
+
+    @property
+    def held(self) -> bool:
+        """Whether the hoist holds the base, or is about to."""
+        return self._hoist is not None and self._hoist.held
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the base is tilted by more than 60° or below half of its initial height."""
+        if not self._robot.floating_base:
+            return False
+        base = self._base()
+        # Written this way round so that a state that is not a number counts as fallen.
+        upright = base.rotation[2, 2] >= math.cos(FALLEN_TILT)
+        high = base.translation[2] >= self._fallen_height
+        return not (upright and high)
+
+    @property
+    def applied_torques(self) -> Array:
+        """Torques that the motors give, (na,) in N·m: commanded ones within the limits, or those of the damping."""
+        tau = self._tau if self._damping is None else -self._damping * self._data.qvel[self._dof]
+        return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
+
+    def state(self) -> tuple[Array, Array]:
+        """Give the configuration q, (nq,), and the generalized velocity v, (nv,), as Pinocchio has them."""
+        q = self._robot.configuration(self._data.qpos[self._qpos])
+        v = np.zeros(self._robot.nv)
+        v[self._robot.v_index] = self._data.qvel[self._dof]
+        if self._robot.floating_base:
+            q[:3] = self._data.qpos[:3]
+            q[3:7] = self._quaternion()
+            # MuJoCo's free joint has the linear velocity in world axes and the angular one in the body's.
+            v[:3] = self._base().rotation.T @ self._data.qvel[:3]
+            v[3:6] = self._data.qvel[3:6]
+        return q, v
+
+    def acceleration(self) -> Array:
+        """Give the generalized acceleration, (nv,), as Pinocchio has it.
+
+        The base's linear part is the derivative of a velocity that is expressed in a turning frame:
+        v̇ = Rᵀ a − ω × v, with a the acceleration of the base's origin in world axes.
+        """
+        v_dot = np.zeros(self._robot.nv)
+        v_dot[self._robot.v_index] = self._data.qacc[self._dof]
+        if self._robot.floating_base:
+            rotation = self._base().rotation
+            omega = self._data.qvel[3:6]
+            v_dot[:3] = rotation.T @ self._data.qacc[:3] - np.cross(omega, rotation.T @ self._data.qvel[:3])
+            v_dot[3:6] = self._data.qacc[3:6]
+        return v_dot
+
+    def imu(self) -> tuple[Array, Array, Array]:
+        """Read an ideal inertial measurement unit at the base's origin.
+
+        Returns:
+            The base's orientation in the world, (4,) as (x, y, z, w); its angular velocity, (3,) in rad/s, and the
+            specific force (acceleration less gravity), (3,) in m/s², both in the base frame.
+        """
+        gravity = np.array(self._robot.pinocchio.gravity.linear)
+        if not self._robot.floating_base:
+            return np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), -gravity
+        rotation = self._base().rotation
+        force = rotation.T @ (self._data.qacc[:3] - gravity)
+        return self._quaternion(), np.array(self._data.qvel[3:6]), force
+
+    def contact_wrenches(self) -> dict[str, Array]:
+        """Give the true force of the floor on the robot at each contact of the configuration.
+
+        Returns:
+            For a surface contact the wrench about the contact's origin in the contact frame, (6,) in N and N·m, force
+            first; for a point contact the force in world axes, (3,) in N.
+        """
+        force = {name: np.zeros(3) for name in self._contacts}
+        moment = {name: np.zeros(3) for name in self._contacts}
+        frames = {name: self._placement(foot) for name, foot in self._feet.items()}
+        local = np.zeros(6)
+        for index in range(self._data.ncon):
+            touch = self._data.contact[index]
+            name = self._foot_of_geom[int(touch.geom[1])]
+            mujoco.mj_contactForce(self._model, self._data, index, local)
+            # The rows of a contact's frame are its axes, the normal first; the force is that on the second geom.
+            at_point = touch.frame.reshape(3, 3).T @ local[:3]
+            force[name] += at_point
+            moment[name] += np.cross(touch.pos - frames[name].translation, at_point)
+        wrenches = {}
+        for name, contact in self._contacts.items():
+            if isinstance(contact, SurfaceContact):
+                to_local = frames[name].rotation.T
+                wrenches[name] = np.concatenate([to_local @ force[name], to_local @ moment[name]])
+            else:
+                wrenches[name] = force[name]
+        return wrenches
+
+    def penetration(self) -> float:
+        """Give the largest depth of a foot in the floor, m; 0 where none touches."""
+        depths = [-float(self._data.contact[index].dist) for index in range(self._data.ncon)]
+        return max([0.0, *depths])
+
+    def apply(self, tau: npt.ArrayLike) -> None:
+        """Set the joint torques from now on. Motors saturate at the URDF's effort limits.
+
+        Args:
+            tau: torques in the order of the joints, (na,) in N·m.
+
+        Raises:
+            InputRefused: where the size is wrong or a value is not finite; the torques stay as they were.
+        """
+        torques = np.asarray(tau, dtype=np.float64)
+        self.check_torques(torques)
+        self._tau, self._damping, self._stale = torques.copy(), None, True
+
+    def check_torques(self, tau: Array) -> None:
+        """Refuse torques that `apply` would refuse.
+
+        Raises:
+            InputRefused: where the size is wrong or a value is not finite.
+        """
+        if tau.shape != (self._robot.na,):
+            raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per joint in their order")
+        if not np.isfinite(tau).all():
+            bad = [f"{n}: {x}" for n, x in zip(self._robot.joints, tau.tolist(), strict=True) if not math.isfinite(x)]
+            raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
+
+    def damp(self, damping: float) -> None:
+        """Let go of the torques and damp every joint instead, as a drive does by itself; it saturates too.
+
+        Args:
+            damping: N·m·s/rad; less where this would be too much for the step of the physics.
+        """
+        self._damping, self._stale = np.minimum(damping, self._most_damping), True
+
+    def push(self, frame: str, wrench: npt.ArrayLike, duration: float) -> None:
+        """Push the robot from now on. Pushes may overlap; they add up.
+
+        Args:
+            frame: link or joint of the URDF at whose origin the push acts; it moves along.
+            wrench: force and torque in world axes, (6,) in N and N·m.
+            duration: s; rounded to steps, one at least.
+
+        Raises:
+            InputRefused: where the frame is unknown or does not move, or a value is not usable.
+        """
+        values = np.array(wrench, dtype=np.float64)
+        if values.shape != (6,):
+            raise InputRefused(f"a push has the shape {values.shape}; expected (6,), force and torque")
+        if not (np.abs(values) <= PUSH_LIMIT).all():
+            raise InputRefused(f"a push of {values.tolist()} N, N·m; every value must be finite, at most {PUSH_LIMIT}")
+        if not (0.0 < duration < math.inf):
+            raise InputRefused(f"a push of {duration} s; its duration must be positive and finite")
+        pinocchio = self._robot.pinocchio
+        moving = [f.name for f in pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0]
+        known = pinocchio.existFrame(frame) and pinocchio.frames[pinocchio.getFrameId(frame)].parentJoint > 0
+        if not known:
+            raise InputRefused(f"a push on {frame!r}: no moving link has this name; {valid_choices(frame, moving)}")
+        steps = max(1, round(duration / self.step_seconds))
+        at = self._body_of(frame_on_joint(self._robot, frame))
+        self._pushes.append(_Push(at, values, self._count + steps))
+        self._stale = True
+
+    def hold(self, held: bool, ramp: float = RAMP) -> None:
+        """Hang the base where it started, or let it go. On a fixed base this does nothing.
+
+        A base that has gone elsewhere is carried back at a bounded speed.
+
+        Args:
+            held: whether to hold it.
+            ramp: time over which the hoist takes hold or lets go, s; 0 for at once.
+        """
+        if self._hoist is None or held == self._hoist.held:
+            return
+        if held:
+            self._hoist.take(self._base(), ramp)
+        else:
+            self._hoist.let_go(ramp)
+        self.forward()
+
+    def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
+        """Put the robot into a state, without memory of the one before; time, torques, pushes and hoist stay.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+
+        Raises:
+            InputRefused: where a size is wrong or a value is not finite.
+        """
+        q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        if q.shape != (self._robot.nq,) or v.shape != (self._robot.nv,):
+            expected = f"({self._robot.nq},) and ({self._robot.nv},)"
+            raise InputRefused(f"a state has the shapes {q.shape} and {v.shape}; expected {expected}")
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            raise InputRefused("a state is not finite; expected finite positions and velocities")
+        if self._robot.floating_base and not abs(np.linalg.norm(q[3:7]) - 1.0) <= 1e-3:
+            raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
+        self._data.qpos[self._qpos] = q[self._robot.q_index]
+        self._data.qvel[self._dof] = v[self._robot.v_index]
+        if self._robot.floating_base:
+            self._data.qpos[:3] = q[:3]
+            self._data.qpos[3:7] = q[[6, 3, 4, 5]]
+            self._data.qvel[:3] = self._base().rotation @ v[:3]
+            self._data.qvel[3:6] = v[3:6]
+        self._data.qacc_warmstart[:] = 0.0
+        self.forward()
+
+    def forward(self) -> None:
+        """Compute accelerations and contact forces anew in the present state, without stepping."""
+        mujoco.mj_fwdPosition(self._model, self._data)
+        mujoco.mj_fwdVelocity(self._model, self._data)
+        self._respond()
+
+    def step(self) -> None:
+        """Go one step of `step_seconds` ahead.
+
+        Raises:
+            WbcError: where the physics has diverged.
+        """
+        if self._stale:
+            self._respond()
+        mujoco.mj_implicit(self._model, self._data)
+        self._count += 1
+        self._pushes = [push for push in self._pushes if self._count < push.end]
+        if self._hoist is not None:
+            self._hoist.advance()
+        self.forward()
+        if not np.isfinite(self._data.qacc).all():
+            raise WbcError(f"the physics diverged at {self.time:.3f} s; a smaller mock.step may help")
+
+    def _respond(self) -> None:
+        """Compute the accelerations from the forces, positions and velocities being known."""
+        self._data.xfrc_applied[:] = 0.0
+        for push in self._pushes:
+            arm = self._placement(push.at).translation - self._data.xipos[push.at.id]
+            force, torque = push.wrench[:3], push.wrench[3:]
+            # MuJoCo takes wrenches about a body's centre of mass.
+            self._data.xfrc_applied[push.at.id] += np.concatenate([force, torque + np.cross(arm, force)])
+        self._data.qfrc_applied[self._dof] = self.applied_torques
+        mujoco.mj_fwdActuation(self._model, self._data)
+        mujoco.mj_fwdAcceleration(self._model, self._data)
+        mujoco.mj_fwdConstraint(self._model, self._data)
+        self._stale = False
+
+    def _initial_base(self) -> pin.SE3:
+        """Place the base upright at the height where the lowest contact point is on the floor."""
+        if not (self._robot.floating_base and self._contacts):
+            return pin.SE3.Identity()
+        data = self._robot.pinocchio.createData()
+        pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
+        lowest = math.inf
+        for name, contact in self._contacts.items():
+            joint, placement = contact_frame(self._robot, name, contact)
+            balls, radius = balls_of(contact)
+            for ball in balls:
+                lowest = min(lowest, float((data.oMi[joint] * placement).act(ball)[2]) - radius)
+        return pin.SE3(np.eye(3), np.array([0.0, 0.0, -lowest]))
+
+    def _base(self) -> pin.SE3:
+        return pin.XYZQUATToSE3(np.concatenate([self._data.qpos[:3], self._quaternion()]))
+
+    def _quaternion(self) -> Array:
+        """Give the base's orientation, (4,) as (x, y, z, w)."""
+        quaternion = self._data.qpos[[4, 5, 6, 3]]
+        return np.array(quaternion / np.linalg.norm(quaternion))
+
+    def _placement(self, body: _Body) -> pin.SE3:
+        """Place a frame on a body in the world."""
+        return pin.SE3(self._data.xmat[body.id].reshape(3, 3), self._data.xpos[body.id]) * body.placement
+
+    def _body_of(self, frame: tuple[int, pin.SE3]) -> _Body:
+        joint, placement = frame
+        name = self._robot.pinocchio.names[joint]
+        if joint == 0:
+            return _Body(0, placement)
+        if name in self._robot.joints:
+            return _Body(int(self._model.joint(name).bodyid[0]), placement)
+        return _Body(int(self._model.jnt_bodyid[0]), placement)

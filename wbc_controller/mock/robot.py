@@ -1,0 +1,385 @@
+"""The mock robot as a node: a `Plant` behind the topics of `interface.MOCK_TOPICS`, on any transport.
+
+One period is: publish the state, let a controller answer, apply its torques, step the physics::
+
+    robot = MockRobot(model, settings, transport)
+    robot.run(stop)                    # in real time, or in lockstep, until the event is set
+
+    robot.publish()                    # or by hand, on one thread
+    ...                                # the controller runs here
+    robot.advance()
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from wbc_controller import messages
+from wbc_controller.core.model import RobotModel
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.interface import MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.mock.plant import Plant
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.transports.transport import Publish, Transport
+
+#: Name of the node, after which its private topics are called.
+NODE_NAME = "mock_robot"
+#: Frame that poses are given in.
+WORLD_FRAME = "world"
+#: Rate of the contact wrenches, Hz of simulated time: they are for people to look at.
+CONTACT_RATE = 100.0
+#: Wall time after which lockstep publishes an unanswered state again, s.
+REPUBLISH_AFTER = 0.05
+#: Lateness at which real time is given up and starts anew, s: catching up on more would flood the controller.
+MAX_LATE = 0.2
+
+_log = logging.getLogger(__name__)
+
+
+class MockRobot:
+    """Publishes the plant's state every control period and applies the torques that come back.
+
+    The transport's callbacks only leave bytes in an inbox; everything else happens on the thread that calls.
+
+    Attributes:
+        plant: the physics.
+        rebased: how often real time was lost by more than `MAX_LATE` and started anew.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        settings: Settings,
+        transport: Transport,
+        *,
+        real_time_factor: float = 1.0,
+        lockstep: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+        namespace: str = "/",
+        remappings: Mapping[str, str] | None = None,
+    ) -> None:
+        """Build the plant, open the topics and publish the robot's description. The base is held.
+
+        Args:
+            model: the robot.
+            settings: the configuration that the model was built from.
+            transport: where the topics are opened; the caller closes it.
+            real_time_factor: simulated seconds per second; without meaning in lockstep.
+            lockstep: whether each period waits for the answer to its own state, on the topic ``joint_commands``;
+                otherwise the newest torques on the topic ``effort`` count.
+            clock: monotonic wall time, s.
+            namespace: namespace of the node, starting with a slash.
+            remappings: as in `interface.resolve`.
+
+        Raises:
+            ConfigurationError: where the plant cannot be built, or the real-time factor is not positive.
+            TransportError: where a topic cannot be opened.
+        """
+        if not (0.0 < real_time_factor < float("inf")):
+            raise ConfigurationError(f"real-time factor {real_time_factor}: it must be positive and finite")
+        self.plant = Plant(model, settings)
+        self.rebased = 0
+        self._robot = model
+        self._mock = settings.mock
+        self._contacts = settings.contacts
+        self._lockstep = lockstep
+        self._clock = clock
+        self._period = 1.0 / settings.control.rate
+        self._wall_period = self._period / real_time_factor
+        self._first_stamp = round(self._period * 1e9)
+        self._periods = 0
+        self._contact_decimation = max(1, round(settings.control.rate / CONTACT_RATE))
+        self._tau: Array | None = None
+        self._tau_time = 0.0
+        self._last_refusal: dict[str, str] = {}
+        self._inbox = _Inbox()
+        self._types: dict[str, str] = {}
+        self._publishers: dict[tuple[str, str], Publish] = {}
+        opened = endpoints(
+            MOCK_TOPICS, NODE_NAME, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        )
+        for endpoint in opened:
+            self._open(endpoint, transport)
+        self._publish("robot_description", "", messages.message("std_msgs/msg/String", data=model.urdf))
+
+    @property
+    def stamp(self) -> int:
+        """Time of the present state, ns of simulated time.
+
+        It starts at one control period, as a stamp of zero means in ROS that there is none.
+        """
+        return self._first_stamp + self.plant.stamp
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until the event is set.
+
+        In real time, periods end at absolute deadlines, so that lateness does not add up. Torques that arrive before
+        the end of the period act from the state that they answer.
+
+        Args:
+            stop: ends the run.
+
+        Raises:
+            WbcError: where the physics has diverged.
+        """
+        deadline = self._clock()
+        while not stop.is_set():
+            self.publish()
+            if self._lockstep:
+                if not self.wait_for_answer(stop):
+                    return
+            else:
+                deadline += self._wall_period
+                late = self._clock() - deadline
+                if late > MAX_LATE:
+                    deadline += late
+                    self.rebased += 1
+                elif late < 0.0:
+                    stop.wait(-late)
+            self.advance()
+
+    def step_period(self, stop: threading.Event | None = None) -> bool:
+        """Do one period as fast as possible: publish, in lockstep wait for the answer, advance.
+
+        Where messages are delivered within ``publish()``, as in memory, the controller's answer counts at once.
+
+        Args:
+            stop: ends the waiting.
+
+        Returns:
+            Whether the period was done; false where `stop` was set before an answer came.
+        """
+        self.publish()
+        if self._lockstep and not self.wait_for_answer(stop):
+            return False
+        self.advance()
+        return True
+
+    def publish(self) -> None:
+        """Publish the present state. The joint states come after the base's, as they are what starts a cycle."""
+        stamp, base = self.stamp, self._robot.base_link
+        q, v = self.plant.state()
+        if self._robot.floating_base:
+            self._publish("odom", "", _odometry(stamp, base, q, v))
+        self._publish("imu", "", _imu(stamp, base, *self.plant.imu()))
+        joint_states = messages.message(
+            "sensor_msgs/msg/JointState",
+            header=messages.header(stamp),
+            name=list(self._robot.joints),
+            position=q[self._robot.q_index],
+            velocity=v[self._robot.v_index],
+            effort=self.plant.applied_torques,
+        )
+        self._publish("joint_states", "", joint_states)
+        if self._periods % self._contact_decimation == 0:
+            for name, wrench in self.plant.contact_wrenches().items():
+                surface = isinstance(self._contacts[name], SurfaceContact)
+                self._publish("contact_wrench", name, _wrench(stamp, name if surface else WORLD_FRAME, wrench))
+
+    def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
+        """Wait, in lockstep, for the answer to the present state; publish the state again while none comes.
+
+        Args:
+            stop: ends the waiting, within `REPUBLISH_AFTER`.
+
+        Returns:
+            Whether an answer came; false where `stop` was set.
+        """
+        due = self._clock() + REPUBLISH_AFTER
+        while not self._answered():
+            if stop is not None and stop.is_set():
+                return False
+            self._inbox.wait_for_answer(max(0.0, due - self._clock()))
+            if self._clock() >= due:
+                self.publish()
+                due = self._clock() + REPUBLISH_AFTER
+        return True
+
+    def advance(self) -> None:
+        """Serve the requests, take the newest torques, and go one control period ahead.
+
+        Raises:
+            WbcError: where the physics has diverged.
+        """
+        for key, payload in self._inbox.take_requests():
+            self._try(key, payload, self._push if key == "push" else self._hold)
+        if not self._lockstep:
+            newest = self._inbox.take_effort()
+            if newest is not None and not self._try("effort", newest, self._take_effort):
+                self._tau = None
+        if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
+            self.plant.apply(self._tau)
+        else:
+            self.plant.damp(self._mock.damping)
+        for _ in range(self.plant.steps_per_period):
+            self.plant.step()
+        self._periods += 1
+
+    def _open(self, endpoint: Endpoint, transport: Transport) -> None:
+        key = endpoint.key
+        if endpoint.direction is Direction.OUT:
+            if key != "odom" or self._robot.floating_base:
+                self._publishers[key, endpoint.subject] = transport.advertise(endpoint)
+            return
+        self._types[key] = endpoint.type
+        if key in ("push", "hold"):
+            transport.subscribe(endpoint, lambda payload: self._inbox.put_request(key, payload))
+        elif key == "joint_commands" and self._lockstep:
+            transport.subscribe(endpoint, self._inbox.put_answer)
+        elif key == "effort" and not self._lockstep:
+            transport.subscribe(endpoint, self._inbox.put_effort)
+
+    def _publish(self, key: str, subject: str, content: Any) -> None:
+        self._publishers[key, subject](messages.encode(content))
+
+    def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
+        """Decode and use a message; log a refusal, once while it stays the same."""
+        try:
+            use(messages.decode(payload, self._types[key]))
+        except InputRefused as error:
+            if self._last_refusal.get(key) != str(error):
+                self._last_refusal[key] = str(error)
+                _log.warning("%s refused: %s", key, error)
+            return False
+        self._last_refusal.pop(key, None)
+        return True
+
+    def _take_effort(self, content: Any) -> None:
+        self._command(np.array(content.data, dtype=np.float64))
+
+    def _take_answer(self, content: Any) -> None:
+        if len(content.name) != len(content.effort):
+            raise InputRefused(f"got {len(content.effort)} efforts for {len(content.name)} names; expected one each")
+        efforts = dict(zip(content.name, content.effort, strict=True))
+        missing = [name for name in self._robot.joints if name not in efforts]
+        if missing:
+            raise InputRefused(f"the joints {', '.join(missing)} are missing; expected all {self._robot.na} joints")
+        self._command(np.array([efforts[name] for name in self._robot.joints], dtype=np.float64))
+
+    def _command(self, tau: Array) -> None:
+        self.plant.check_torques(tau)
+        self._tau, self._tau_time = tau, self.plant.time
+
+    def _answered(self) -> bool:
+        """Take the answer to the present state from the inbox, if it is there; older ones are dropped."""
+        for payload in self._inbox.take_answers():
+            try:
+                answers = messages.nanoseconds(messages.decode(payload, self._types["joint_commands"]).header.stamp)
+            except InputRefused:
+                answers = None
+            if answers in (None, self.stamp) and not self._try("joint_commands", payload, self._take_answer):
+                self._tau = None
+            if answers == self.stamp:
+                return True
+        return False
+
+    def _push(self, content: Any) -> None:
+        force, torque = content.wrench.force, content.wrench.torque
+        wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+        self.plant.push(content.header.frame_id or self._robot.base_link, wrench, self._mock.push_duration)
+
+    def _hold(self, content: Any) -> None:
+        self.plant.hold(bool(content.data))
+
+
+class _Inbox:
+    """Where the transport's threads leave bytes, and the robot's thread takes them."""
+
+    def __init__(self) -> None:
+        self._arrived = threading.Condition()
+        self._effort: bytes | None = None
+        # Bounded, because nobody empties them while the robot waits.
+        self._answers: deque[bytes] = deque(maxlen=10)
+        self._requests: deque[tuple[str, bytes]] = deque(maxlen=100)
+
+    def put_effort(self, payload: bytes) -> None:
+        with self._arrived:
+            self._effort = payload
+
+    def put_answer(self, payload: bytes) -> None:
+        with self._arrived:
+            self._answers.append(payload)
+            self._arrived.notify()
+
+    def put_request(self, key: str, payload: bytes) -> None:
+        with self._arrived:
+            self._requests.append((key, payload))
+
+    def take_effort(self) -> bytes | None:
+        with self._arrived:
+            payload, self._effort = self._effort, None
+            return payload
+
+    def take_answers(self) -> list[bytes]:
+        with self._arrived:
+            payloads = list(self._answers)
+            self._answers.clear()
+            return payloads
+
+    def take_requests(self) -> list[tuple[str, bytes]]:
+        with self._arrived:
+            requests = list(self._requests)
+            self._requests.clear()
+            return requests
+
+    def wait_for_answer(self, timeout: float) -> None:
+        """Wait until an answer is there, at most `timeout` seconds."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: bool(self._answers), timeout)
+
+
+def _vector(values: Array) -> Any:
+    x, y, z = values.tolist()
+    return messages.message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+
+def _quaternion(values: Array) -> Any:
+    x, y, z, w = values.tolist()
+    return messages.message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def _odometry(stamp: int, base: str, q: Array, v: Array) -> Any:
+    x, y, z = q[:3].tolist()
+    pose = messages.message(
+        "geometry_msgs/msg/Pose",
+        position=messages.message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=_quaternion(q[3:7]),
+    )
+    twist = messages.message("geometry_msgs/msg/Twist", linear=_vector(v[:3]), angular=_vector(v[3:6]))
+    exact = np.zeros(36)
+    return messages.message(
+        "nav_msgs/msg/Odometry",
+        header=messages.header(stamp, WORLD_FRAME),
+        child_frame_id=base,
+        pose=messages.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=exact),
+        twist=messages.message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=exact),
+    )
+
+
+def _imu(stamp: int, base: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
+    exact = np.zeros(9)
+    return messages.message(
+        "sensor_msgs/msg/Imu",
+        header=messages.header(stamp, base),
+        orientation=_quaternion(quaternion),
+        orientation_covariance=exact,
+        angular_velocity=_vector(angular_velocity),
+        angular_velocity_covariance=exact,
+        linear_acceleration=_vector(specific_force),
+        linear_acceleration_covariance=exact,
+    )
+
+
+def _wrench(stamp: int, frame: str, wrench: Array) -> Any:
+    """Make a WrenchStamped of a force, (3,), or a wrench, (6,)."""
+    torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
+    content = messages.message("geometry_msgs/msg/Wrench", force=_vector(wrench[:3]), torque=_vector(torque))
+    return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
