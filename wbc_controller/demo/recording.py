@@ -1,0 +1,256 @@
+"""What a demo run observed over topics, as one frozen record of arrays that can be saved and loaded."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array, frozen, frozen_mapping
+from wbc_controller.settings import PointContact, SurfaceContact
+
+#: Raised by one whenever a saved recording changes its layout.
+FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """The start of a phase, which lasts until the next one.
+
+    Attributes:
+        time: simulated time since the start, s.
+        name: what the robot does from then on, such as ``squat``.
+    """
+
+    time: float
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One line of the verdict.
+
+    Attributes:
+        name: what was measured.
+        target: what it had to be, for a person to read.
+        measured: what it was.
+        passed: whether the target was met.
+    """
+
+    name: str
+    target: str
+    measured: str
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """Where a contact is on the robot, so that its forces can be drawn.
+
+    Attributes:
+        frame: the frame of the URDF that carries it.
+        placement: [position, quaternion] of the contact in that frame, (7,).
+        corners: corners of the support in the contact's axes, (m, 3) in m.
+    """
+
+    frame: str
+    placement: Array
+    corners: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "placement", _array("placement", self.placement, (7,)))
+        object.__setattr__(self, "corners", _array("corners", self.corners, (None, 3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """What a demo run observed over topics.
+
+    Arrays are copied and frozen. Shapes: n samples of the state, m cycles of the controller, na actuated joints.
+
+    Attributes:
+        robot: the robot's name.
+        joints: names of the actuated joints, in the order of the command.
+        time: simulated time since the start, (n,) in s; never decreases.
+        q: Pinocchio configuration, (n, nq).
+        tau: commanded torques, (n, na) in N·m.
+        effort_limits: largest torques, (na,) in N·m.
+        com: centre of mass in the world, (n, 3) in m.
+        com_reference: its reference, (n, 3) in m; NaN where there is none.
+        frame_errors: per task, the norm of its error, (n,) in m or rad; NaN where the task is off.
+        contact_wrenches: per contact, what the quadratic program counts on, (n, k) in N and N·m: a wrench in the
+            contact's frame, force first (k = 6), or a force along the world's axes (k = 3). NaN or zero where broken.
+        true_wrenches: the same as the ground really gave it, by the same names.
+        friction: per contact, its Coulomb coefficient.
+        cycle_seconds: time that each cycle of the controller took, (m,) in s.
+        stage_seconds: the share of each stage in it, (m,) in s.
+        events: the phases of the run.
+        results: the verdict.
+        modes: the supervisor's mode from each time on, (time in s, mode).
+        supports: per contact, where it is on the robot; those that are missing are not drawn.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    time: Array
+    q: Array
+    tau: Array
+    effort_limits: Array
+    com: Array
+    com_reference: Array
+    frame_errors: Mapping[str, Array]
+    contact_wrenches: Mapping[str, Array]
+    true_wrenches: Mapping[str, Array]
+    friction: Mapping[str, float]
+    cycle_seconds: Array
+    stage_seconds: Mapping[str, Array]
+    events: tuple[Event, ...]
+    results: tuple[Result, ...]
+    modes: tuple[tuple[float, str], ...] = ()
+    supports: Mapping[str, Support] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n, na = len(self.time), len(self.joints)
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "time": (n,),
+            "q": (n, None),
+            "tau": (n, na),
+            "effort_limits": (na,),
+            "com": (n, 3),
+            "com_reference": (n, 3),
+            "cycle_seconds": (None,),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, _array(name, getattr(self, name), shape))
+        m = len(self.cycle_seconds)
+        groups: dict[str, tuple[int | None, ...]] = {
+            "frame_errors": (n,),
+            "contact_wrenches": (n, None),
+            "true_wrenches": (n, None),
+            "stage_seconds": (m,),
+        }
+        for name, shape in groups.items():
+            group = {key: _array(f"{name}[{key!r}]", value, shape) for key, value in getattr(self, name).items()}
+            object.__setattr__(self, name, frozen_mapping(group))
+        for name in ("friction", "supports"):
+            object.__setattr__(self, name, frozen_mapping(getattr(self, name)))
+        if n == 0:
+            raise ValueError("time is empty; a recording has at least one sample")
+        if not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
+            raise ValueError("time must be finite and never decrease")
+        for name, values in (("q", self.q), ("cycle_seconds", self.cycle_seconds)):
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} holds values that are not finite")
+        for kind, wrenches in (("contact_wrenches", self.contact_wrenches), ("true_wrenches", self.true_wrenches)):
+            for name, values in wrenches.items():
+                if values.shape[1] not in (3, 6):
+                    raise ValueError(f"{kind}[{name!r}] has {values.shape[1]} columns; a force has 3, a wrench has 6")
+
+    @property
+    def passed(self) -> bool:
+        """Whether every target was met."""
+        return all(result.passed for result in self.results)
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, s."""
+        return float(self.time[-1] - self.time[0])
+
+    def save(self, path: Path) -> None:
+        """Write the recording as a compressed ``.npz`` file, with everything but numbers as JSON inside it."""
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
+        for name in _GROUPS:
+            # By position, since the names of tasks and contacts need not be valid names of files.
+            arrays |= {f"{name}.{i}": values for i, values in enumerate(getattr(self, name).values())}
+        metadata = {
+            "format": FORMAT,
+            "robot": self.robot,
+            "joints": self.joints,
+            "groups": {name: list(getattr(self, name)) for name in _GROUPS},
+            "friction": dict(self.friction),
+            "events": [[event.time, event.name] for event in self.events],
+            "results": [[r.name, r.target, r.measured, bool(r.passed)] for r in self.results],
+            "modes": self.modes,
+            "supports": {
+                name: [support.frame, support.placement.tolist(), support.corners.tolist()]
+                for name, support in self.supports.items()
+            },
+        }
+        # Through an open file, because numpy would append .npz to another suffix.
+        with path.open("wb") as file:
+            np.savez_compressed(file, metadata=np.array(json.dumps(metadata)), **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        """Read what `save` wrote.
+
+        Raises:
+            ConfigurationError: where the file cannot be read or does not hold a recording.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                metadata = json.loads(str(file["metadata"][()]))
+                if metadata["format"] != FORMAT:
+                    raise ValueError(f"its format is {metadata['format']!r}; this version reads {FORMAT}")
+                content: dict[str, Any] = {name: file[name] for name in _ARRAYS}
+                for name in _GROUPS:
+                    content[name] = {key: file[f"{name}.{i}"] for i, key in enumerate(metadata["groups"][name])}
+                return cls(
+                    robot=str(metadata["robot"]),
+                    joints=tuple(metadata["joints"]),
+                    friction={name: float(value) for name, value in metadata["friction"].items()},
+                    events=tuple(Event(float(time), str(name)) for time, name in metadata["events"]),
+                    results=tuple(
+                        Result(str(name), str(target), str(measured), bool(passed))
+                        for name, target, measured, passed in metadata["results"]
+                    ),
+                    modes=tuple((float(time), str(mode)) for time, mode in metadata["modes"]),
+                    supports={name: Support(*support) for name, support in metadata["supports"].items()},
+                    **content,
+                )
+        except OSError as error:
+            raise ConfigurationError(f"recording {path}: cannot be read: {error.strerror or error}") from error
+        except KeyError as error:
+            raise ConfigurationError(f"recording {path}: not a recording of a demo run: it lacks {error}") from error
+        except (ValueError, TypeError, AttributeError, IndexError, EOFError, zipfile.BadZipFile) as error:
+            raise ConfigurationError(f"recording {path}: not a recording of a demo run: {error}") from error
+
+
+_ARRAYS = ("time", "q", "tau", "effort_limits", "com", "com_reference", "cycle_seconds")
+_GROUPS = ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds")
+
+
+def supports_of(contacts: Mapping[str, SurfaceContact | PointContact]) -> dict[str, Support]:
+    """Say where each contact of a configuration is on the robot.
+
+    Args:
+        contacts: the section ``contacts`` of the robot's settings.
+    """
+    supports = {}
+    for name, contact in contacts.items():
+        if isinstance(contact, SurfaceContact):
+            x, y = contact.half_length, contact.half_width
+            rotation = pin.rpy.rpyToMatrix(*contact.rpy)
+            corners = frozen([[x, y, 0.0], [-x, y, 0.0], [-x, -y, 0.0], [x, -y, 0.0]])
+        else:
+            rotation = np.eye(3)
+            corners = frozen([[0.0, 0.0, 0.0]])
+        placement = pin.SE3ToXYZQUAT(pin.SE3(rotation, np.array(contact.translation)))
+        supports[name] = Support(contact.frame, frozen(placement), corners)
+    return supports
+
+
+def _array(name: str, values: Any, shape: tuple[int | None, ...]) -> Array:
+    """Copy and freeze an array, and hold it to a shape in which None stands for any length."""
+    array = frozen(values)
+    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
+        raise ValueError(f"{name} has the shape {array.shape}; it must be {wanted}")
+    return array
