@@ -1,0 +1,150 @@
+"""Buses: each makes transports that can hear each other, and nobody else."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Nodetype
+
+from wbc_controller.messages import TYPES, message
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.transports.transport import Transport
+
+#: Not ROS 2's default of 0, and another one for each test process.
+DOMAIN = 110 + os.getpid() % 80
+
+_DTYPES = {"char": "uint8", "byte": "uint8", "octet": "uint8"}
+
+
+class MemoryParticipants:
+    def __init__(self) -> None:
+        self._bus = MemoryBus()
+
+    def transport(self, node: str, namespace: str = "/") -> Transport:
+        return MemoryTransport(self._bus)
+
+    def close(self) -> None:
+        pass
+
+
+class DdsParticipants:
+    def transport(self, node: str, namespace: str = "/") -> Transport:
+        from wbc_controller.transports.dds import DdsTransport
+
+        return DdsTransport(node, namespace, DOMAIN, "LOCALHOST")
+
+    def close(self) -> None:
+        pass
+
+
+class Ros2Participants:
+    def __init__(self) -> None:
+        try:
+            import rclpy
+            from rclpy.executors import SingleThreadedExecutor
+        except ImportError as error:
+            pytest.skip(f"rclpy is not importable: {error}")
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=DOMAIN)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._nodes: list[Any] = []
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def transport(self, node: str, namespace: str = "/") -> Transport:
+        import rclpy
+
+        from wbc_controller.transports.ros2 import Ros2Transport
+
+        self._nodes.append(rclpy.create_node(node, namespace=namespace, context=self._context))
+        self._executor.add_node(self._nodes[-1])
+        return Ros2Transport(self._nodes[-1])
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._context.shutdown()
+        self._thread.join()
+        for node in self._nodes:
+            node.destroy_node()
+
+    def _spin(self) -> None:
+        from rclpy.executors import ExternalShutdownException, ShutdownException
+
+        with contextlib.suppress(ExternalShutdownException, ShutdownException):  # this is how an executor ends
+            self._executor.spin()
+
+
+_PARTICIPANTS = {"memory": MemoryParticipants, "dds": DdsParticipants, "ros2": Ros2Participants}
+
+
+@pytest.fixture(params=_PARTICIPANTS)
+def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Transport]]:
+    """Make one more transport on this test's bus: ``join("node", "/namespace")``."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    participants = _PARTICIPANTS[request.param]()
+    opened: list[Transport] = []
+
+    def join(node: str, namespace: str = "/") -> Transport:
+        opened.append(participants.transport(node, namespace))
+        return opened[-1]
+
+    yield join
+    for transport in opened:
+        transport.close()
+    participants.close()
+
+
+@pytest.fixture(scope="session")
+def eventually() -> Callable[..., None]:
+    """Wait until something is true: ``eventually(condition, again)`` does `again` before each look."""
+
+    def eventually(
+        condition: Callable[[], bool], again: Callable[[], None] = lambda: None, seconds: float = 10
+    ) -> None:
+        deadline = time.monotonic() + seconds
+        again()
+        while not condition():
+            assert time.monotonic() < deadline, f"not true within {seconds} s"
+            time.sleep(0.01)
+            if not condition():
+                again()
+
+    return eventually
+
+
+@pytest.fixture(scope="session")
+def example() -> Callable[[str], Any]:
+    """Make a message of any type in which every field has a value, and no two the same by accident."""
+    return lambda type_name: _filled(type_name, iter(range(1, 100_000)))
+
+
+def _filled(type_name: str, numbers: Iterator[int]) -> Any:
+    _, fields = TYPES.fielddefs[type_name]
+    return message(type_name, **{name: _value(description, numbers) for name, description in fields})
+
+
+def _value(description: Any, numbers: Iterator[int]) -> Any:
+    kind, detail = description
+    if kind == Nodetype.NAME:
+        return _filled(detail, numbers)
+    if kind == Nodetype.BASE:
+        name, number = detail[0], next(numbers)
+        if name == "string":
+            return f"text {number} µ"
+        if name == "bool":
+            return True
+        return number + 0.25 if name.startswith("float") else number % 100
+    element, length = detail
+    # Three of a sequence: an odd number of strings or bytes moves what follows off its alignment.
+    values = [_value(element, numbers) for _ in range(length if kind == Nodetype.ARRAY else 3)]
+    if element[0] == Nodetype.BASE and element[1][0] not in ("string", "bool"):
+        return np.array(values, dtype=_DTYPES.get(element[1][0], element[1][0]))
+    return values

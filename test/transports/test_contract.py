@@ -1,0 +1,209 @@
+"""What every transport promises, run on each of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import time
+
+import pytest
+
+from wbc_controller.errors import TransportError
+from wbc_controller.interface import (
+    COMMAND_OUT,
+    CONTROLLER_TOPICS,
+    LATCHED,
+    MOCK_TOPICS,
+    REQUEST,
+    STATE_IN,
+    TASK_TYPES,
+    Direction,
+    Endpoint,
+    endpoints,
+)
+from wbc_controller.messages import decode, encode, message
+
+STRING = "std_msgs/msg/String"
+
+
+def endpoint(name, qos=REQUEST, type_name=STRING, direction=Direction.IN):
+    return Endpoint("test", "", name, type_name, direction, qos)
+
+
+def text(content):
+    return encode(message(STRING, data=content))
+
+
+def texts(payloads):
+    return [decode(payload, STRING).data for payload in payloads]
+
+
+@pytest.mark.parametrize(("node", "table"), [("wbc_controller", CONTROLLER_TOPICS), ("mock_robot", MOCK_TOPICS)])
+def test_every_row_of_the_table_carries_its_message(join, eventually, example, node, table):
+    owner, other = join(node), join("other")
+    rows = list(
+        endpoints(
+            table, node, task_kinds={kind: kind for kind in TASK_TYPES}, contacts=("left", "right"), frames=("pelvis",)
+        )
+    )
+    received = {row.name: [] for row in rows}
+    payloads = {row.name: encode(example(row.type)) for row in rows}
+    publish = {}
+    for row in rows:
+        reader, writer = (owner, other) if row.direction is Direction.IN else (other, owner)
+        offered = dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True))
+        reader.subscribe(row, received[row.name].append)
+        publish[row.name] = writer.advertise(offered)
+
+    for row in rows:
+        eventually(lambda: received[row.name], lambda: publish[row.name](payloads[row.name]))  # noqa: B023
+        message_received = decode(received[row.name][0], row.type)
+        assert encode(message_received) == payloads[row.name], row
+
+
+def test_latched_topic_replays_its_last_message_to_a_late_subscriber(join, eventually):
+    writer, reader = join("writer"), join("reader")
+    publish = writer.advertise(endpoint("/state", LATCHED))
+    publish(text("first"))
+    publish(text("last"))
+    received = []
+    reader.subscribe(endpoint("/state", LATCHED), received.append)
+    eventually(lambda: received)
+    assert texts(received) == ["last"]
+
+
+def test_other_topics_replay_nothing(join, eventually):
+    writer, reader = join("writer"), join("reader")
+    publish = writer.advertise(endpoint("/command"))
+    publish(text("early"))
+    received = []
+    reader.subscribe(endpoint("/command"), received.append)
+    eventually(lambda: received, lambda: publish(text("late")))
+    assert set(texts(received)) == {"late"}
+
+
+def test_best_effort_reader_matches_reliable_writer(join, eventually):
+    publish = join("writer").advertise(endpoint("/joint_states", COMMAND_OUT))
+    received = []
+    join("reader").subscribe(endpoint("/joint_states", STATE_IN), received.append)
+    eventually(lambda: received, lambda: publish(text("x")))
+
+
+def test_burst_of_ten_requests_arrives_whole_and_in_order(join, eventually):
+    publish = join("writer").advertise(endpoint("/command"))
+    received = []
+    join("reader").subscribe(endpoint("/command"), received.append)
+    eventually(lambda: received, lambda: publish(text("are you there?")))
+    publish(text("start"))
+    eventually(lambda: texts(received)[-1] == "start")
+    burst = [f"request {number}" for number in range(10)]
+    for request in burst:
+        publish(text(request))
+    eventually(lambda: texts(received)[-10:] == burst)
+
+
+def test_large_message_arrives(join, eventually):
+    urdf = "<robot>" + "x" * 2_000_000
+    publish = join("writer").advertise(endpoint("/robot_description", LATCHED))
+    publish(text(urdf))
+    received = []
+    join("reader").subscribe(endpoint("/robot_description", LATCHED), received.append)
+    eventually(lambda: received)
+    assert texts(received) == [urdf]
+
+
+def test_namespaces_do_not_mix(join, eventually):
+    received = {"/a": [], "/b": []}
+    publish = {}
+    for namespace, messages in received.items():
+        transport = join("node", namespace)
+        transport.subscribe(endpoint(f"{namespace}/odom"), messages.append)
+        publish[namespace] = transport.advertise(endpoint(f"{namespace}/odom"))
+    eventually(lambda: received["/a"], lambda: publish["/a"](text("for a")))
+    eventually(lambda: received["/b"], lambda: publish["/b"](text("for b")))
+    assert set(texts(received["/a"])) == {"for a"}
+    assert set(texts(received["/b"])) == {"for b"}
+
+
+def test_topic_has_one_type(join):
+    transport = join("node")
+    transport.advertise(endpoint("/topic"))
+    with pytest.raises(TransportError, match=r"/topic.*std_msgs/msg/String.*std_msgs/msg/Bool"):
+        transport.subscribe(endpoint("/topic", type_name="std_msgs/msg/Bool"), lambda payload: None)
+
+
+def test_unknown_type_is_refused(join):
+    if type(transport := join("node")).__name__ == "MemoryTransport":
+        pytest.skip("memory moves bytes of any name")
+    with pytest.raises(TransportError, match="std_msgs/msg/Strin"):
+        transport.advertise(endpoint("/topic", type_name="std_msgs/msg/Strin"))
+
+
+def test_nothing_arrives_after_close(join, eventually):
+    writer, reader, witness = join("writer"), join("reader"), join("witness")
+    publish = writer.advertise(endpoint("/command"))
+    received, witnessed = [], []
+    reader.subscribe(endpoint("/command"), received.append)
+    witness.subscribe(endpoint("/command"), witnessed.append)
+    eventually(lambda: received and witnessed, lambda: publish(text("x")))
+    reader.close()
+    reader.close()
+    count = len(received)
+    publish(text("after"))
+    eventually(lambda: texts(witnessed)[-1] == "after")
+    assert len(received) == count
+
+
+def test_closed_transport_refuses_everything(join):
+    transport = join("node")
+    publish = transport.advertise(endpoint("/command"))
+    transport.close()
+    with pytest.raises(TransportError, match="/command"):
+        publish(text("x"))
+    with pytest.raises(TransportError, match="/other"):
+        transport.advertise(endpoint("/other"))
+    with pytest.raises(TransportError, match="/other"):
+        transport.subscribe(endpoint("/other"), lambda payload: None)
+
+
+def test_callback_that_raises_is_logged_and_the_next_message_arrives(join, eventually, caplog):
+    received = []
+
+    def fail_once(payload):
+        received.append(payload)
+        if len(received) == 1:
+            raise RuntimeError("deliberate")
+
+    publish, reader = join("writer").advertise(endpoint("/command")), join("reader")
+    reader.subscribe(endpoint("/command"), fail_once)
+    log = logging.getLogger(type(reader).__module__)
+    log.addHandler(caplog.handler)  # ROS 2's launch, where it is installed, keeps records from the root logger
+    eventually(lambda: len(received) >= 2, lambda: publish(text("x")))
+    log.removeHandler(caplog.handler)
+    assert "callback for /command failed" in caplog.text
+    assert "deliberate" in caplog.text
+
+
+def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually):
+    asking, answering = join("asking"), join("answering")
+    answers = []
+    asking.subscribe(endpoint("/answer"), answers.append)
+    ask = asking.advertise(endpoint("/question"))
+    answer = answering.advertise(endpoint("/answer"))
+    answering.subscribe(endpoint("/question"), answer)
+    eventually(lambda: answers, lambda: ask(text("x")))
+
+
+def test_delivery_does_not_wait_for_a_poll(join, eventually):
+    publish = join("writer").advertise(endpoint("/joint_states"))
+    received = []
+    join("reader").subscribe(endpoint("/joint_states"), lambda payload: received.append(time.perf_counter()))
+    eventually(lambda: received, lambda: publish(text("x")))
+    delays = []
+    for _ in range(20):
+        count, start = len(received), time.perf_counter()
+        publish(text("x"))
+        while len(received) == count and time.perf_counter() < start + 1:
+            time.sleep(0.0005)
+        delays.append(received[-1] - start)
+    assert sorted(delays)[10] < 0.01

@@ -1,0 +1,232 @@
+"""ROS 2's topics without ROS 2: CycloneDDS from PyPI, in the names, types and bytes that ROS 2 puts on the wire.
+
+The files ``transports/dds*.py`` are the only importers of cyclonedds.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from cyclonedds.core import DDSException, GuardCondition, Policy
+from cyclonedds.core import Qos as DdsQos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from wbc_controller.errors import TransportError
+from wbc_controller.interface import Endpoint
+from wbc_controller.transports import dds_raw
+from wbc_controller.transports.dds_domain import close_domain, domain_settings, open_domain
+from wbc_controller.transports.dds_graph import NodeAnnouncement
+from wbc_controller.transports.dds_types import idl_type, type_hash
+from wbc_controller.transports.topic_types import TopicTypes
+from wbc_controller.transports.transport import Publish
+
+_log = logging.getLogger(__name__)
+
+_Callback = Callable[[bytes], None]
+
+#: How long a publisher may be held up by a full network buffer, in nanoseconds. Short, for cyclonedds holds Python's
+#: global lock meanwhile, and a controller would rather lose a message than a cycle.
+_MAX_BLOCKING_TIME = 10_000_000
+
+
+class DdsTransport:
+    """One node on a DDS domain.
+
+    Callbacks run one at a time on one thread of this transport.
+
+    Args:
+        node: name of the node.
+        namespace: its namespace, starting with a slash.
+        domain_id: domain, 0 to 232; by default that of ``ROS_DOMAIN_ID``.
+        discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; by default that of
+            ``ROS_AUTOMATIC_DISCOVERY_RANGE``.
+
+    Raises:
+        TransportError: where a setting is not valid, or DDS cannot be started.
+    """
+
+    def __init__(
+        self, node: str, namespace: str = "/", domain_id: int | None = None, discovery_range: str | None = None
+    ) -> None:
+        self._settings = domain_settings(os.environ, domain_id, discovery_range)
+        self._lock = threading.Lock()
+        self._closed = False
+        self._types = TopicTypes()
+        self._topics: dict[str, Any] = {}
+        self._publications: list[_Publication] = []
+        self._dispatcher: _Dispatcher | None = None
+        self._announcement: NodeAnnouncement | None = None
+        self._participant: Any = None
+        open_domain(self._settings)
+        try:
+            # ROS 2 takes only those participants for its own that name a security enclave.
+            qos = DdsQos(Policy.Userdata(b"enclave=/;"))
+            self._participant = DomainParticipant(self._settings.domain_id, qos)
+            self._announcement = NodeAnnouncement(self._participant, node, namespace)
+            self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
+        except DDSException as error:
+            self._delete_entities()
+            raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        with self._lock, _Translated(f"cannot advertise {endpoint.name}"):
+            announcement, _ = self._opened(endpoint)
+            writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
+            publication = _Publication(endpoint.name, writer)
+            self._publications.append(publication)
+            announcement.add_writer(writer)
+            return publication
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; the callback runs on the transport's thread."""
+        with self._lock, _Translated(f"cannot subscribe to {endpoint.name}"):
+            announcement, dispatcher = self._opened(endpoint)
+            reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
+            dispatcher.add(endpoint, reader, callback)
+            announcement.add_reader(reader)
+
+    def close(self) -> None:
+        """Stop the thread and delete everything. A second call does nothing.
+
+        Raises:
+            TransportError: where it is called from a callback, for which it would have to wait.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            if self._dispatcher is not None:
+                self._dispatcher.stop()
+            self._closed = True
+            self._delete_entities()
+
+    def _opened(self, endpoint: Endpoint) -> tuple[NodeAnnouncement, _Dispatcher]:
+        if self._closed or self._announcement is None or self._dispatcher is None:
+            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+        return self._announcement, self._dispatcher
+
+    def _topic(self, endpoint: Endpoint) -> Any:
+        self._types.check(endpoint.name, endpoint.type)
+        if endpoint.name not in self._topics:
+            self._topics[endpoint.name] = Topic(self._participant, f"rt{endpoint.name}", idl_type(endpoint.type))
+        return self._topics[endpoint.name]
+
+    def _delete_entities(self) -> None:
+        for publication in self._publications:
+            publication.delete()
+        for part in (self._dispatcher, self._announcement):
+            if part is not None:
+                part.delete()
+        for entity in (*self._topics.values(), self._participant):
+            if entity is not None:
+                dds_raw.delete(entity)
+        close_domain(self._settings)
+
+
+class _Translated:
+    """Turns the errors of cyclonedds into ours."""
+
+    def __init__(self, attempt: str) -> None:
+        self._attempt = attempt
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
+        if isinstance(error, DDSException | ValueError):
+            raise TransportError(f"{self._attempt}: {error}") from error
+
+
+class _Publication:
+    """Sends on one topic. Calling it from several threads is safe: each DDS write is."""
+
+    def __init__(self, topic: str, writer: Any) -> None:
+        self._topic = topic
+        self._writer = writer
+        self._closed = False
+
+    def __call__(self, payload: bytes) -> None:
+        if self._closed:
+            raise TransportError(f"cannot publish on {self._topic}: the transport is closed")
+        try:
+            dds_raw.write(self._writer, payload)
+        except (DDSException, ValueError) as error:
+            raise TransportError(f"cannot publish on {self._topic}: {error}") from error
+
+    def delete(self) -> None:
+        self._closed = True
+        dds_raw.delete(self._writer)
+
+
+class _Dispatcher:
+    """The thread that waits for all readers at once and hands each message to its callback."""
+
+    def __init__(self, participant: Any, name: str) -> None:
+        self._triggers = dds_raw.Triggers(participant)
+        self._stop = GuardCondition(participant)
+        self._stop_number = self._triggers.attach_guard(self._stop)
+        self._readers: dict[int, tuple[Endpoint, Any, _Callback]] = {}
+        self._adding = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def add(self, endpoint: Endpoint, reader: Any, callback: _Callback) -> None:
+        with self._adding:
+            self._readers[self._triggers.attach_reader(reader)] = (endpoint, reader, callback)
+
+    def stop(self) -> None:
+        if threading.current_thread() is self._thread:
+            raise TransportError("close() was called from a callback, for whose end it would wait for ever")
+        self._stop.set(True)
+        self._thread.join()
+
+    def delete(self) -> None:
+        self._triggers.delete()
+        for _, reader, _ in self._readers.values():
+            dds_raw.delete(reader)
+
+    def _run(self) -> None:
+        try:
+            while self._stop_number not in (numbers := self._triggers.wait()):
+                for number in numbers:
+                    self._dispatch(number)
+        except Exception:
+            _log.exception("the DDS reader thread died: no more messages will arrive")
+
+    def _dispatch(self, number: int) -> None:
+        with self._adding:  # the number of a new reader may be reported before it is in the dictionary
+            endpoint, reader, callback = self._readers[number]
+        for payload in dds_raw.take(reader, endpoint.qos.depth):
+            try:
+                callback(payload)
+            except Exception:  # the next message may be a better one, and other topics must go on
+                _log.exception("callback for %s failed", endpoint.name)
+
+
+def _reader_qos(endpoint: Endpoint) -> Any:
+    qos = endpoint.qos
+    return DdsQos(
+        Policy.Reliability.Reliable(_MAX_BLOCKING_TIME) if qos.reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if qos.latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(qos.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(f"typehash={type_hash(endpoint.type)};".encode()),
+    )
+
+
+def _writer_qos(endpoint: Endpoint) -> Any:
+    history = Policy.History.KeepLast(endpoint.qos.depth)
+    unlimited = -1
+    return DdsQos(
+        # Cyclone keeps what late readers are given apart from what it resends.
+        Policy.DurabilityService(0, history, unlimited, unlimited, unlimited),
+        Policy.WriterDataLifecycle(autodispose=False),
+        base=_reader_qos(endpoint),
+    )

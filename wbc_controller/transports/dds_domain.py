@@ -1,0 +1,196 @@
+"""Which machines a DDS participant meets: ROS 2's environment variables, as Jazzy's rmw_cyclonedds reads them."""
+
+from __future__ import annotations
+
+import enum
+import logging
+import os
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from cyclonedds.core import DDSException
+from cyclonedds.domain import Domain
+
+from wbc_controller.errors import TransportError, valid_choices
+from wbc_controller.transports import dds_raw
+
+_log = logging.getLogger(__name__)
+
+#: ROS 2's highest domain: the ports of the next one would pass 65535.
+MAX_DOMAIN_ID = 232
+
+# RTPS 9.6.1.1: the ports of a domain, and of the n-th participant in it.
+_PORT_BASE, _PORTS_PER_DOMAIN, _PORTS_PER_PARTICIPANT, _FIRST_UNICAST_PORT = 7400, 250, 2, 10
+_JAZZY_MAX_PARTICIPANT_INDEX = 32
+
+
+class DiscoveryRange(str, enum.Enum):
+    """How far a participant looks for others by itself."""
+
+    SUBNET = "SUBNET"
+    LOCALHOST = "LOCALHOST"
+    OFF = "OFF"
+    SYSTEM_DEFAULT = "SYSTEM_DEFAULT"
+
+
+@dataclass(frozen=True, slots=True)
+class DomainSettings:
+    """What decides whom a participant meets.
+
+    Attributes:
+        domain_id: domain, 0 to 232.
+        discovery_range: how far to look.
+        static_peers: addresses to look at besides.
+    """
+
+    domain_id: int
+    discovery_range: DiscoveryRange
+    static_peers: tuple[str, ...] = ()
+
+
+def domain_settings(
+    environment: Mapping[str, str], domain_id: int | None = None, discovery_range: str | None = None
+) -> DomainSettings:
+    """Read ``ROS_DOMAIN_ID``, ``ROS_AUTOMATIC_DISCOVERY_RANGE``, ``ROS_STATIC_PEERS`` and ``ROS_LOCALHOST_ONLY``.
+
+    Args:
+        environment: the environment variables.
+        domain_id: overrides the domain of the environment.
+        discovery_range: overrides the range of the environment.
+
+    Raises:
+        TransportError: where a value is not valid.
+    """
+    if domain_id is None:
+        domain_id = _domain_id(environment.get("ROS_DOMAIN_ID", ""), "ROS_DOMAIN_ID")
+    elif not 0 <= domain_id <= MAX_DOMAIN_ID:
+        raise TransportError(f"domain {domain_id} is not valid. Valid: 0 to {MAX_DOMAIN_ID}")
+
+    if discovery_range is not None:
+        reach = _discovery_range(discovery_range, "discovery range")
+    elif environment.get("ROS_LOCALHOST_ONLY") == "1":  # the older variable, which wins, and knows no peers
+        return DomainSettings(domain_id, DiscoveryRange.LOCALHOST)
+    else:
+        reach = _discovery_range(
+            environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+        )
+
+    peers = tuple(peer.strip() for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer.strip())
+    if peers and reach in (DiscoveryRange.OFF, DiscoveryRange.SYSTEM_DEFAULT):
+        _log.warning("discovery range is %s: ROS_STATIC_PEERS %s is ignored", reach.value, "; ".join(peers))
+        peers = ()
+    return DomainSettings(domain_id, reach, peers)
+
+
+def configuration(settings: DomainSettings, uri: str = "") -> str:
+    """Write Cyclone's configuration for a domain.
+
+    Args:
+        settings: whom to meet.
+        uri: content of ``CYCLONEDDS_URI``; read last, so that what it says prevails.
+
+    Returns:
+        XML, and what the user added.
+    """
+    parts = [_xml(settings), uri]
+    return ",".join(part for part in parts if part)
+
+
+def _xml(settings: DomainSettings) -> str:
+    reach, peers = settings.discovery_range, settings.static_peers
+    if reach is DiscoveryRange.SYSTEM_DEFAULT:
+        return ""
+    general = "" if reach is DiscoveryRange.SUBNET else "<AllowMulticast>false</AllowMulticast>"
+    if reach is DiscoveryRange.OFF:
+        # A tag that nobody else has: participants with different tags ignore each other.
+        discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
+    else:
+        # Each index is a port at which every peer is called: many on the loopback, as few as Jazzy uses elsewhere.
+        alone = reach is DiscoveryRange.LOCALHOST and not peers
+        largest = _max_participant_index(settings.domain_id) if alone else _JAZZY_MAX_PARTICIPANT_INDEX
+        discovery = (
+            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
+        )
+    if reach is DiscoveryRange.LOCALHOST:
+        # Jazzy leaves the choice of interface open, and its Cyclone (0.10) then still meets itself. This one (11.0)
+        # takes the first network card, at which Jazzy does not find it; on the loopback both meet. Measured.
+        network_card = '<NetworkInterface autodetermine="true"/>' if peers else ""
+        general += f'<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>{network_card}</Interfaces>'
+        peers = ("localhost", *peers)
+    if peers:
+        discovery += f"<Peers>{''.join(f'<Peer Address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
+    return (
+        f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
+        f"<Discovery>{discovery}</Discovery></Domain></CycloneDDS>"
+    )
+
+
+def _max_participant_index(domain_id: int) -> int:
+    first = _PORT_BASE + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
+    last = min(first - _FIRST_UNICAST_PORT + _PORTS_PER_DOMAIN - 1, 65535)
+    return (last - first - 1) // _PORTS_PER_PARTICIPANT
+
+
+def _domain_id(text: str, source: str) -> int:
+    if not text:
+        return 0
+    if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN_ID):
+        raise TransportError(f"{source} is {text!r}. Valid: a whole number from 0 to {MAX_DOMAIN_ID}")
+    return int(text)
+
+
+def _discovery_range(text: str, source: str) -> DiscoveryRange:
+    if text not in DiscoveryRange.__members__:
+        raise TransportError(f"{source} is {text!r}: {valid_choices(text, DiscoveryRange.__members__)}")
+    return DiscoveryRange[text]
+
+
+@dataclass(slots=True)
+class _Open:
+    settings: DomainSettings
+    domain: Any
+    users: int
+
+
+_open: dict[int, _Open] = {}
+_open_lock = threading.Lock()
+
+
+def open_domain(settings: DomainSettings) -> None:
+    """Open a domain, or join it where it is open already: a process can create each domain only once.
+
+    Raises:
+        TransportError: where the domain cannot be opened, or is open in this process with other settings.
+    """
+    with _open_lock:
+        known = _open.get(settings.domain_id)
+        if known is None:
+            _open[settings.domain_id] = _Open(settings, _create(settings), users=1)
+        elif known.settings == settings:
+            known.users += 1
+        else:
+            raise TransportError(
+                f"domain {settings.domain_id} is open in this process with other settings: {known.settings}, "
+                f"not {settings}"
+            )
+
+
+def close_domain(settings: DomainSettings) -> None:
+    """Leave a domain that `open_domain` opened; the last one to leave closes it."""
+    with _open_lock:
+        known = _open[settings.domain_id]
+        known.users -= 1
+        if known.users == 0:
+            del _open[settings.domain_id]
+            dds_raw.delete(known.domain)
+
+
+def _create(settings: DomainSettings) -> Any:
+    config = configuration(settings, os.environ.get("CYCLONEDDS_URI", ""))
+    try:
+        return Domain(settings.domain_id, config)
+    except (DDSException, UnicodeEncodeError) as error:
+        raise TransportError(f"cannot open DDS domain {settings.domain_id} ({error}) with {config}") from error

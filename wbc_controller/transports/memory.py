@@ -1,0 +1,116 @@
+"""Messages from one part of a process to another: no middleware, no threads, no waiting. For tests and simulation."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+from wbc_controller.errors import TransportError
+from wbc_controller.interface import Endpoint
+from wbc_controller.transports.topic_types import TopicTypes
+from wbc_controller.transports.transport import Publish
+
+_log = logging.getLogger(__name__)
+
+_Callback = Callable[[bytes], None]
+
+
+class MemoryBus:
+    """What participants in one process share: who reads which topic, and the last message of the latched ones.
+
+    Messages are delivered on the publisher's thread, before ``publish()`` returns. As in ROS 2, a reader that asks
+    for reliable or latched messages is not connected to a writer that offers less.
+    """
+
+    def __init__(self) -> None:
+        # Re-entrant, because a callback may publish: that is how a simulated robot answers in lockstep.
+        self.lock = threading.RLock()
+        self.types = TopicTypes()
+        self._readers: dict[str, list[_Reader]] = {}
+        self._latched: dict[str, dict[_Writer, bytes]] = {}
+
+    def _connect(self, reader: _Reader) -> None:
+        with self.lock:
+            self._readers.setdefault(reader.endpoint.name, []).append(reader)
+            if reader.endpoint.qos.latched:
+                for writer, payload in list(self._latched.get(reader.endpoint.name, {}).items()):
+                    reader.deliver(writer.endpoint, payload)
+
+    def _publish(self, writer: _Writer, payload: bytes) -> None:
+        with self.lock:
+            if writer.closed:
+                raise TransportError(f"cannot publish on {writer.endpoint.name}: the transport is closed")
+            if writer.endpoint.qos.latched:
+                self._latched.setdefault(writer.endpoint.name, {})[writer] = payload
+            for reader in list(self._readers.get(writer.endpoint.name, ())):
+                reader.deliver(writer.endpoint, payload)
+
+    def _disconnect(self, readers: list[_Reader], writers: list[_Writer]) -> None:
+        with self.lock:
+            for reader in readers:
+                reader.closed = True
+                self._readers[reader.endpoint.name].remove(reader)
+            for writer in writers:
+                writer.closed = True
+                self._latched.get(writer.endpoint.name, {}).pop(writer, None)
+
+
+class MemoryTransport:
+    """One participant on a `MemoryBus`."""
+
+    def __init__(self, bus: MemoryBus) -> None:
+        self._bus = bus
+        self._readers: list[_Reader] = []
+        self._writers: list[_Writer] = []
+        self._closed = False
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        with self._bus.lock:
+            self._check(endpoint)
+            writer = _Writer(endpoint)
+            self._writers.append(writer)
+        return lambda payload: self._bus._publish(writer, payload)
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; the callback runs on the publisher's thread."""
+        with self._bus.lock:
+            self._check(endpoint)
+            reader = _Reader(endpoint, callback)
+            self._readers.append(reader)
+            self._bus._connect(reader)
+
+    def close(self) -> None:
+        """Close all topics. A second call does nothing."""
+        with self._bus.lock:
+            self._closed = True
+            self._bus._disconnect(self._readers, self._writers)
+            self._readers, self._writers = [], []
+
+    def _check(self, endpoint: Endpoint) -> None:
+        if self._closed:
+            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+        self._bus.types.check(endpoint.name, endpoint.type)
+
+
+class _Writer:
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
+        self.closed = False
+
+
+class _Reader:
+    def __init__(self, endpoint: Endpoint, callback: _Callback) -> None:
+        self.endpoint = endpoint
+        self.closed = False
+        self._callback = callback
+
+    def deliver(self, offered: Endpoint, payload: bytes) -> None:
+        asked = self.endpoint.qos
+        if self.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched:
+            return
+        try:
+            self._callback(payload)
+        except Exception:  # one bad reader must not stop the publisher, nor the other readers
+            _log.exception("callback for %s failed", self.endpoint.name)

@@ -1,0 +1,126 @@
+"""The same topics on a ROS 2 node. Besides ``node.py``, the only importer of rclpy (7.1, Jazzy, or later)."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from wbc_controller.errors import TransportError
+from wbc_controller.interface import Endpoint, Qos
+from wbc_controller.transports.topic_types import TopicTypes
+from wbc_controller.transports.transport import Publish
+
+_log = logging.getLogger(__name__)
+
+
+class Ros2Transport:
+    """Opens its topics on an existing node, plain or lifecycle, that its owner spins.
+
+    Messages stay serialized: no Python message object is made. Callbacks run one at a time, on the threads of the
+    executor that spins the node. QoS can be overridden by the node's ``qos_overrides.<topic>.…`` parameters.
+
+    Args:
+        node: an ``rclpy.node.Node`` or ``rclpy.lifecycle.LifecycleNode``. A lifecycle node's topics work in all of its
+            states: what may be commanded in which state is for the safety supervisor to say.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._group = MutuallyExclusiveCallbackGroup()
+        # Re-entrant, because a callback may publish, open topics, or close the transport.
+        self._lock = threading.RLock()
+        self._closed = False
+        self._types = TopicTypes()
+        self._publishers: list[Any] = []
+        self._subscriptions: list[Any] = []
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        with self._lock:
+            message_class = self._check(endpoint)
+            try:
+                publisher = self._node.create_publisher(
+                    message_class,
+                    endpoint.name,
+                    _profile(endpoint.qos),
+                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                )
+            except Exception as error:  # rclpy has no common base for what it raises here
+                raise TransportError(f"cannot advertise {endpoint.name}: {error}") from error
+            self._publishers.append(publisher)
+
+        def publish(payload: bytes) -> None:
+            try:
+                publisher.publish(payload)
+            except Exception as error:  # as above
+                raise TransportError(f"cannot publish on {endpoint.name}: {error}") from error
+
+        return publish
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; the callback runs on the executor's thread."""
+
+        def deliver(payload: bytes) -> None:
+            with self._lock:
+                if self._closed:
+                    return
+                try:
+                    callback(payload)
+                except Exception:  # it would end the executor, and with it the node
+                    _log.exception("callback for %s failed", endpoint.name)
+
+        with self._lock:
+            message_class = self._check(endpoint)
+            try:
+                subscription = self._node.create_subscription(
+                    message_class,
+                    endpoint.name,
+                    deliver,
+                    _profile(endpoint.qos),
+                    callback_group=self._group,
+                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                    raw=True,
+                )
+            except Exception as error:  # as above
+                raise TransportError(f"cannot subscribe to {endpoint.name}: {error}") from error
+            self._subscriptions.append(subscription)
+
+    def close(self) -> None:
+        """Close all topics; the node stays as it is. A second call does nothing."""
+        with self._lock:
+            self._closed = True
+            for publisher in self._publishers:
+                self._node.destroy_publisher(publisher)
+            for subscription in self._subscriptions:
+                self._node.destroy_subscription(subscription)
+            self._publishers, self._subscriptions = [], []
+
+    def _check(self, endpoint: Endpoint) -> Any:
+        if self._closed:
+            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+        self._types.check(endpoint.name, endpoint.type)
+        return _message_class(endpoint.type)
+
+
+def _message_class(type_name: str) -> Any:
+    package, kind, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError) as error:
+        raise TransportError(f"message type {type_name} is not installed: {error}") from error
+
+
+def _profile(qos: Qos) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE,
+    )
