@@ -6,6 +6,7 @@ robot's configuration. Names resolve and remap as in ROS 2.
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -233,6 +234,12 @@ def endpoints(
             yield Endpoint(
                 topic.key, subject, resolve(name, node, namespace, remappings), type_name, topic.direction, topic.qos
             )
+
+
+def counterpart(endpoint: Endpoint) -> Endpoint:
+    """The other end of a topic, for whoever talks to its node: the direction turned round."""
+    turned = Direction.OUT if endpoint.direction is Direction.IN else Direction.IN
+    return dataclasses.replace(endpoint, direction=turned)
 
 
 def parse_remapping(text: str) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from wbc_controller.core.references import ReferenceBoard
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inputs import Inputs, Latched
 from wbc_controller.outputs import Outputs
-from wbc_controller.records import CycleReport, Fault, RobotState, Solution
+from wbc_controller.records import CycleReport, Fault, JointCommand, RobotState, Solution
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.supervisor import Supervisor
 
@@ -66,6 +66,7 @@ class ControlLoop:
         self._timer = timer
         self._cycle = 0
         self._deadlines_missed = 0
+        self._activate_when_fresh = False
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
@@ -102,7 +103,7 @@ class ControlLoop:
     def _report(
         self,
         latched: Latched,
-        command: object,
+        command: JointCommand | None,
         solution: Solution | None,
         refused: list[str],
         stages: dict[str, float],
@@ -112,7 +113,7 @@ class ControlLoop:
             stamp=latched.state.stamp if latched.state is not None else 0,
             mode=self.supervisor.mode,
             fault=self.supervisor.fault,
-            command=command,  # type: ignore[arg-type]
+            command=command,
             solution=solution,
             ages=latched.ages,
             refused=tuple(refused),
@@ -121,7 +122,11 @@ class ControlLoop:
         )
 
     def _take_requests(self, latched: Latched, now: float, problem: Fault | None, refused: list[str]) -> None:
-        for word in latched.commands:
+        words = latched.commands
+        if self._activate_when_fresh and problem is None:
+            self._activate_when_fresh = False
+            words = ("activate", *words)
+        for word in words:
             try:
                 starts = self.supervisor.request(word, now, problem)
             except InputRefused as refusal:
@@ -157,7 +162,7 @@ class ControlLoop:
             _log.exception("the controller failed")
             return Fault("INTERNAL_ERROR", f"{type(error).__name__}: {error}")
 
-    def run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
+    def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
         """Run cycles until stopped.
 
         Args:
@@ -165,7 +170,21 @@ class ControlLoop:
             period: time between cycles, s.
             triggered: run one cycle for each joint state, and at the period where none come; otherwise run on absolute
                 deadlines.
+            activate: activate as soon as the inputs are fresh, without a command.
         """
+        self._activate_when_fresh = activate
+        try:
+            self._run(stop, period, triggered=triggered)
+        finally:
+            self._shut_down()
+
+    def _shut_down(self) -> None:
+        command = self.supervisor.shut_down(self._clock.now())
+        report = self._report(self._inputs.latch(), command, None, [], {})
+        self._outputs.publish_command(report)
+        self._outputs.publish_status(report, self._clock.now(), time.time_ns())
+
+    def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
         gc.freeze()  # what was built at start-up is never garbage: collections in mid-run stay short
         deadline = self._clock.now() + period

@@ -14,7 +14,7 @@ from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import FORCE_UNIT
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.records import Array, RobotState, frozen
+from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 
 #: Contacts whose heights differ by more, with the base upright, do not stand on one floor, m.
@@ -106,10 +106,10 @@ def support_margin(points: Array, position: Array) -> float:
     return float(-np.max(hull.equations[:, :2] @ position + hull.equations[:, 2]))
 
 
-def _static(controller: Controller, state: RobotState, references: object, made: list[str]) -> list[Finding]:
+def _static(controller: Controller, state: RobotState, references: References, made: list[str]) -> list[Finding]:
     """Solve for torques and forces that hold the robot at rest."""
     model = controller.model
-    layout = controller.build(state, references)  # type: ignore[arg-type]
+    layout = controller.build(state, references)
     problem = layout.problem
     still = layout.acceleration_columns
     problem.x_lower[still] = problem.x_upper[still] = 0.0

@@ -302,7 +302,8 @@ def _usable(x: Array | None, problem: QuadraticProgram, solver: Solver) -> bool:
 
 
 def _at(value: Array, bound: Array) -> np.ndarray:
-    return np.asarray(np.abs(value - bound) <= _BINDING * np.maximum(1.0, np.abs(bound)))
+    near = np.abs(value - bound) <= _BINDING * np.maximum(1.0, np.abs(bound))
+    return np.asarray(near & np.isfinite(bound))
 
 
 def _largest(values: Array) -> float:

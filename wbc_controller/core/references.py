@@ -117,6 +117,7 @@ class ReferenceBoard:
         self._weight_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
         self._contact_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
         self._trajectories: dict[str, Trajectory] = {}
+        self._goals: dict[str, Array] = {}  # setpoints of tasks that are asleep
         self._wrenches: dict[str, Array] = {}
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
@@ -129,6 +130,7 @@ class ReferenceBoard:
             self._trajectories[name] = _stay(plan.task.rest(dynamics), time)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = Ramp(time, 0.0, 0.0, float(contact.enabled))
+        self._goals.clear()
         self._wrenches.clear()
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
@@ -159,18 +161,18 @@ class ReferenceBoard:
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint):
-            self._wake(change.task, dynamics, time)
-            self._trajectories[change.task] = self._towards(change, time)
+            if self._asleep(change.task, time):
+                self._goals[change.task] = change.position
+            else:
+                self._trajectories[change.task] = self._towards(change.task, change.position, time)
         elif isinstance(change, SetTrajectory):
-            self._wake(change.task, dynamics, time)
+            self._goals.pop(change.task, None)
             self._trajectories[change.task] = self._along(change, time)
         elif isinstance(change, SetWeight):
             self._weights[change.task] = change.weight
             self._ramp_weight(change.task, time)
         elif isinstance(change, EnableTask):
-            self._wake(change.task, dynamics, time)
-            self._enabled[change.task] = change.enabled
-            self._ramp_weight(change.task, time)
+            self._enable(change.task, change.enabled, dynamics, time)
         elif isinstance(change, EnableContact):
             ramp = self._contact_ramps[change.contact]
             duration = self.contact_plans[change.contact].ramp
@@ -178,22 +180,30 @@ class ReferenceBoard:
         else:
             self._wrenches[change.frame] = change.wrench
 
+    def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
+        """Switch a task on or off; one that was asleep starts where the robot is, towards its goal if it has one."""
+        if enabled and self._asleep(task, time):
+            self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
+            goal = self._goals.pop(task, None)
+            if goal is not None:
+                self._trajectories[task] = self._towards(task, goal, time)
+        self._enabled[task] = enabled
+        self._ramp_weight(task, time)
+
+    def _asleep(self, task: str, time: float) -> bool:
+        """Whether a task is off, and has not been followed: its reference means nothing."""
+        return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
+
     def _ramp_weight(self, task: str, time: float) -> None:
         target = self._weights[task] if self._enabled[task] else 0.0
         self._weight_ramps[task] = self._weight_ramps[task].towards(target, time, self._weight_ramp)
 
-    def _wake(self, task: str, dynamics: Dynamics, time: float) -> None:
-        """A task without any weight has not been followed: its reference starts where the robot is."""
-        if self._weight_ramps[task].sample(time) <= 0.0 and not self._enabled[task]:
-            self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
-
-    def _towards(self, change: SetSetpoint, time: float) -> Trajectory:
-        size = len(self._trajectories[change.task].knots[0].velocity)
-        still = np.zeros(size)
-        duration = self.plans[change.task].setpoint_duration
+    def _towards(self, task: str, position: Array, time: float) -> Trajectory:
+        still = np.zeros(len(self._trajectories[task].knots[0].velocity))
+        duration = self.plans[task].setpoint_duration
         if duration <= 0.0:
-            return Trajectory([Knot(time, change.position, still, still)])
-        return Trajectory([self._present(change.task, time), Knot(time + duration, change.position, still, still)])
+            return Trajectory([Knot(time, position, still, still)])
+        return Trajectory([self._present(task, time), Knot(time + duration, position, still, still)])
 
     def _along(self, change: SetTrajectory, time: float) -> Trajectory:
         start = time if change.start is None else change.start

@@ -110,6 +110,14 @@ class Supervisor:
             raise InputRefused(f"command 'deactivate' needs the mode active, not {self.mode.value}; use 'reset'")
         return False
 
+    def shut_down(self, now: float) -> JointCommand | None:
+        """Leave the joints without torque when the process ends; None where nothing was being sent."""
+        if self.mode is Mode.INACTIVE and not self._tau.any():
+            return None
+        self._enter(Mode.STOPPED, now, self.fault)
+        self._tau = np.zeros(self._model.na)  # at once: there is no next cycle
+        return self._command(self._tau, None, None)
+
     def _reset(self, now: float) -> None:
         if self.solving:
             raise InputRefused(f"command 'reset' is refused while {self.mode.value}; use 'deactivate' or 'damp' first")

@@ -5,10 +5,11 @@ The files ``transports/dds*.py`` are the only importers of cyclonedds.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from cyclonedds.core import DDSException, GuardCondition, Policy
@@ -57,6 +58,7 @@ class DdsTransport:
     ) -> None:
         self._settings = domain_settings(os.environ, domain_id, discovery_range)
         self._lock = threading.Lock()
+        self._closing = threading.Lock()
         self._closed = False
         self._types = TopicTypes()
         self._topics: dict[str, Any] = {}
@@ -71,13 +73,13 @@ class DdsTransport:
             self._participant = DomainParticipant(self._settings.domain_id, qos)
             self._announcement = NodeAnnouncement(self._participant, node, namespace)
             self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
-        except DDSException as error:
+        except Exception as error:
             self._delete_entities()
             raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
-        with self._lock, _Translated(f"cannot advertise {endpoint.name}"):
+        with self._lock, _translated(f"cannot advertise {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = _Publication(endpoint.name, writer)
@@ -87,7 +89,7 @@ class DdsTransport:
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading; the callback runs on the transport's thread."""
-        with self._lock, _Translated(f"cannot subscribe to {endpoint.name}"):
+        with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             announcement, dispatcher = self._opened(endpoint)
             reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
             dispatcher.add(endpoint, reader, callback)
@@ -99,12 +101,16 @@ class DdsTransport:
         Raises:
             TransportError: where it is called from a callback, for which it would have to wait.
         """
-        with self._lock:
-            if self._closed:
-                return
+        if self._dispatcher is not None:
+            self._dispatcher.refuse_own_thread()
+        with self._closing:
+            with self._lock:
+                if self._closed:
+                    return
+                self._closed = True
+            # Not under the lock that a callback which opens a topic would wait for.
             if self._dispatcher is not None:
                 self._dispatcher.stop()
-            self._closed = True
             self._delete_entities()
 
     def _opened(self, endpoint: Endpoint) -> tuple[NodeAnnouncement, _Dispatcher]:
@@ -130,18 +136,13 @@ class DdsTransport:
         close_domain(self._settings)
 
 
-class _Translated:
-    """Turns the errors of cyclonedds into ours."""
-
-    def __init__(self, attempt: str) -> None:
-        self._attempt = attempt
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        if isinstance(error, DDSException | ValueError):
-            raise TransportError(f"{self._attempt}: {error}") from error
+@contextlib.contextmanager
+def _translated(attempt: str) -> Iterator[None]:
+    """Turn the errors of cyclonedds into ours."""
+    try:
+        yield
+    except (DDSException, ValueError) as error:
+        raise TransportError(f"{attempt}: {error}") from error
 
 
 class _Publication:
@@ -181,9 +182,11 @@ class _Dispatcher:
         with self._adding:
             self._readers[self._triggers.attach_reader(reader)] = (endpoint, reader, callback)
 
-    def stop(self) -> None:
+    def refuse_own_thread(self) -> None:
         if threading.current_thread() is self._thread:
             raise TransportError("close() was called from a callback, for whose end it would wait for ever")
+
+    def stop(self) -> None:
         self._stop.set(True)
         self._thread.join()
 

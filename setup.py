@@ -1,0 +1,56 @@
+"""Installation, by pip and by colcon (ament_python)."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "wbc_controller"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Whole-body QP controller for legged and other floating-base robots, as a ROS 2 service",
+    author="The wbc_controller developers",
+    maintainer="The wbc_controller developers",
+    maintainer_email="maintainers@wbc-controller.invalid",
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed", "config/*.yaml", "demo/page/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
+    ],
+    zip_safe=False,
+    install_requires=[
+        "click>=8.1,<9",
+        "cyclonedds>=11.0.1,<12",
+        "daqp>=0.8,<0.12",
+        "numpy>=1.26,<3",
+        "osqp>=1.0,<2",
+        "pin>=4.1,<5",
+        "proxsuite>=0.7,<0.9",
+        "pydantic>=2.7,<3",
+        "pyyaml>=6,<7",
+        "qpsolvers>=4.8,<5",
+        "rosbags>=0.10.6,<0.12",
+        "scipy>=1.11,<2",
+    ],
+    extras_require={
+        "robots": ["example-robot-data>=6,<7"],
+        "mock": [
+            "mujoco-core>=4,<5; python_version >= '3.11'",
+            "mujoco>=3.3,<4; python_version < '3.11'",
+        ],
+        "demo": ["wbc_controller[robots,mock]", "plotly>=7.1,<8", "rich>=13"],
+    },
+    entry_points={
+        "console_scripts": [
+            "wbc = wbc_controller.cli:main",
+            "wbc_controller = wbc_controller.node:main",
+            "mock_robot = wbc_controller.node:mock_main",
+        ],
+    },
+)

@@ -1,0 +1,6 @@
+"""`python -m wbc_controller` is the command `wbc`."""
+
+from wbc_controller.cli import main
+
+if __name__ == "__main__":
+    main(prog_name="wbc")

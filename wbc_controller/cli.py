@@ -1,0 +1,186 @@
+"""The command line: `wbc run`, `wbc mock`, `wbc check`, `wbc demo`, `wbc topics`."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.interface import parse_remapping
+from wbc_controller.settings import NODE_NAME, Settings, find_configuration, load_settings
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class _Commands(click.Group):
+    """Shows errors of this package as one readable message, with exit status 2."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except WbcError as error:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(2)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="wbc_controller", prog_name="wbc")
+def main() -> None:
+    """Whole-body control by one quadratic program per cycle.
+
+    CONFIG is the name of a robot that is shipped (g1, talos, go2) or the path of a .yaml file.
+    """
+
+
+def _node_options(function: F) -> F:
+    """Options of every node: where its topics are."""
+    options = [
+        click.option("--namespace", default="/", show_default=True, help="Namespace of the node's topics."),
+        click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="Rename a topic; may be repeated."),
+        click.option("-v", "--verbose", is_flag=True, help="Log more."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@main.command()
+@click.argument("config")
+@click.option("--activate", is_flag=True, help="Activate as soon as the inputs are fresh, without a command.")
+@click.option("--record", type=click.Path(path_type=Path), help="Write torques and cycle times to this .npz file.")
+@_node_options
+def run(
+    config: str, activate: bool, record: Path | None, namespace: str, remaps: tuple[str, ...], verbose: bool
+) -> None:
+    """Run the controller on DDS, where ROS 2's topics are, without ROS 2."""
+    from wbc_controller import service
+
+    _log_to_stderr(verbose)
+    settings = _load(config)
+    with _stop_on_signals() as stop, _dds(NODE_NAME, namespace) as transport:
+        service.run_controller(
+            settings,
+            transport,
+            stop,
+            namespace=namespace,
+            remappings=_remappings(remaps),
+            activate=activate,
+            record=record,
+        )
+
+
+@main.command()
+@click.argument("config")
+@click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
+@click.option("--lockstep", is_flag=True, help="Wait for the controller's answer to each state.")
+@_node_options
+def mock(
+    config: str, real_time_factor: float, lockstep: bool, namespace: str, remaps: tuple[str, ...], verbose: bool
+) -> None:
+    """Run the mock robot: rigid-body physics behind the robot's topics."""
+    from wbc_controller import service
+
+    _log_to_stderr(verbose)
+    settings = _load(config)
+    with _stop_on_signals() as stop, _dds("mock_robot", namespace) as transport:
+        service.run_mock(
+            settings,
+            transport,
+            stop,
+            namespace=namespace,
+            remappings=_remappings(remaps),
+            real_time_factor=real_time_factor,
+            lockstep=lockstep,
+        )
+
+
+@main.command()
+@click.argument("config")
+def check(config: str) -> None:
+    """Check a configuration before the robot moves, and say what was found."""
+    from wbc_controller.preflight import check as find
+
+    path = find_configuration(config)
+    settings = load_settings(path)
+    try:
+        findings = find(settings)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    click.echo(f"{path}")
+    for finding in findings:
+        click.echo(f"  {finding.subject:16} {finding.text}")
+    click.echo("ok")
+
+
+@main.command()
+@click.argument("robot", default="g1")
+@click.option("--report", "folder", type=click.Path(path_type=Path), default=Path("report"), show_default=True,
+              help="Folder for the report.")  # fmt: skip
+@click.option("--lockstep", is_flag=True, help="One process, no real time: the run is the same every time.")
+@click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
+def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float) -> None:
+    """Show the controller at work on a mock robot, commanded by topics."""
+    from wbc_controller.demo.run import run_demo
+
+    sys.exit(0 if run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor) else 1)
+
+
+@main.command()
+def topics() -> None:
+    """Print the table of all topics, as Markdown."""
+    from wbc_controller.reference_pages import topics_page
+
+    click.echo(topics_page(), nl=False)
+
+
+def _load(config: str) -> Settings:
+    path = find_configuration(config)
+    return load_settings(path)
+
+
+def _remappings(texts: tuple[str, ...]) -> dict[str, str]:
+    return dict(parse_remapping(text) for text in texts)
+
+
+@contextmanager
+def _dds(node: str, namespace: str) -> Iterator[Any]:
+    from wbc_controller.transports.dds import DdsTransport
+
+    transport = DdsTransport(node, namespace)
+    try:
+        yield transport
+    finally:
+        transport.close()
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set."""
+    stop = threading.Event()
+    previous = {number: signal.signal(number, partial(_set, stop)) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _set(stop: threading.Event, number: int, frame: object) -> None:
+    stop.set()
+
+
+def _log_to_stderr(verbose: bool) -> None:
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING,
+        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
+        datefmt="%H:%M:%S",
+    )

@@ -1,0 +1,340 @@
+"""Leads a robot through a scenario, by topics alone, and keeps what it sees there."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.trajectories import Knot, Trajectory
+from wbc_controller.decoding import JointOrder, read_odometry
+from wbc_controller.demo.recording import Event
+from wbc_controller.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.errors import WbcError
+from wbc_controller.interface import Direction, Endpoint, counterpart
+from wbc_controller.messages import decode, encode, header, message, stamp
+from wbc_controller.records import Array
+from wbc_controller.transports.transport import Publish, Transport
+
+#: Wall time without a new state after which the demo is given up, s.
+_PATIENCE = 20.0
+#: Lead of a trajectory's start over the present, s: it has to arrive before it begins.
+_LEAD = 0.1
+_SETTLE = 1.5
+
+_STILL = np.zeros(3)
+
+
+class DemoFailed(WbcError):
+    """The demo could not go on: a robot that fell, a process that is gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A span of simulated time in which something is measured, s."""
+
+    start: float
+    end: float
+
+
+class Log:
+    """The messages of each topic in order of arrival, still serialized. Filled by the transport's thread."""
+
+    def __init__(self) -> None:
+        self.messages: dict[tuple[str, str, str], list[bytes]] = {}
+        self.types: dict[tuple[str, str, str], str] = {}
+        self.arrived = threading.Event()
+
+    def listen(self, owner: str, endpoint: Endpoint, transport: Transport) -> None:
+        """Subscribe to a topic that `owner` publishes."""
+        key = (owner, endpoint.key, endpoint.subject)
+        kept: list[bytes] = []
+        self.messages[key], self.types[key] = kept, endpoint.type
+        if endpoint.key == "joint_states":
+
+            def receive(payload: bytes) -> None:
+                kept.append(payload)
+                self.arrived.set()
+
+            transport.subscribe(counterpart(endpoint), receive)
+        else:
+            transport.subscribe(counterpart(endpoint), kept.append)
+
+    def last(self, owner: str, key: str, subject: str = "") -> Any | None:
+        """The newest message of a topic; None where none has come."""
+        place = (owner, key, subject)
+        kept = self.messages[place]
+        return decode(kept[-1], self.types[place]) if kept else None
+
+    @property
+    def time(self) -> float:
+        """Simulated time of the newest joint state, s; 0 where none has come."""
+        kept = self.messages["mock", "joint_states", ""]
+        return header_time(kept[-1]) if kept else 0.0
+
+
+def header_time(payload: bytes) -> float:
+    """Time in the header that a serialized message starts with, s, without decoding the rest."""
+    seconds, nanoseconds = struct.unpack_from("<iI", payload, 4)
+    return float(seconds) + 1.0e-9 * float(nanoseconds)
+
+
+class Director:
+    """Plays a scenario.
+
+    Attributes:
+        log: every message seen.
+        events: the phases so far.
+        windows: what is measured when, by name of the phase.
+        references: centre-of-mass trajectories, in order of their start.
+        targets: position that each reach was sent to, by task.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        frames: Mapping[str, str],
+        controller: Iterable[Endpoint],
+        mock: Iterable[Endpoint],
+        transport: Transport,
+        advance: Callable[[Log], None],
+        say: Callable[[str], None],
+    ) -> None:
+        """Open all topics of both nodes, from the other side.
+
+        Args:
+            model: the robot's model.
+            frames: frame of each task that has one.
+            controller: topics of the controller.
+            mock: topics of the mock robot.
+            transport: carries the messages.
+            advance: lets time go on until a new state has come, or a little while.
+            say: told what happens.
+        """
+        self.log = Log()
+        self.events: list[Event] = []
+        self.windows: dict[str, Window] = {}
+        self.references: list[tuple[float, Trajectory]] = []
+        self.targets: dict[str, Array] = {}
+        self._model = model
+        self._frames = frames
+        self._data = model.pinocchio.createData()
+        self._order = JointOrder(model.joints)
+        self._advance = advance
+        self._say = say
+        self._publish: dict[tuple[str, str, str], Publish] = {}
+        self._types: dict[tuple[str, str, str], str] = {}
+        for owner, endpoints in (("controller", controller), ("mock", mock)):
+            for endpoint in endpoints:
+                if endpoint.direction is Direction.OUT:
+                    self.log.listen(owner, endpoint, transport)
+                elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold"):
+                    key = (owner, endpoint.key, endpoint.subject)
+                    self._publish[key] = transport.advertise(counterpart(endpoint))
+                    self._types[key] = endpoint.type
+
+    def play(self, scenario: Scenario) -> None:
+        """Play a scenario from the first state to the last shove.
+
+        Raises:
+            DemoFailed: where it cannot go on.
+        """
+        self._begin("start")
+        self._wait_for("the robot's first state", lambda: self.log.last("mock", "joint_states") is not None)
+        self._wait_for("the controller", lambda: self._mode() != "")
+        self._activate()
+        self._run(1.2)
+        self._begin("let go")
+        self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
+        self._run(1.0)
+        self._move_to_standing()
+        self._stand(scenario.stand)
+        for move in scenario.moves:
+            self._move(move)
+        for reach in scenario.reaches:
+            self._reach(reach)
+        for shove in scenario.shoves:
+            self._shove(shove, scenario.recovery)
+        self._begin("end")
+        self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
+        self._run(0.5)
+        self._command("deactivate")
+        self._let_pass(1.2)
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.log.time
+
+    def _begin(self, phase: str) -> None:
+        self.events.append(Event(self.time, phase))
+        self._say(phase)
+
+    def _mode(self) -> str:
+        state = self.log.last("controller", "state")
+        return "" if state is None else str(state.data)
+
+    def _activate(self) -> None:
+        # Whoever has just been discovered may miss the first request.
+        for _ in range(20):
+            self._command("activate")
+            for _ in range(50):
+                self._advance(self.log)
+                if self._mode().startswith("active"):
+                    return
+        raise DemoFailed(f"the controller did not become active: {self._mode()}")
+
+    def _command(self, word: str) -> None:
+        self._send("controller", "command", "", message("std_msgs/msg/String", data=word))
+
+    def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
+        self._publish[owner, key, subject](encode(content))
+
+    def _wait_for(self, what: str, condition: Callable[[], bool]) -> None:
+        for _ in range(int(_PATIENCE / 0.05)):
+            if condition():
+                return
+            self._advance(self.log)
+        raise DemoFailed(f"waited {_PATIENCE:g} s for {what} in vain")
+
+    def _run(self, duration: float) -> None:
+        """Let simulated time go on, and see that the robot still stands."""
+        self._let_pass(duration)
+        self._look()
+
+    def _let_pass(self, duration: float) -> None:
+        end = self.time + duration
+        silent = 0
+        while (before := self.time) < end - 1.0e-9:
+            self._advance(self.log)
+            silent = silent + 1 if self.time <= before else 0
+            if silent > _PATIENCE / 0.05:
+                raise DemoFailed(f"no state has come from the mock robot for {_PATIENCE:g} s")
+
+    def _look(self) -> None:
+        """Stop where the robot has fallen or the controller has given up."""
+        if not self._mode().startswith("active"):
+            raise DemoFailed(f"the controller is no longer active: {self._mode()}")
+        q, _ = self.state()
+        if pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
+            raise DemoFailed("the robot fell")
+
+    def state(self) -> tuple[Array, Array]:
+        """Newest state: q (nq,) and v (nv,)."""
+        model = self._model
+        q, v = np.zeros(model.nq), np.zeros(model.nv)
+        q[model.q_index], v[model.v_index] = self._order.read(self.log.last("mock", "joint_states"))
+        if model.floating_base:
+            q[:7], v[:6] = read_odometry(self.log.last("mock", "odom"), model.base_link)
+        return q, v
+
+    def com(self) -> Array:
+        """Centre of mass at the newest state, (3,) in m."""
+        return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()[0]))
+
+    def _move_to_standing(self) -> None:
+        """Make the present position of the centre of mass the reference, so that it is known here."""
+        self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
+        self._run(1.0)
+
+    def _follow(self, points: Iterable[tuple[float, tuple[float, float, float]]], origin: Array) -> float:
+        start = self.time + _LEAD
+        knots = [Knot(start, origin, _STILL, _STILL)]
+        knots += [Knot(start + time, origin + np.array(offset), _STILL, _STILL) for time, offset in points]
+        self.references.append((start, Trajectory(knots)))
+        content = message(
+            "trajectory_msgs/msg/MultiDOFJointTrajectory",
+            header=header(round(start * 1e9), "world"),
+            joint_names=["com"],
+            points=[_point(knot.time - start, knot.position) for knot in knots],
+        )
+        self._send("controller", "trajectory", "com", content)
+        return start
+
+    def _standing(self) -> Array:
+        """Where the centre of mass is asked to be now."""
+        return self.references[-1][1].sample(self.time).position
+
+    def _stand(self, duration: float) -> None:
+        self._begin("stand")
+        start = self.time
+        self._run(duration)
+        self.windows["stand"] = Window(start, self.time)
+
+    def _move(self, move: Move) -> None:
+        self._begin(move.name)
+        start = self._follow(move.points, self._standing())
+        self._run(move.duration + _LEAD)
+        self.windows[move.name] = Window(start, self.time)
+        self._run(0.5)
+
+    def _reach(self, reach: Reach) -> None:
+        self._begin("reach")
+        q, _ = self.state()
+        pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
+        pose = self._data.oMf[self._model.pinocchio.getFrameId(self._frames[reach.task])]
+        target = pose.translation + np.array(reach.offset)
+        self.targets[reach.task] = target
+        self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
+        self._send(
+            "controller", "setpoint", reach.task, _pose_stamped(target, pin.Quaternion(pose.rotation).coeffs())
+        )
+        start = self.time
+        self._run(reach.duration)
+        self.windows[f"reach {reach.task}"] = Window(start, self.time)
+        self._update(f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
+        self._run(_SETTLE)
+
+    def _update(self, text: str) -> None:
+        self._send("controller", "update", "", message("std_msgs/msg/String", data=text))
+
+    def _shove(self, shove: Shove, recovery: float) -> None:
+        self._begin(shove.name)
+        start = self.time
+        force = np.array(shove.impulse) / 0.1
+        vector = "geometry_msgs/msg/Vector3"
+        content = message(
+            "geometry_msgs/msg/WrenchStamped",
+            header=header(0, self._model.base_link),
+            wrench=message(
+                "geometry_msgs/msg/Wrench",
+                force=message(vector, x=float(force[0]), y=float(force[1]), z=float(force[2])),
+                torque=message(vector, x=0.0, y=0.0, z=0.0),
+            ),
+        )
+        self._send("mock", "push", "", content)
+        self._run(recovery + 0.5)
+        self.windows[shove.name] = Window(start, self.time)
+
+
+def _point(time: float, position: Array) -> Any:
+    vector = message("geometry_msgs/msg/Vector3", x=float(position[0]), y=float(position[1]), z=float(position[2]))
+    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    seconds = stamp(round(time * 1e9))
+    return message(
+        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+        transforms=[message("geometry_msgs/msg/Transform", translation=vector, rotation=upright)],
+        velocities=[],
+        accelerations=[],
+        time_from_start=message("builtin_interfaces/msg/Duration", sec=seconds.sec, nanosec=seconds.nanosec),
+    )
+
+
+def _pose_stamped(position: Array, quaternion: Array) -> Any:
+    x, y, z = (float(value) for value in position)
+    qx, qy, qz, qw = (float(value) for value in quaternion)
+    return message(
+        "geometry_msgs/msg/PoseStamped",
+        header=header(0, "world"),
+        pose=message(
+            "geometry_msgs/msg/Pose",
+            position=message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+            orientation=message("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+        ),
+    )

@@ -1,0 +1,128 @@
+"""What each robot is asked to do in the demo, and the targets it has to meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A motion of the centre of mass through points at rest.
+
+    Attributes:
+        name: of the phase.
+        points: (seconds since the start of the move, offset from the standing position (3,) in m).
+        target_rms: largest root mean square of the tracking error, m.
+    """
+
+    name: str
+    points: tuple[tuple[float, tuple[float, float, float]], ...]
+    target_rms: float
+
+    @property
+    def duration(self) -> float:
+        """Length of the move, s."""
+        return self.points[-1][0]
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """A frame-pose task is switched on and sent to a pose by topic.
+
+    Attributes:
+        task: name of the task.
+        offset: of the target from where the frame is, world axes, (3,) in m.
+        duration: time allowed, s.
+        target: largest distance at the end, m.
+    """
+
+    task: str
+    offset: tuple[float, float, float]
+    duration: float
+    target: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shove:
+    """A force on the base for a tenth of a second.
+
+    Attributes:
+        name: of the direction.
+        impulse: world axes, (3,) in N·s.
+    """
+
+    name: str
+    impulse: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """The demo of one robot.
+
+    Attributes:
+        stand: time of standing, s.
+        moves: motions of the centre of mass.
+        reaches: motions of a hand.
+        shoves: disturbances.
+        recovery: time after which the centre of mass is to be back, s.
+        recovery_target: largest distance then, m.
+        force_target: largest deviation of the sum of vertical forces from the weight, as a share of it.
+    """
+
+    stand: float = 3.0
+    moves: tuple[Move, ...] = ()
+    reaches: tuple[Reach, ...] = ()
+    shoves: tuple[Shove, ...] = ()
+    recovery: float = 2.0
+    recovery_target: float = 0.02
+    force_target: float = 0.01
+
+
+def _sway(amplitude: float, target: float) -> Move:
+    left, right = (0.0, amplitude, 0.0), (0.0, -amplitude, 0.0)
+    return Move("sway", ((1.5, left), (4.0, right), (5.5, (0.0, 0.0, 0.0))), target)
+
+
+def _squat(depth: float, target: float) -> Move:
+    down = (0.0, 0.0, -depth)
+    return Move("squat", ((1.5, down), (2.5, down), (4.0, (0.0, 0.0, 0.0))), target)
+
+
+def _shoves(sideways: float, along: float) -> tuple[Shove, ...]:
+    return (
+        Shove("shove left", (0.0, sideways, 0.0)),
+        Shove("shove right", (0.0, -sideways, 0.0)),
+        Shove("shove forward", (along, 0.0, 0.0)),
+        Shove("shove backward", (-along, 0.0, 0.0)),
+    )
+
+
+SCENARIOS: dict[str, Scenario] = {
+    "g1": Scenario(
+        moves=(_sway(0.04, 0.005), _squat(0.10, 0.008)),
+        reaches=(Reach("right_hand", (0.15, -0.05, 0.20), 3.0, 0.01),),
+        shoves=_shoves(11.0, 8.0),
+    ),
+    "talos": Scenario(
+        moves=(_sway(0.04, 0.005), _squat(0.10, 0.008)),
+        reaches=(Reach("right_hand", (0.10, -0.05, 0.10), 3.0, 0.01),),
+        shoves=_shoves(25.0, 18.0),
+    ),
+    "go2": Scenario(
+        moves=(_sway(0.03, 0.005), _squat(0.06, 0.008)),
+        shoves=_shoves(8.0, 8.0),
+    ),
+}
+
+
+def find_scenario(robot: str) -> Scenario:
+    """Look up a robot's demo.
+
+    Raises:
+        ConfigurationError: where there is none.
+    """
+    if robot not in SCENARIOS:
+        raise ConfigurationError(f"there is no demo of {robot!r}; {valid_choices(robot, SCENARIOS)}")
+    return SCENARIOS[robot]
