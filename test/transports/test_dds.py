@@ -6,9 +6,11 @@ import dataclasses
 import os
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
+from participants import DOMAIN
 
 from wbc_controller.errors import TransportError
 from wbc_controller.interface import CONTROLLER_TOPICS, LATCHED, MOCK_TOPICS, REQUEST, TASK_TYPES, Direction, Endpoint
@@ -25,7 +27,6 @@ from wbc_controller.transports.dds import DdsTransport
 from wbc_controller.transports.dds_domain import DiscoveryRange, DomainSettings, configuration, domain_settings
 from wbc_controller.transports.dds_types import dds_type_name, idl_type, type_hash
 
-DOMAIN = 110 + os.getpid() % 80
 STRING = "std_msgs/msg/String"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
@@ -221,3 +222,28 @@ def test_two_processes_exchange_over_the_loopback(eventually):
     assert decode(urdfs[0], STRING) == decode(urdf, STRING)
     assert echo.returncode == 0
     transport.close()
+
+
+def test_topics_may_be_opened_while_others_close_and_publish(eventually):
+    here, there = (DdsTransport(name, domain_id=DOMAIN, discovery_range="LOCALHOST") for name in ("here", "there"))
+    received, refused = [], []
+
+    def open_another(payload):
+        received.append(payload)
+        try:
+            there.subscribe(endpoint(f"/topic_{len(received)}"), received.append)
+        except TransportError as error:
+            refused.append(error)
+
+    there.subscribe(endpoint("/topic"), open_another)
+    publish = here.advertise(endpoint("/topic"))
+    threads = [threading.Thread(target=lambda: [publish(text("x")) for _ in range(200)]) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    eventually(lambda: received)
+    there.close()
+    count = len(received)
+    for thread in threads:
+        thread.join()
+    assert len(received) == count
+    here.close()

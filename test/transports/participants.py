@@ -1,0 +1,74 @@
+"""Groups of transports that can hear each other, and nobody else, on each middleware."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from typing import Any
+
+import pytest
+
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.transports.transport import Transport
+
+#: Not ROS 2's default of 0, and another one for each test process.
+DOMAIN = 110 + os.getpid() % 80
+
+
+class MemoryParticipants:
+    def __init__(self) -> None:
+        self._bus = MemoryBus()
+
+    def transport(self, node: str, namespace: str = "/") -> Transport:
+        return MemoryTransport(self._bus)
+
+    def close(self) -> None:
+        pass
+
+
+class DdsParticipants:
+    def transport(self, node: str, namespace: str = "/") -> Transport:
+        from wbc_controller.transports.dds import DdsTransport
+
+        return DdsTransport(node, namespace, DOMAIN, "LOCALHOST")
+
+    def close(self) -> None:
+        pass
+
+
+class Ros2Participants:
+    def __init__(self) -> None:
+        try:
+            import rclpy
+            from rclpy.executors import SingleThreadedExecutor
+        except ImportError as error:
+            pytest.skip(f"rclpy is not importable: {error}")
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=DOMAIN)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._nodes: list[Any] = []
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def transport(self, node: str, namespace: str = "/") -> Transport:
+        import rclpy
+
+        from wbc_controller.transports.ros2 import Ros2Transport
+
+        self._nodes.append(rclpy.create_node(node, namespace=namespace, context=self._context))
+        self._executor.add_node(self._nodes[-1])
+        return Ros2Transport(self._nodes[-1])
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._context.shutdown()
+        self._thread.join()
+        for node in self._nodes:
+            node.destroy_node()
+
+    def _spin(self) -> None:
+        from rclpy.executors import ExternalShutdownException, ShutdownException
+
+        with contextlib.suppress(ExternalShutdownException, ShutdownException):  # this is how an executor ends
+            self._executor.spin()

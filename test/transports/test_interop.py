@@ -1,0 +1,52 @@
+"""The embedded DDS and a real ROS 2 hear each other on every topic of the table."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from participants import DdsParticipants, Ros2Participants
+
+from wbc_controller.interface import CONTROLLER_TOPICS, LATCHED, TASK_TYPES, Direction, Endpoint, endpoints
+from wbc_controller.messages import decode, encode, message
+
+
+@pytest.fixture
+def pair(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    participants = Ros2Participants(), DdsParticipants()
+    transports = [side.transport(name) for side, name in zip(participants, ("on_ros2", "on_dds"), strict=True)]
+    yield transports
+    for transport in transports:
+        transport.close()
+    for side in participants:
+        side.close()
+
+
+@pytest.mark.parametrize("to_dds", [True, False])
+def test_every_row_crosses(pair, eventually, example, to_dds):
+    writer, reader = pair if to_dds else reversed(pair)
+    rows = endpoints(
+        CONTROLLER_TOPICS,
+        "node",
+        task_kinds={kind: kind for kind in TASK_TYPES},
+        contacts=("left",),
+        frames=("pelvis",),
+    )
+    for row in rows:
+        received, payload = [], encode(example(row.type))
+        reader.subscribe(row, received.append)
+        publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))
+        eventually(lambda: received, lambda: publish(payload))  # noqa: B023
+        assert encode(decode(received[0], row.type)) == payload, row
+
+
+@pytest.mark.parametrize("to_dds", [True, False])
+def test_latched_message_reaches_a_late_subscriber(pair, eventually, to_dds):
+    writer, reader = pair if to_dds else reversed(pair)
+    topic = Endpoint("state", "", "/state", "std_msgs/msg/String", Direction.IN, LATCHED)
+    writer.advertise(topic)(encode(message(topic.type, data="x" * 100_000)))
+    received = []
+    reader.subscribe(topic, received.append)
+    eventually(lambda: received)
+    assert decode(received[0], topic.type).data == "x" * 100_000
