@@ -14,7 +14,7 @@ from wbc_controller.clock import Clock
 from wbc_controller.core.contacts import Contact, PointContact, SurfaceContact
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
-from wbc_controller.core.model import RobotModel, build_model, locate
+from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask, Task
@@ -25,6 +25,7 @@ from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
 from wbc_controller.outputs import Outputs
 from wbc_controller.records import CycleReport
+from wbc_controller.resources import locate
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
@@ -79,7 +80,7 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel) -> Task:
         return PostureTask(name, model, task.joints, stiffness=stiffness, damping=damping)
     if isinstance(task, schema.ComTask):
         return ComTask(name, task.mask, stiffness=stiffness, damping=damping)
-    kinds = {
+    kinds: dict[str, Callable[..., Task]] = {
         "frame_pose": FramePoseTask,
         "frame_position": FramePositionTask,
         "frame_orientation": FrameOrientationTask,

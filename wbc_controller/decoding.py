@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -198,7 +199,7 @@ def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[C
             raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; this task takes one frame")
         knots = [_frame_knot(kind, point) for point in content.points]
     times = [knot.time for knot in knots]
-    if any(not (a < b) for a, b in zip(times, times[1:], strict=False)) or times[0] < 0.0:
+    if any(not (a < b) for a, b in itertools.pairwise(times)) or times[0] < 0.0:
         raise InputRefused(f"time_from_start must rise from 0: {_short(np.array(times))} s")
     stamp = stamp_of(content)
     return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)

@@ -80,9 +80,7 @@ class ControlLoop:
         outcome = self._compute(latched, now, refused) if problem is None and self.supervisor.solving else None
         computed = self._timer()
         fresh = latched.ages["joint_states"] <= self._state_timeout
-        command = self.supervisor.step(
-            now, latched.state, latched.joint_velocity if fresh else None, problem, outcome
-        )
+        command = self.supervisor.step(now, latched.state, latched.joint_velocity if fresh else None, problem, outcome)
         supervised = self._timer()
         solution = outcome if isinstance(outcome, Solution) else None
         stages = {"read": read - started, "compute": computed - read, "supervise": supervised - computed}

@@ -11,8 +11,8 @@ from wbc_controller.clock import Clock
 class Mailbox:
     """Keeps the newest messages of one topic, with the time each arrived.
 
-    With a depth of 1 a newer message replaces the one that has not been read. With more, requests are kept in order, and
-    when the queue is full the newest is turned away and counted: nothing is lost silently.
+    With a depth of 1 a newer message replaces the one that has not been read. With more, requests are kept in order,
+    and when the queue is full the newest is turned away and counted: nothing is lost silently.
     """
 
     def __init__(self, clock: Clock, depth: int, arrived: threading.Event | None = None) -> None:

@@ -66,7 +66,9 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
-        Finding("contacts", ", ".join(f"{name} ({contact.type})" for name, contact in settings.contacts.items()) or "none"),
+        Finding(
+            "contacts", ", ".join(f"{name} ({contact.type})" for name, contact in settings.contacts.items()) or "none"
+        ),
         Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
     ]
     controller.dynamics.update(q, np.zeros(model.nv))
@@ -140,10 +142,10 @@ def _why_not(controller: Controller, made: tuple[str, ...]) -> str:
         most = sum(controller.contacts[name].max_normal_force for name in made)
         weight = model.mass * model.gravity
         if most < weight:
-            return begin + (
-                f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N"
-            )
-    gravity = np.abs(pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), controller.dynamics.q))
+            return begin + (f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N")
+    gravity = np.abs(
+        pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), controller.dynamics.q)
+    )
     over = [
         f"{name} {gravity[i]:.1f} of {limit:g} N·m"
         for name, i, limit in zip(model.joints, model.v_index, model.effort_limits, strict=True)

@@ -1,9 +1,9 @@
 """The frozen records that pass between the stages of one control cycle.
 
-Conventions, everywhere in this package: SI units; quaternions are (x, y, z, w); twists and wrenches have the linear part
-first. For a floating base ``q = [base position in world, base quaternion, joints]`` and ``v = [base linear velocity,
-base angular velocity, joint velocities]``, the base's velocities expressed in the base frame (Pinocchio's free flyer,
-and the twist of nav_msgs/Odometry after REP 105).
+Conventions, everywhere in this package: SI units; quaternions are (x, y, z, w); twists and wrenches have the linear
+part first. For a floating base ``q = [base position in world, base quaternion, joints]`` and
+``v = [base linear velocity, base angular velocity, joint velocities]``, the base's velocities expressed in the base
+frame (Pinocchio's free flyer, and the twist of nav_msgs/Odometry after REP 105).
 """
 
 from __future__ import annotations

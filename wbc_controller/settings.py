@@ -5,16 +5,16 @@ The file is a ROS 2 parameter file: ``wbc_controller: ros__parameters: …``. Un
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.resources import share_folder
 
 NODE_NAME = "wbc_controller"
 
@@ -42,14 +42,20 @@ class _Section(BaseModel):
 class RobotSettings(_Section):
     """The robot: its model, its joints in the order of the command, and how it stands."""
 
-    urdf: str = Field("", description="Path, or package://<python distribution>/<path in its share folder>. Empty: "
-                                      "the URDF comes from the topic robot_description.")
+    urdf: str = Field(
+        "",
+        description="Path, or package://<python distribution>/<path in its share folder>. Empty: "
+        "the URDF comes from the topic robot_description.",
+    )
     base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
-    joints: list[str] = Field(min_length=1, description="Actuated joints, in the order of the effort command. All "
-                                                        "other joints of the URDF are locked.")
+    joints: list[str] = Field(
+        min_length=1,
+        description="Actuated joints, in the order of the effort command. All other joints of the URDF are locked.",
+    )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
     effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
-        1.0, description="Share of the URDF's effort limits that may be used.")
+        1.0, description="Share of the URDF's effort limits that may be used."
+    )
     armature: NonNegative = Field(0.0, le=10.0, description="Reflected rotor inertia of every joint, kg·m².")
 
     @model_validator(mode="after")
@@ -58,8 +64,10 @@ class RobotSettings(_Section):
         if twice:
             raise ValueError(f"joints: {', '.join(map(repr, twice))} stands more than once; each joint has one command")
         if len(self.posture) != len(self.joints):
-            raise ValueError(f"posture has {len(self.posture)} values for {len(self.joints)} joints; "
-                             "it takes one per joint, in the same order")
+            raise ValueError(
+                f"posture has {len(self.posture)} values for {len(self.joints)} joints; "
+                "it takes one per joint, in the same order"
+            )
         return self
 
 
@@ -68,19 +76,25 @@ class ControlSettings(_Section):
 
     rate: Annotated[Positive, Field(ge=10.0, le=10000.0)] = Field(500.0, description="Cycles per second.")
     trigger: Literal["timer", "joint_states"] = Field(
-        "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state.")
+        "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state."
+    )
     weight_ramp: NonNegative = Field(0.5, le=60.0, description="Time in which a new task weight is reached, s.")
     diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
-        10.0, description="Messages per second on /diagnostics.")
+        10.0, description="Messages per second on /diagnostics."
+    )
 
 
 class SolverSettings(_Section):
     """The solver of the quadratic program."""
 
-    name: str = Field("daqp", description="daqp, osqp and proxqp are persistent and warm-started; any other installed "
-                                          "solver of qpsolvers is called through it.")
+    name: str = Field(
+        "daqp",
+        description="daqp, osqp and proxqp are persistent and warm-started; any other installed "
+        "solver of qpsolvers is called through it.",
+    )
     regularization_acceleration: Positive = Field(
-        1.0e-5, le=1.0, description="Weight of ½‖v̇‖², (m/s²)⁻² or (rad/s²)⁻².")
+        1.0e-5, le=1.0, description="Weight of ½‖v̇‖², (m/s²)⁻² or (rad/s²)⁻²."
+    )
     regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
 
 
@@ -90,11 +104,13 @@ class LimitSettings(_Section):
     position: bool = Field(True, description="Hold the URDF's joint position limits.")
     position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from them, rad.")
     position_horizon: Positive = Field(
-        0.1, le=1.0, description="Time in which a joint may come to rest at its position limit, s.")
+        0.1, le=1.0, description="Time in which a joint may come to rest at its position limit, s."
+    )
     velocity: bool = Field(True, description="Hold the URDF's joint velocity limits.")
     velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Share of them that may be used.")
-    acceleration: Positive = Field(500.0, le=1.0e5, description="Largest joint acceleration that a position or velocity "
-                                                              "limit may ask for, rad/s².")
+    acceleration: Positive = Field(
+        500.0, le=1.0e5, description="Largest joint acceleration that a position or velocity limit may ask for, rad/s²."
+    )
     torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
 
 
@@ -102,7 +118,8 @@ class SafetySettings(_Section):
     """Freshness, and the ladder down."""
 
     state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
-        0.05, description="Oldest joint state or base state that torques may be computed from, s.")
+        0.05, description="Oldest joint state or base state that torques may be computed from, s."
+    )
     activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp in, s.")
     hold_time: NonNegative = Field(0.1, le=1.0, description="Longest time without a solution before damping, s.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
@@ -113,9 +130,12 @@ class _Task(_Section):
     weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
     enabled: bool = Field(True, description="Whether the task is on at activation.")
     stiffness: Gain = Field(100.0, description="Proportional gain, 1/s².")
-    damping: Gain | None = Field(None, description="Derivative gain, 1/s; 2·√stiffness (critical) where it is not given.")
+    damping: Gain | None = Field(
+        None, description="Derivative gain, 1/s; 2·√stiffness (critical) where it is not given."
+    )
     setpoint_duration: NonNegative = Field(
-        1.0, le=600.0, description="Time in which a new setpoint is reached, s; 0 for setpoints that are streamed.")
+        1.0, le=600.0, description="Time in which a new setpoint is reached, s; 0 for setpoints that are streamed."
+    )
 
 
 class PostureTask(_Task):
@@ -129,8 +149,7 @@ class ComTask(_Task):
     """Centre of mass, m, world frame."""
 
     type: Literal["com"]
-    mask: list[bool] = Field([True, True, True], min_length=3, max_length=3,
-                             description="World axes concerned.")
+    mask: list[bool] = Field([True, True, True], min_length=3, max_length=3, description="World axes concerned.")
 
 
 class _FrameTask(_Task):
@@ -141,8 +160,9 @@ class FramePoseTask(_FrameTask):
     """Position and orientation of a frame, world frame."""
 
     type: Literal["frame_pose"]
-    mask: list[bool] = Field([True] * 6, min_length=6, max_length=6,
-                             description="World axes concerned: position, then orientation.")
+    mask: list[bool] = Field(
+        [True] * 6, min_length=6, max_length=6, description="World axes concerned: position, then orientation."
+    )
 
 
 class FramePositionTask(_FrameTask):
@@ -160,7 +180,7 @@ class FrameOrientationTask(_FrameTask):
 
 
 TaskSettings = Annotated[
-    Union[PostureTask, ComTask, FramePoseTask, FramePositionTask, FrameOrientationTask], Field(discriminator="type")
+    PostureTask | ComTask | FramePoseTask | FramePositionTask | FrameOrientationTask, Field(discriminator="type")
 ]
 
 
@@ -179,8 +199,11 @@ class SurfaceContact(_Contact):
     """A flat rectangle that neither moves nor turns: six forces, exact linear wrench cone."""
 
     type: Literal["surface"]
-    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation of the contact in the frame: roll, pitch, yaw, rad; "
-                                                    "its z axis is the normal, away from the ground.")
+    rpy: Vector3 = Field(
+        [0.0, 0.0, 0.0],
+        description="Orientation of the contact in the frame: roll, pitch, yaw, rad; "
+        "its z axis is the normal, away from the ground.",
+    )
     half_length: Length = Field(description="Half of the rectangle's side along x, m.")
     half_width: Length = Field(description="Half of the rectangle's side along y, m.")
 
@@ -189,11 +212,14 @@ class PointContact(_Contact):
     """A point that does not move: three forces along the world's axes, friction pyramid, normal along world z."""
 
     type: Literal["point"]
-    radius: Length = Field(0.02, description="Radius of the ball that the mock robot touches the ground with, m. "
-                                             "The contact's origin is its centre.")
+    radius: Length = Field(
+        0.02,
+        description="Radius of the ball that the mock robot touches the ground with, m. "
+        "The contact's origin is its centre.",
+    )
 
 
-ContactSettings = Annotated[Union[SurfaceContact, PointContact], Field(discriminator="type")]
+ContactSettings = Annotated[SurfaceContact | PointContact, Field(discriminator="type")]
 
 
 class MockSettings(_Section):
@@ -202,7 +228,8 @@ class MockSettings(_Section):
     step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Step of the physics, s.")
     push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="How long a push lasts, s.")
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
-        0.1, description="Age of the torques at which the robot damps its joints by itself, s.")
+        0.1, description="Age of the torques at which the robot damps its joints by itself, s."
+    )
     damping: Gain = Field(2.0, description="Joint damping where no torques arrive, N·m·s/rad.")
 
 
@@ -240,11 +267,10 @@ def find_configuration(name: str) -> Path:
 
 def shipped_configurations() -> dict[str, Path]:
     """Map the names of the robots that this package ships to their files."""
-    package = Path(__file__).resolve().parent
-    for folder in (package / "config", package.parent / "config"):
-        if folder.is_dir():
-            return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-    return {}
+    checkout = Path(__file__).resolve().parent.parent
+    beside = (checkout / "setup.py").is_file()
+    folder = (checkout if beside else share_folder("wbc_controller")) / "config"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def load_settings(path: Path) -> Settings:
@@ -261,7 +287,7 @@ def load_settings(path: Path) -> Settings:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from error
     try:
-        content = yaml.load(text, Loader=_Loader)
+        content = yaml.load(text, Loader=_Loader)  # noqa: S506  # a SafeLoader
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{path}:{mark.line + 1}" if mark else str(path)
@@ -292,7 +318,7 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]  # PyYAML has no types here
+            key = self.construct_object(key_node, deep=True)
             if key in seen:
                 raise yaml.MarkedYAMLError(problem=f"the key {key!r} stands twice", problem_mark=key_node.start_mark)
             seen.add(key)
@@ -305,9 +331,7 @@ def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
         raise ConfigurationError(f"{path}: holds {type(content).__name__}, not a mapping; {form}")
     node = content.get(NODE_NAME, content.get("/**"))
     if not isinstance(node, dict):
-        raise ConfigurationError(
-            f"{path}: has no key {NODE_NAME!r} (found: {', '.join(map(repr, content))}); {form}"
-        )
+        raise ConfigurationError(f"{path}: has no key {NODE_NAME!r} (found: {', '.join(map(repr, content))}); {form}")
     parameters = node.get("ros__parameters")
     if not isinstance(parameters, dict):
         raise ConfigurationError(f"{path}: {NODE_NAME} has no mapping 'ros__parameters'; {form}")

@@ -3,7 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.model import RobotModel, build_model, locate
+from wbc_controller.build import make_model
+from wbc_controller.core.model import RobotModel
 from wbc_controller.demo.recording import Event, Recording, Result, supports_of
 from wbc_controller.settings import Settings, find_configuration, load_settings
 
@@ -11,8 +12,7 @@ from wbc_controller.settings import Settings, find_configuration, load_settings
 def robot(name: str) -> tuple[Settings, RobotModel]:
     """Load a shipped robot."""
     settings = load_settings(find_configuration(name))
-    urdf = locate(settings.robot.urdf).read_text()
-    return settings, build_model(urdf, settings.robot.joints, settings.robot.posture)
+    return settings, make_model(settings)
 
 
 def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recording, RobotModel]:

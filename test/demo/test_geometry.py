@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial import ConvexHull
 from synthetic import robot
 
-from wbc_controller.core.model import build_model, share_folder
+from wbc_controller.core.model import build_model
+from wbc_controller.resources import share_folder
 from wbc_controller.demo.geometry import TRIANGLES, build_parts, convex_hull
 
 ROBOTS = ("g1", "talos", "go2")

@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.core.model import RobotModel, build_model, locate
+from wbc_controller.build import make_model
+from wbc_controller.core.model import RobotModel
 from wbc_controller.mock.mechanism import contact_frame
 from wbc_controller.mock.plant import Plant
 from wbc_controller.settings import Settings, SurfaceContact, find_configuration, load_settings
@@ -17,9 +18,7 @@ ROBOTS = ("g1", "talos", "go2")
 @cache
 def robot(name: str) -> tuple[RobotModel, Settings]:
     settings = load_settings(find_configuration(name))
-    own = settings.robot
-    urdf = locate(own.urdf).read_text(encoding="utf-8")
-    return build_model(urdf, own.joints, own.posture, armature=own.armature), settings
+    return make_model(settings), settings
 
 
 class Standing:

@@ -161,7 +161,7 @@ class Controller:
         """Bias forces less the generalized forces of the known external wrenches (equation (22); S4)."""
         if not references.external_wrenches:
             return self.dynamics.h
-        h = self.dynamics.h.copy()
+        h = np.array(self.dynamics.h)
         for frame, wrench in references.external_wrenches.items():
             h -= self.dynamics.external_force(frame, wrench)
         return h
@@ -252,7 +252,8 @@ class Controller:
             "inequalities": max(0.0, problem.violation(x)),
         }
         forces = {
-            contact.name: frozen(FORCE_UNIT * x[columns]) for contact, columns in zip(layout.contacts, layout.forces, strict=True)
+            contact.name: frozen(FORCE_UNIT * x[columns])
+            for contact, columns in zip(layout.contacts, layout.forces, strict=True)
         }
         started, built, solved = times
         return Solution(

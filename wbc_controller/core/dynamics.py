@@ -32,9 +32,15 @@ class Dynamics:
         self._data = model.pinocchio.createData()
         self._zero = np.zeros(model.nv)
         self._lower = np.tril_indices(model.nv, -1)
-        self.q = model.configuration(model.posture)
-        self.v = np.zeros(model.nv)
-        self.update(self.q, self.v)
+        self.q: Array
+        self.v: Array
+        self.M: Array
+        self.h: Array
+        self.com: Array
+        self.com_velocity: Array
+        self.com_jacobian: Array
+        self.com_drift: Array
+        self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
         """Compute all terms at a new state.

@@ -2,63 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
-
-PACKAGE_SCHEME = "package://"
-
-
-def locate(uri: str) -> Path:
-    """Find a file given by path or as ``package://<distribution>/<path below its share folder>``.
-
-    The distribution is a Python one, such as ``example-robot-data``, whose files stand below ``share/<distribution>/``;
-    ROS 2 packages are looked for in the same form on ``AMENT_PREFIX_PATH``.
-
-    Raises:
-        ConfigurationError: where there is no such file.
-    """
-    if not uri.startswith(PACKAGE_SCHEME):
-        path = Path(uri).expanduser()
-    else:
-        package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
-        path = share_folder(package) / rest
-    if not path.is_file():
-        raise ConfigurationError(f"robot.urdf = {uri!r}: there is no file {path}")
-    return path
-
-
-def share_folder(package: str) -> Path:
-    """Find the share folder of a Python distribution or of a ROS 2 package.
-
-    Raises:
-        ConfigurationError: where neither is installed.
-    """
-    import os
-
-    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-        folder = Path(prefix) / "share" / package
-        if folder.is_dir():
-            return folder
-    try:
-        distribution = importlib.metadata.distribution(package)
-    except importlib.metadata.PackageNotFoundError:
-        raise ConfigurationError(
-            f"package {package!r} is not installed; robot models come with: pip install 'wbc_controller[robots]'"
-        ) from None
-    marker = f"share/{package}/"
-    for file in distribution.files or ():
-        before, found, _ = str(file).partition(marker)
-        if found:
-            return Path(str(distribution.locate_file(before + marker)))
-    raise ConfigurationError(f"package {package!r} has no folder share/{package}")
 
 
 @dataclass(frozen=True)
@@ -190,10 +141,7 @@ def build_model(
         ConfigurationError: where the URDF or a joint cannot be used.
     """
     try:
-        if floating_base:
-            full = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
-        else:
-            full = pin.buildModelFromXML(urdf)
+        full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer()] if floating_base else []))
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
     own = [name for name in full.names[1:] if name != "root_joint"]
@@ -231,7 +179,9 @@ def build_model(
         position_upper=frozen(np.array(model.upperPositionLimit)[q_index]),
         posture=frozen(list(posture)),
     )
-    for name, value, low, high in zip(joints, result.posture, result.position_lower, result.position_upper):
+    for name, value, low, high in zip(
+        joints, result.posture, result.position_lower, result.position_upper, strict=True
+    ):
         if not (low <= value <= high):
             raise ConfigurationError(
                 f"robot.posture: {value} rad for {name!r} is outside its limits [{low}, {high}] rad"
@@ -240,6 +190,6 @@ def build_model(
 
 
 def _require_limits(joints: Sequence[str], limits: np.ndarray, kind: str) -> None:
-    for name, limit in zip(joints, limits):
+    for name, limit in zip(joints, limits, strict=True):
         if not (0.0 < limit < np.inf):
             raise ConfigurationError(f"robot.urdf: joint {name!r} has the {kind} limit {limit}; it must be positive")

@@ -1,7 +1,7 @@
 """The quadratic program of one cycle, as data: built here and in `controller`, solved elsewhere.
 
-The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly: with the rows of the actuated joints,
-τ = M_a v̇ + h_a - J_aᵀ f, so that bounds of τ are rows in x. With S a selection of joints this loses nothing.
+The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly: with the rows of the actuated
+joints, τ = M_a v̇ + h_a - J_aᵀ f, so that bounds of τ are rows in x. With S a selection of joints this loses nothing.
 """
 
 from __future__ import annotations

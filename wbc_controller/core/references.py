@@ -24,7 +24,7 @@ class SetSetpoint:
 
 @dataclass(frozen=True, slots=True)
 class SetTrajectory:
-    """Follow timed points. `start` is in s on the clock of the states; None means now. The points' times count from it."""
+    """Follow timed points, whose times count from `start`: s on the clock of the states; None means now."""
 
     task: str
     start: float | None
@@ -99,9 +99,7 @@ class ContactPlan:
 class ReferenceBoard:
     """Holds trajectories and ramps; changes are applied between cycles, all of a set or none of it."""
 
-    def __init__(
-        self, tasks: Iterable[TaskPlan], contacts: Mapping[str, ContactPlan], *, weight_ramp: float
-    ) -> None:
+    def __init__(self, tasks: Iterable[TaskPlan], contacts: Mapping[str, ContactPlan], *, weight_ramp: float) -> None:
         """Make a board.
 
         Args:

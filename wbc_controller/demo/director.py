@@ -282,9 +282,7 @@ class Director:
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
-        self._send(
-            "controller", "setpoint", reach.task, _pose_stamped(target, pin.Quaternion(pose.rotation).coeffs())
-        )
+        self._send("controller", "setpoint", reach.task, _pose_stamped(target, pin.Quaternion(pose.rotation).coeffs()))
         start = self.time
         self._run(reach.duration)
         self.windows[f"reach {reach.task}"] = Window(start, self.time)

@@ -194,7 +194,14 @@ def judge(
             f"below {1e3 * scenario.recovery_target:g} mm", 1e3, "mm", value, scenario.recovery_target)  # fmt: skip
     share = np.abs(recording.tau[np.isfinite(recording.tau).all(axis=1)]) / recording.effort_limits
     finite = bool(np.isfinite(recording.tau[len(recording.tau) // 2]).all()) and len(share) > 0
-    add("torques against their limits, largest", "at most 100 %", 100.0, "%", float(share.max()) if finite else None, 1.0)
+    add(
+        "torques against their limits, largest",
+        "at most 100 %",
+        100.0,
+        "%",
+        float(share.max()) if finite else None,
+        1.0,
+    )
     return tuple(results)
 
 

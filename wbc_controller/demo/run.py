@@ -87,7 +87,9 @@ def run_demo(robot: str, folder: Path, *, lockstep: bool = False, real_time_fact
     return _conclude(console, stage, director, cycles, failure)
 
 
-def _direct(stage: _Stage, transport: Transport, advance: Callable[[Log], None], say: Callable[[str], None]) -> Director:
+def _direct(
+    stage: _Stage, transport: Transport, advance: Callable[[Log], None], say: Callable[[str], None]
+) -> Director:
     settings = stage.settings
     frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
     return Director(
@@ -110,7 +112,13 @@ def _progress(console: Console, stage: _Stage) -> Iterator[Callable[[str], None]
     """A bar that moves on with each phase; plain lines where the output is no terminal."""
     scenario = stage.scenario
     phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
-    columns = (SpinnerColumn(), TextColumn("{task.description:16}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"), TimeElapsedColumn())
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description:16}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeElapsedColumn(),
+    )
     if not console.is_terminal:
         yield lambda phase: console.print(f"  {phase}")
         return
@@ -240,4 +248,3 @@ def _print_table(console: Console, results: tuple[Result, ...]) -> None:
             result.name, result.target, result.measured, "[green]met[/green]" if result.passed else "[red]missed[/red]"
         )
     console.print(table)
-

@@ -42,5 +42,5 @@ def torques_usable(tau: Array, limits: Array, joints: Sequence[str], tolerance: 
     bad = ~(np.abs(tau) <= limits * (1.0 + tolerance))
     if not bad.any():
         return None
-    worst = [f"{joints[i]}: {tau[i]:.3g} N·m (limit {limits[i]:.3g})" for i in np.flatnonzero(bad)]
+    worst = [f"{joints[i]}: {tau[i]:.3g} N·m (limit {limits[i]:.3g})" for i in map(int, np.flatnonzero(bad))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

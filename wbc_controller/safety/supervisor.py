@@ -8,8 +8,8 @@
      reset               damping ──────────────> fault (or stopped, where a user asked for it)
        └─────────────── from damping, stopped and fault
 
-Inactive publishes nothing once the torques are zero. Damping opposes the joint velocities, and lets the torques sink to zero where these are not
-known. Stopped and fault publish zero torques. A fault is latched until `reset`.
+Inactive publishes nothing once the torques are zero. Damping opposes the joint velocities, and lets the torques sink to
+zero where these are not known. Stopped and fault publish zero torques. A fault is latched until `reset`.
 """
 
 from __future__ import annotations

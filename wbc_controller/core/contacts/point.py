@@ -77,22 +77,21 @@ class PointContact(Contact):
 
     def _arm(self, dynamics: Dynamics) -> Array:
         """From the frame's origin to the lowest point, in world axes, (3,) in m."""
-        return dynamics.placement(self._frame_id).rotation @ self._translation + self._down
+        return np.asarray(dynamics.placement(self._frame_id).rotation @ self._translation + self._down)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the lowest point in world axes, (3, nv)."""
         J = dynamics.jacobian(self._frame_id, pin.LOCAL_WORLD_ALIGNED)
-        return J[:3] - pin.skew(self._arm(dynamics)) @ J[3:]
+        return np.asarray(J[:3] - pin.skew(self._arm(dynamics)) @ J[3:])
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Acceleration of the centre at v̇ = 0, plus that of the rolling, in world axes, (3,) in m/s²."""
         drift = dynamics.drift_world(self._frame_id)
         arm = self._arm(dynamics)
         # The part of the arm that is fixed to the link turns with it; the part that points down does not.
-        angular = dynamics.velocity(self._frame_id, pin.LOCAL_WORLD_ALIGNED)[3:]
-        turning = np.cross(angular, np.cross(angular, arm - self._down))
-        return drift[:3] + np.cross(drift[3:], arm) + turning
+        spin = pin.skew(dynamics.velocity(self._frame_id, pin.LOCAL_WORLD_ALIGNED)[3:])
+        return np.asarray(drift[:3] + pin.skew(drift[3:]) @ arm + spin @ spin @ (arm - self._down))
 
     def points(self, dynamics: Dynamics) -> Array:
         """The lowest point in the world, (1, 3) in m."""
-        return (dynamics.placement(self._frame_id).translation + self._arm(dynamics))[None, :]
+        return np.asarray(dynamics.placement(self._frame_id).translation + self._arm(dynamics))[None, :]

@@ -90,7 +90,8 @@ class SurfaceContact(Contact):
         )
         self._frame_id = model.frame_id(frame, f"contacts.{name}.frame")
         self._placement = placement
-        self._to_contact = placement.inverse().toActionMatrix()  # (6, 6): twist in the frame to twist in the contact
+        # (6, 6): twist in the frame to twist in the contact
+        self._to_contact: Array = placement.inverse().toActionMatrix()
         self._corners = np.array(
             [[sx * half_length, sy * half_width, 0.0] for sx, sy in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
         )
@@ -101,13 +102,13 @@ class SurfaceContact(Contact):
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact frame in its own axes, (6, nv)."""
-        return self._to_contact @ dynamics.jacobian(self._frame_id, pin.LOCAL)
+        return np.asarray(self._to_contact @ dynamics.jacobian(self._frame_id, pin.LOCAL))
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Spatial acceleration of the contact frame at v̇ = 0, in its own axes, (6,)."""
-        return self._to_contact @ dynamics.drift_local(self._frame_id)
+        return np.asarray(self._to_contact @ dynamics.drift_local(self._frame_id))
 
     def points(self, dynamics: Dynamics) -> Array:
         """The rectangle's corners in the world, (4, 3) in m."""
         placement = self.placement(dynamics)
-        return self._corners @ placement.rotation.T + placement.translation
+        return np.asarray(self._corners @ placement.rotation.T + placement.translation)

@@ -30,7 +30,10 @@ class JointMotionLimit:
         horizon: float,
         acceleration: float,
     ) -> None:
-        self.position_lower, self.position_upper = position if position is not None else (None, None)
+        self.position_lower: Array | None = None
+        self.position_upper: Array | None = None
+        if position is not None:
+            self.position_lower, self.position_upper = position
         self.velocity = velocity
         self.horizon = horizon
         self.acceleration = acceleration

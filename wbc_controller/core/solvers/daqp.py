@@ -24,8 +24,11 @@ _STATUS = {
 
 
 class DaqpSolver(Solver):
-    """DAQP (Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive
-    LDLᵀ updates", IEEE TAC 2022)."""
+    """DAQP.
+
+    From Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive LDLᵀ
+    updates" (IEEE Transactions on Automatic Control, 2022).
+    """
 
     tolerance = 1.0e-6
 
@@ -57,9 +60,7 @@ class DaqpSolver(Solver):
             self._model.settings = {"primal_tol": 1.0e-8, "eps_prox": 0.0}
             flag, _ = self._model.setup(problem.H, problem.g, self._A, self._upper, self._lower, self._sense)
         else:
-            flag = self._model.update(
-                H=problem.H, f=problem.g, A=self._A, bupper=self._upper, blower=self._lower
-            )
+            flag = self._model.update(H=problem.H, f=problem.g, A=self._A, bupper=self._upper, blower=self._lower)
         if flag >= 0:
             x, _, flag, info = self._model.solve()
             iterations = int(info["iterations"])

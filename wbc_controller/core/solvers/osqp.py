@@ -11,8 +11,11 @@ from wbc_controller.core.solvers.solver import Answer, Solver
 
 
 class OsqpSolver(Solver):
-    """OSQP (Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs",
-    Mathematical Programming Computation 2020). All entries are treated as nonzero, so that the sparsity never changes."""
+    """OSQP. All entries are treated as nonzero, so that the sparsity never changes.
+
+    From Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs"
+    (Mathematical Programming Computation, 2020).
+    """
 
     tolerance = 1.0e-3
 

@@ -14,8 +14,11 @@ _proxqp = proxsuite.proxqp
 
 
 class ProxqpSolver(Solver):
-    """ProxQP (Bambade, El-Kazdadi, Taylor, Carpentier, "PROX-QP: Yet another quadratic programming solver for robotics
-    and beyond", RSS 2022)."""
+    """ProxQP.
+
+    From Bambade, El-Kazdadi, Taylor, Carpentier, "PROX-QP: Yet another quadratic programming solver for robotics and
+    beyond" (RSS 2022).
+    """
 
     tolerance = 1.0e-5
 

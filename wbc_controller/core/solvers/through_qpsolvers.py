@@ -23,9 +23,7 @@ class ThroughQpsolvers(Solver):
         upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
         G = np.vstack([problem.C[upper], -problem.C[lower]])
         h = np.concatenate([problem.upper[upper], -problem.lower[lower]])
-        qp = qpsolvers.Problem(
-            problem.H, problem.g, G, h, problem.A, problem.b, problem.x_lower, problem.x_upper
-        )
+        qp = qpsolvers.Problem(problem.H, problem.g, G, h, problem.A, problem.b, problem.x_lower, problem.x_upper)
         try:
             solution = qpsolvers.solve_problem(qp, solver=self._name, initvals=self._last)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError) as error:

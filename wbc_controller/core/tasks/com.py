@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.tasks.task import Task
 from wbc_controller.records import Array
@@ -14,7 +16,7 @@ class ComTask(Task):
 
     def position(self, dynamics: Dynamics) -> Array:
         """Position of the centre of mass, (3,) in m."""
-        return dynamics.com.copy()
+        return np.array(dynamics.com)
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Velocity of the centre of mass, (3,) in m/s."""

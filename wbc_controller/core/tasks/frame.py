@@ -85,7 +85,7 @@ class FramePositionTask(_FrameTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Displacement to the reference, (3,) in m."""
-        return position - np.asarray(dynamics.placement(self._frame_id).translation)
+        return np.asarray(position - dynamics.placement(self._frame_id).translation)
 
 
 class FrameOrientationTask(_FrameTask):

@@ -48,11 +48,11 @@ class PostureTask(Task):
 
     def position(self, dynamics: Dynamics) -> Array:
         """Joint positions, (k,) in rad."""
-        return dynamics.q[self._q_index]
+        return np.asarray(dynamics.q[self._q_index])
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Joint velocities, (k,) in rad/s."""
-        return dynamics.v[self._v_index]
+        return np.asarray(dynamics.v[self._v_index])
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Displacement to the reference, (k,) in rad."""

@@ -1,0 +1,46 @@
+# `make demo` and `make test` are all that a newcomer needs; each sets up what it uses, in .venv.
+PYTHON ?= python3
+ROBOT ?= g1
+VENV := .venv
+BIN := $(VENV)/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint docs lock clean
+
+help:  ## say what there is to make
+	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 10
+
+demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be shoved: make demo ROBOT=talos
+	$(BIN)/wbc demo $(ROBOT)
+
+test: $(VENV)/dev.installed  ## run all tests
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/dev.installed  ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+docs: $(VENV)/dev.installed  ## write the generated pages of docs/
+	$(BIN)/python -m wbc_controller.reference_pages docs
+
+lock:  ## resolve requirements/*.txt anew; needs uv
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate \
+	    --upgrade --quiet setup.py --extra demo --output-file requirements/demo.txt
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate \
+	    --upgrade --quiet setup.py requirements/dev.in --constraints requirements/demo.txt --extra demo \
+	    --output-file requirements/dev.txt
+
+clean:  ## remove the virtual environment and everything that was built
+	rm -rf $(VENV) build *.egg-info report .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'
+	$(PYTHON) -m venv $(VENV)
+
+# The locked requirements first, by hash; then this package itself, in place.
+$(VENV)/%.installed: requirements/%.txt setup.py | $(BIN)/python
+	@echo "Installing the locked requirements into $(VENV): about 290 MB to download the first time."
+	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes --requirement $<
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation --editable .
+	@touch $@

@@ -1,0 +1,54 @@
+"""Files that come with packages: robot models, and this package's own configurations."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+from pathlib import Path
+
+from wbc_controller.errors import ConfigurationError
+
+PACKAGE_SCHEME = "package://"
+
+
+def locate(uri: str) -> Path:
+    """Find a file given by path or as ``package://<distribution>/<path below its share folder>``.
+
+    The distribution is a Python one, such as ``example-robot-data``, whose files stand below ``share/<distribution>/``;
+    ROS 2 packages are looked for in the same form on ``AMENT_PREFIX_PATH``.
+
+    Raises:
+        ConfigurationError: where there is no such file.
+    """
+    if not uri.startswith(PACKAGE_SCHEME):
+        path = Path(uri).expanduser()
+    else:
+        package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
+        path = share_folder(package) / rest
+    if not path.is_file():
+        raise ConfigurationError(f"robot.urdf = {uri!r}: there is no file {path}")
+    return path
+
+
+def share_folder(package: str) -> Path:
+    """Find the share folder of a Python distribution or of a ROS 2 package.
+
+    Raises:
+        ConfigurationError: where neither is installed.
+    """
+    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        folder = Path(prefix) / "share" / package
+        if folder.is_dir():
+            return folder
+    try:
+        distribution = importlib.metadata.distribution(package)
+    except importlib.metadata.PackageNotFoundError:
+        raise ConfigurationError(
+            f"package {package!r} is not installed; robot models come with: pip install 'wbc_controller[robots]'"
+        ) from None
+    marker = f"share/{package}/"
+    for file in distribution.files or ():
+        before, found, _ = str(file).partition(marker)
+        if found:
+            return Path(str(distribution.locate_file(before + marker)))
+    raise ConfigurationError(f"package {package!r} has no folder share/{package}")
