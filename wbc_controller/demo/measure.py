@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +33,8 @@ def make_recording(
     """
     log = director.log
     time, q = _states(log, model)
-    com = np.array([pin.centerOfMass(model.pinocchio, _DATA.of(model), sample) for sample in q])
+    data = model.pinocchio.createData()
+    com = np.array([pin.centerOfMass(model.pinocchio, data, sample) for sample in q])
     reference = np.full_like(com, np.nan)
     for start, trajectory in director.references:
         for i in np.flatnonzero(time >= start):
@@ -69,19 +71,6 @@ def make_recording(
     )
 
 
-class _DataOf:
-    """One Pinocchio workspace per model."""
-
-    def __init__(self) -> None:
-        self._data: dict[int, object] = {}
-
-    def of(self, model: RobotModel) -> object:
-        return self._data.setdefault(id(model.pinocchio), model.pinocchio.createData())
-
-
-_DATA = _DataOf()
-
-
 def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
     """Times (n,) and configurations (n, nq): joint states with the base state of the same stamp."""
     order = JointOrder(model.joints)
@@ -102,11 +91,11 @@ def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
     return np.array(times), np.array(configurations)
 
 
-def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: object, size: int) -> Array:
+def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: Callable[[Any], Any], size: int) -> Array:
     """Values of a stamped topic at given times: the newest that is not later; NaN before the first."""
     payloads = log.messages[key]
     stamps = np.array([header_time(payload) for payload in payloads])
-    values = np.array([read(decode(payload, log.types[key])) for payload in payloads])  # type: ignore[operator]
+    values = np.array([read(decode(payload, log.types[key])) for payload in payloads])
     if not len(stamps):
         return np.full((len(time), size), np.nan)
     order = np.argsort(stamps, kind="stable")
@@ -117,8 +106,8 @@ def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: object, siz
 
 
 def _wrenches(log: Log, owner: str, settings: Settings, time: Array) -> dict[str, Array]:
-    def six(content: object) -> list[float]:
-        force, torque = content.wrench.force, content.wrench.torque  # type: ignore[attr-defined]
+    def six(content: Any) -> list[float]:
+        force, torque = content.wrench.force, content.wrench.torque
         return [force.x, force.y, force.z, torque.x, torque.y, torque.z]
 
     return {
@@ -130,11 +119,11 @@ def _wrenches(log: Log, owner: str, settings: Settings, time: Array) -> dict[str
 
 
 def _frame_distance(model: RobotModel, frame: str, q: Array, target: Array) -> Array:
-    data, frame_id = _DATA.of(model), model.pinocchio.getFrameId(frame)
+    data, frame_id = model.pinocchio.createData(), model.pinocchio.getFrameId(frame)
     distances = []
     for sample in q:
         pin.framesForwardKinematics(model.pinocchio, data, sample)
-        distances.append(np.linalg.norm(data.oMf[frame_id].translation - target))  # type: ignore[attr-defined]
+        distances.append(np.linalg.norm(data.oMf[frame_id].translation - target))
     return np.array(distances)
 
 
@@ -154,55 +143,58 @@ def judge(
         start: time of the recording's zero on that clock, s.
         weight: of the robot, N.
     """
-    results: list[Result] = []
+    error = np.linalg.norm(recording.com - recording.com_reference, axis=1)
 
-    def inside(name: str, after: float = 0.0) -> np.ndarray | None:
+    def within(name: str, values: Array, after: float = 0.0) -> Array:
+        """The values in a window; none where it was not reached."""
         window = windows.get(name)
         if window is None:
-            return None
+            return values[:0]
         time = recording.time + start
-        return np.asarray((time >= window.start + after) & (time <= window.end))
+        return values[(time >= window.start + after) & (time <= window.end)]
 
-    def add(name: str, target: str, unit: float, suffix: str, value: float | None, limit: float) -> None:
-        measured = "not reached" if value is None else f"{unit * value:.2f} {suffix}"
-        results.append(Result(name, target, measured, value is not None and bool(value <= limit)))
-
-    error = np.linalg.norm(recording.com - recording.com_reference, axis=1)
-    where = inside("stand")
+    results = []
     for label, wrenches in (("QP", recording.contact_wrenches), ("simulator", recording.true_wrenches)):
-        value = None
-        if where is not None:
-            total = sum(values[where, 2] for values in wrenches.values())
-            value = float(np.max(np.abs(total / weight - 1.0)))
-        limit = scenario.force_target
-        add(f"standing: vertical forces against the weight, {label}", f"within {100 * limit:g} %", 100.0, "%", value,
-            limit)  # fmt: skip
+        force = np.sum([values[:, 2] for values in wrenches.values()], axis=0)
+        deviation = np.abs(within("stand", force) / weight - 1.0)
+        results.append(_share(f"stand: vertical force, {label}", deviation, scenario.force_target))
     for move in scenario.moves:
-        where = inside(move.name)
-        value = None if where is None else float(np.sqrt(np.mean(error[where] ** 2)))
-        add(f"{move.name}: centre of mass, RMS error", f"below {1e3 * move.target_rms:g} mm", 1e3, "mm", value,
-            move.target_rms)  # fmt: skip
+        squares = within(move.name, error) ** 2
+        rms = np.sqrt(np.mean(squares, keepdims=True)) if len(squares) else squares
+        results.append(_distance(f"{move.name}: RMS error", rms, move.target_rms))
     for reach in scenario.reaches:
-        where = inside(f"reach {reach.task}")
-        value = None if where is None else float(recording.frame_errors[reach.task][where][-1])
-        add(f"reach: {reach.task}, final error", f"below {1e3 * reach.target:g} mm", 1e3, "mm", value, reach.target)
+        distance = within(f"reach {reach.task}", recording.frame_errors.get(reach.task, error))
+        results.append(_distance(f"reach: {reach.task} error", distance[-1:], reach.target))
     for shove in scenario.shoves:
-        where = inside(shove.name, scenario.recovery)
-        value = None if where is None else float(np.max(error[where]))
-        impulse = float(np.linalg.norm(shove.impulse))
-        add(f"{shove.name}, {impulse:g} N·s: distance after {scenario.recovery:g} s",
-            f"below {1e3 * scenario.recovery_target:g} mm", 1e3, "mm", value, scenario.recovery_target)  # fmt: skip
-    share = np.abs(recording.tau[np.isfinite(recording.tau).all(axis=1)]) / recording.effort_limits
-    finite = bool(np.isfinite(recording.tau[len(recording.tau) // 2]).all()) and len(share) > 0
-    add(
-        "torques against their limits, largest",
-        "at most 100 %",
-        100.0,
-        "%",
-        float(share.max()) if finite else None,
-        1.0,
-    )
+        name = f"{shove.name} {np.linalg.norm(shove.impulse):g} N·s"
+        peak = within(shove.name, error)
+        result = _distance(name, within(shove.name, error, scenario.recovery), scenario.recovery_target)
+        if len(peak):
+            result = replace(result, measured=f"{result.measured} (peak {1e3 * np.max(peak):.0f})")
+        results.append(replace(result, target=f"{result.target} in {scenario.recovery:g} s"))
+    share = np.abs(recording.tau) / recording.effort_limits
+    sent = share[~np.isnan(share).all(axis=1)]  # before the first command there is nothing to look at
+    results.append(_torques(sent))
     return tuple(results)
+
+
+def _distance(name: str, values: Array, limit: float) -> Result:
+    """Largest of some distances in m against a limit; NaN, and no values at all, miss it."""
+    measured = f"{1e3 * np.max(values):.2f} mm" if len(values) else "not reached"
+    return Result(name, f"below {1e3 * limit:g} mm", measured, len(values) > 0 and bool(np.max(values) < limit))
+
+
+def _share(name: str, values: Array, limit: float) -> Result:
+    """Largest of some deviations from the weight, as shares of it."""
+    measured = f"{100.0 * np.max(values):.3f} % off" if len(values) else "not reached"
+    good = len(values) > 0 and bool(np.max(values) <= limit)
+    return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
+
+
+def _torques(share: Array) -> Result:
+    measured = f"{100.0 * np.max(share):.1f} %" if len(share) else "none was sent"
+    good = len(share) > 0 and bool(np.max(share) <= 1.0)
+    return Result("largest torque / limit", "at most 100 %", measured, good)
 
 
 def passed(results: Sequence[Result]) -> bool:

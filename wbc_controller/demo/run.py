@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -240,8 +241,8 @@ def _start(director: Director) -> float:
 
 
 def _print_table(console: Console, results: tuple[Result, ...]) -> None:
-    table = Table(show_edge=False, pad_edge=False)
-    for column in ("measured", "target", "value", ""):
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in ("check", "target", "measured", ""):
         table.add_column(column)
     for result in results:
         table.add_row(
