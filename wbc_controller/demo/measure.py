@@ -154,7 +154,7 @@ def judge(
         return values[(time >= window.start + after) & (time <= window.end)]
 
     results = []
-    for label, wrenches in (("QP", recording.contact_wrenches), ("simulator", recording.true_wrenches)):
+    for label, wrenches in (("QP", recording.contact_wrenches), ("MuJoCo", recording.true_wrenches)):
         force = np.sum([values[:, 2] for values in wrenches.values()], axis=0)
         deviation = np.abs(within("stand", force) / weight - 1.0)
         results.append(_share(f"stand: vertical force, {label}", deviation, scenario.force_target))
