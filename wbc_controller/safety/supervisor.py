@@ -3,10 +3,12 @@
 ::
 
     inactive ── activate ──> active <──> holding        no solution: last torques and damping, for `hold_time`
-       ^                       │            │
+       ^ ^ <── deactivate ──   │            │
        │                       v            v
      reset               damping ──────────────> fault (or stopped, where a user asked for it)
        └─────────────── from damping, stopped and fault
+
+From every mode `estop` leads to fault, and the end of the process to stopped: both without torque at once.
 
 Inactive publishes nothing once the torques are zero. Damping opposes the joint velocities, and lets the torques sink to
 zero where these are not known. Stopped and fault publish zero torques. A fault is latched until `reset`.
@@ -19,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.core.model import RobotModel
+from wbc_controller.core.trajectories import Ramp
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, frozen
 from wbc_controller.safety.checks import torques_usable
@@ -61,7 +64,7 @@ class Supervisor:
         self._model = model
         self._limits = limits
         self._since = 0.0  # when the present mode began, s
-        self._leaving = False  # deactivation: the torques ramp out
+        self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
         self._held = self._tau  # the torques at the start of holding
         self._nan = frozen(np.full(model.na, np.nan))
@@ -73,8 +76,7 @@ class Supervisor:
 
     def torques_before(self, now: float) -> Array | None:
         """The torques that the joints have, to hold the torque rate; None while they ramp in or out."""
-        ramping = self._leaving or now - self._since < self._limits.activation_ramp
-        return None if ramping or self.mode is not Mode.ACTIVE else self._tau
+        return self._tau if self.mode is Mode.ACTIVE and self._share.sample(now) >= 1.0 else None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
         """Take a user's request.
@@ -101,13 +103,12 @@ class Supervisor:
             return self._activate(now, problem)
         elif self.mode is Mode.INACTIVE:
             raise InputRefused(f"command {word!r} has no effect: the controller is inactive")
+        elif not self.solving:
+            raise InputRefused(f"command {word!r} has no effect: the controller is {self.mode.value}; use 'reset'")
         elif word == "damp":
-            if self.mode in (Mode.ACTIVE, Mode.HOLDING):
-                self._enter(Mode.DAMPING, now, self.fault)
-        elif self.mode is Mode.ACTIVE:
-            self._leaving, self._since = True, now
-        else:
-            raise InputRefused(f"command 'deactivate' needs the mode active, not {self.mode.value}; use 'reset'")
+            self._enter(Mode.DAMPING, now, self.fault)
+        elif self._share.after > 0.0:
+            self._share = self._share.towards(0.0, now, self._limits.activation_ramp)
         return False
 
     def shut_down(self, now: float) -> JointCommand | None:
@@ -124,19 +125,19 @@ class Supervisor:
         self._enter(Mode.INACTIVE, now, None)
 
     def _activate(self, now: float, problem: Fault | None) -> bool:
-        if self.fault is not None:
-            raise InputRefused(
-                f"command 'activate' is refused in {self.mode.value} ({self.fault.code}); send 'reset' first"
-            )
         if self.solving:
-            raise InputRefused("command 'activate' has no effect: the controller is active already")
+            raise InputRefused(f"command 'activate' has no effect: the controller is {self.mode.value} already")
+        if self.mode is not Mode.INACTIVE:
+            code = f" ({self.fault.code})" if self.fault is not None else ""
+            raise InputRefused(f"command 'activate' is refused in {self.mode.value}{code}; send 'reset' first")
         if problem is not None:
             raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
         self._enter(Mode.ACTIVE, now, None)
+        self._share = Ramp(now, self._limits.activation_ramp, 0.0, 1.0)
         return True
 
     def _enter(self, mode: Mode, now: float, fault: Fault | None) -> None:
-        self.mode, self.fault, self._since, self._leaving = mode, fault, now, False
+        self.mode, self.fault, self._since = mode, fault, now
 
     def step(
         self,
@@ -159,6 +160,8 @@ class Supervisor:
             The command; None where nothing is to be sent.
         """
         tau: Array | None = None
+        if joint_velocity is not None and not np.isfinite(joint_velocity).all():
+            joint_velocity = None
         solution = outcome if isinstance(outcome, Solution) else None
         if self.solving:
             tau = self._solving(now, problem, outcome, joint_velocity)
@@ -204,15 +207,11 @@ class Supervisor:
 
     def _active(self, now: float, tau: Array) -> Array | None:
         if self.mode is Mode.HOLDING:
-            # The ramp is over: going on from holding is bounded by the torque rate.
-            self._enter(Mode.ACTIVE, now - self._limits.activation_ramp, None)
-        ramp = self._limits.activation_ramp
-        share = 1.0 if ramp <= 0.0 else min(1.0, (now - self._since) / ramp)
-        if self._leaving:
-            share = 1.0 - share
-            if share <= 0.0:
-                self._enter(Mode.INACTIVE, now, None)
-                return None
+            self._enter(Mode.ACTIVE, now, None)  # with the ramp where it is: holding ends neither way of it
+        share = self._share.sample(now)
+        if self._share.after <= 0.0 and share <= 0.0:
+            self._enter(Mode.INACTIVE, now, None)
+            return None
         return share * tau
 
     def _command(self, tau: Array, state: RobotState | None, solution: Solution | None) -> JointCommand:
