@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import math
+import reprlib
+import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -104,8 +106,7 @@ class JointOrder:
     def _find(self, names: Sequence[str]) -> Any:
         places = {name: i for i, name in enumerate(names)}
         if len(places) < len(names):
-            twice = sorted({name for name in names if list(names).count(name) > 1})
-            raise InputRefused(f"joint {twice[0]!r} stands more than once")
+            _no_duplicates(names)
         missing = [name for name in self._joints if name not in places]
         if missing:
             strange = [name for name in names if name not in self._joints]
@@ -114,6 +115,12 @@ class JointOrder:
                 f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
             )
         return np.array([places[name] for name in self._joints], dtype=np.intp)
+
+
+def _no_duplicates(names: Sequence[str]) -> None:
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")
 
 
 def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
@@ -180,6 +187,7 @@ def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
+    _no_duplicates(names)
     given = dict(zip(names, values, strict=True))
     missing = [name for name in joints if name not in given]
     if missing:
@@ -231,9 +239,9 @@ def _frame_knot(kind: str, point: Any) -> Knot:
 
 def _weight(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputRefused(f"a weight is a number, not {value!r}")
-    if not (math.isfinite(value) and 0.0 <= value <= 1.0e6):
-        raise InputRefused(f"a weight must be from 0 to 1e6, not {value:g}")
+        raise InputRefused(f"a weight is a number, not {reprlib.repr(value)}")
+    if not (0.0 <= value <= 1.0e6):
+        raise InputRefused(f"a weight must be from 0 to 1e6, not {reprlib.repr(value)}")
     return float(value)
 
 
@@ -253,10 +261,11 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
     """Read several changes; one that is refused refuses all."""
     try:
         update = yaml.safe_load(content.data)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        # The last three are what impossible dates and numbers, keys that are lists, and deep nesting end in.
         raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
     if not isinstance(update, dict) or not update:
-        raise InputRefused(f"{content.data!r} is not a mapping; {_UPDATE_FORM}")
+        raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
     changes: list[Change] = []
     for section, entries in update.items():
         if section not in ("tasks", "contacts"):
@@ -270,6 +279,8 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
             if not isinstance(fields, dict):
                 raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
             changes += [_update_field(vocabulary, section, name, key, value) for key, value in fields.items()]
+    if not changes:
+        raise InputRefused(f"{reprlib.repr(content.data)} changes nothing; {_UPDATE_FORM}")
     return tuple(changes)
 
 
@@ -282,16 +293,23 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
     if key == "setpoint":
         return SetSetpoint(name, _setpoint_values(vocabulary, name, value))
     if not isinstance(value, bool):
-        raise InputRefused(f"{section}.{name}.enabled is true or false, not {value!r}")
+        raise InputRefused(f"{section}.{name}.enabled is true or false, not {reprlib.repr(value)}")
     return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value of YAML is a number that a double can hold."""
+    return isinstance(value, float) or (
+        isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
 
 
 def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     kind = vocabulary.kinds[task]
     size = {"posture": len(vocabulary.joints.get(task, ())), "frame_pose": 7, "frame_orientation": 4}.get(kind, 3)
     where = f"tasks.{task}.setpoint"
-    if not isinstance(value, list) or not all(isinstance(number, (int, float)) for number in value):
-        raise InputRefused(f"{where} is a list of {size} numbers, not {value!r}")
+    if not isinstance(value, list) or not all(_is_number(number) for number in value):
+        raise InputRefused(f"{where} is a list of {size} numbers, not {reprlib.repr(value)}")
     if len(value) != size:
         raise InputRefused(f"{where} has {len(value)} values; a {kind} task takes {size}")
     values = finite(value, where)

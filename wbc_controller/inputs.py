@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -19,7 +20,11 @@ from wbc_controller.messages import decode
 from wbc_controller.records import Array, RobotState
 from wbc_controller.transports.transport import Transport
 
+_log = logging.getLogger(__name__)
+
 _REQUEST_DEPTH = 100
+#: Letters of a refusal that are passed on: it may quote what was sent.
+_LONGEST_REASON = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,23 +115,33 @@ class Inputs:
         commands: list[str] = []
         changes: list[tuple[Change, ...]] = []
         refused: list[str] = []
+        arrivals: list[tuple[float, Endpoint, bytes]] = []
         for endpoint, box in self._boxes:
             messages, turned_away = box.take()
             if turned_away:
                 refused.append(f"{endpoint.name}: {turned_away} messages refused: more than {_REQUEST_DEPTH} at once")
-            for received, payload in messages:
-                try:
-                    self._read(endpoint, received, payload, commands, changes)
-                except InputRefused as refusal:
-                    sentence = f"{endpoint.name}: {refusal}"
-                    refused.append(sentence)
-                    if endpoint.key in self._parts:
-                        self._notes[endpoint.key] = str(refusal)
+            arrivals += [(received, endpoint, payload) for received, payload in messages]
+        arrivals.sort(key=lambda arrival: arrival[0])  # of two requests for one thing the last one counts
+        for received, endpoint, payload in arrivals:
+            try:
+                self._read(endpoint, received, payload, commands, changes)
+            except InputRefused as refusal:
+                self._refuse(endpoint, str(refusal), refused)
+            except Exception as error:  # a message that finds a defect must not end the loop
+                _log.exception("reading a message on %s failed", endpoint.name)
+                self._refuse(endpoint, f"cannot be read: {type(error).__name__}: {error}", refused)
         ages = {name: now - part.received for name, part in self._parts.items()}
         return Latched(
             self._state(), self._joint_velocity(), ages, dict(self._notes), tuple(commands), tuple(changes),
             tuple(refused),
         )  # fmt: skip
+
+    def _refuse(self, endpoint: Endpoint, reason: str, refused: list[str]) -> None:
+        if len(reason) > _LONGEST_REASON:
+            reason = reason[:_LONGEST_REASON] + "…"
+        refused.append(f"{endpoint.name}: {reason}")
+        if endpoint.key in self._parts:
+            self._notes[endpoint.key] = reason
 
     def _read(
         self,
