@@ -65,14 +65,14 @@ def run(
     from wbc_controller import service
 
     _log_to_stderr(verbose)
-    settings = _load(config)
-    with _stop_on_signals() as stop, _dds(NODE_NAME, namespace) as transport:
+    settings, remappings = _load(config), _remappings(remaps)
+    with _stop_on_signals() as stop, _dds(NODE_NAME, namespace) as transport, _naming(config):
         service.run_controller(
             settings,
             transport,
             stop,
             namespace=namespace,
-            remappings=_remappings(remaps),
+            remappings=remappings,
             activate=activate,
             record=record,
         )
@@ -90,14 +90,14 @@ def mock(
     from wbc_controller import service
 
     _log_to_stderr(verbose)
-    settings = _load(config)
-    with _stop_on_signals() as stop, _dds("mock_robot", namespace) as transport:
+    settings, remappings = _load(config), _remappings(remaps)
+    with _stop_on_signals() as stop, _dds("mock_robot", namespace) as transport, _naming(config):
         service.run_mock(
             settings,
             transport,
             stop,
             namespace=namespace,
-            remappings=_remappings(remaps),
+            remappings=remappings,
             real_time_factor=real_time_factor,
             lockstep=lockstep,
         )
@@ -111,10 +111,8 @@ def check(config: str) -> None:
 
     path = find_configuration(config)
     settings = load_settings(path)
-    try:
+    with _naming(config):
         findings = find(settings)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
     click.echo(f"{path}")
     for finding in findings:
         click.echo(f"  {finding.subject:16} {finding.text}")
@@ -145,6 +143,15 @@ def topics() -> None:
 def _load(config: str) -> Settings:
     path = find_configuration(config)
     return load_settings(path)
+
+
+@contextmanager
+def _naming(config: str) -> Iterator[None]:
+    """Put the file's path in front of what is wrong with its values."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{find_configuration(config)}: {error}") from error
 
 
 def _remappings(texts: tuple[str, ...]) -> dict[str, str]:

@@ -24,7 +24,10 @@ def locate(uri: str) -> Path:
         path = Path(uri).expanduser()
     else:
         package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
-        path = share_folder(package) / rest
+        try:
+            path = share_folder(package) / rest
+        except ConfigurationError as error:
+            raise ConfigurationError(f"robot.urdf = {uri!r}: {error}") from error
     if not path.is_file():
         raise ConfigurationError(f"robot.urdf = {uri!r}: there is no file {path}")
     return path
@@ -42,7 +45,7 @@ def share_folder(package: str) -> Path:
             return folder
     try:
         distribution = importlib.metadata.distribution(package)
-    except importlib.metadata.PackageNotFoundError:
+    except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError: no name at all
         raise ConfigurationError(
             f"package {package!r} is not installed; robot models come with: pip install 'wbc_controller[robots]'"
         ) from None

@@ -6,6 +6,7 @@ The file is a ROS 2 parameter file: ``wbc_controller: ros__parameters: …``. Un
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -255,7 +256,10 @@ def find_configuration(name: str) -> Path:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
         if not path.is_file():
-            raise ConfigurationError(f"configuration file {name!r} does not exist")
+            raise ConfigurationError(
+                f"configuration file {name!r} does not exist; {valid_choices(path.stem, shipped_configurations())}; "
+                "or the path of a .yaml file"
+            )
         return path
     shipped = shipped_configurations()
     if name not in shipped:
@@ -287,11 +291,15 @@ def load_settings(path: Path) -> Settings:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from error
     try:
-        content = yaml.load(text, Loader=_Loader)  # noqa: S506  # a SafeLoader
+        _refuse_duplicates(yaml.compose(text, Loader=yaml.SafeLoader), path)
+        content = yaml.safe_load(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{path}:{mark.line + 1}" if mark else str(path)
         raise ConfigurationError(f"{where}: not valid YAML: {error.problem or error.context}") from error
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        # The last three are what impossible dates and numbers, keys that are lists, and deep nesting end in.
+        raise ConfigurationError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
     return parse_settings(_parameters_of(content, path), str(path))
 
 
@@ -312,17 +320,21 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
         raise ConfigurationError("\n".join(lines)) from error
 
 
-class _Loader(yaml.SafeLoader):
-    """A safe loader that refuses a key that stands twice, which YAML itself would let the last one win."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if key in seen:
-                raise yaml.MarkedYAMLError(problem=f"the key {key!r} stands twice", problem_mark=key_node.start_mark)
-            seen.add(key)
-        return super().construct_mapping(node, deep)
+def _refuse_duplicates(node: yaml.Node | None, path: Path, keys: tuple[str, ...] = ()) -> None:
+    """Refuse a key that stands twice, of which YAML itself would let the last one win."""
+    if not isinstance(node, yaml.MappingNode):
+        return
+    lines: dict[str, int] = {}
+    for key_node, value_node in node.value:
+        line = key_node.start_mark.line + 1
+        key = str(key_node.value)
+        if key in lines:
+            dotted = ".".join([*keys[2:], key])  # as in all messages, without the node and ros__parameters
+            raise ConfigurationError(
+                f"{path}:{line}: {dotted}: the key {key!r} stands twice, first in line {lines[key]}; keep one of them"
+            )
+        lines[key] = line
+        _refuse_duplicates(value_node, path, (*keys, key))
 
 
 def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
@@ -340,24 +352,29 @@ def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
 
 def _explain(problem: Any, source: str) -> str:
     """Turn one of pydantic's problems into a line: file, key, value, valid choices."""
-    location = [part for part in problem["loc"] if part not in _type_tags()]
+    location = list(problem["loc"])
+    if len(location) > 2 and location[2] in _tags_of(str(location[0])):
+        del location[2]  # the type of the task or contact, which is no key of the file
     key = ".".join(str(part) for part in location)
+    about = _description(problem["loc"])
+    about = f" ({about})" if about else ""
     if problem["type"] == "extra_forbidden":
-        choices = _known_keys(problem["loc"])
+        choices = _fields_at(problem["loc"])
         return f"{source}: {key}: unknown key; {valid_choices(str(location[-1]), choices)}"
     if problem["type"] == "missing":
-        return f"{source}: {key}: this key is missing"
+        return f"{source}: {key}: this key is missing{about}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
         kind = problem["input"].get("type") if isinstance(problem["input"], dict) else problem["input"]
-        tags = [tag for tag in _type_tags() if f"'{tag}'" in str(problem.get("ctx", {}).get("expected_tags", tag))]
-        tags = [tag for tag in tags if tag in _tags_of(str(location[0]))]
+        tags = _tags_of(str(location[0]))
         if kind is None:
             return f"{source}: {key}.type: this key is missing; {valid_choices('', tags)}"
         return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), tags)}"
     reason = problem["msg"].removeprefix("Value error, ")
     value = problem["input"]
-    shown = "" if isinstance(value, dict) else f" = {value!r}"
-    return f"{source}: {key}{shown}: {reason[0].lower()}{reason[1:]}"
+    if problem["type"] == "value_error" and isinstance(value, dict):  # of a validator that looks at several keys
+        return f"{source}: {key}.{reason}"
+    shown = "" if isinstance(value, dict) else f" = {reprlib.repr(value)}"
+    return f"{source}: {key}{shown}: {reason[0].lower()}{reason[1:]}{about}"
 
 
 def _members(section: str) -> dict[str, type[_Section]]:
@@ -371,17 +388,21 @@ def _tags_of(section: str) -> set[str]:
     return set(_members(section))
 
 
-def _type_tags() -> set[str]:
-    return _tags_of("tasks") | _tags_of("contacts")
-
-
-def _known_keys(location: tuple[Any, ...]) -> list[str]:
-    """List the keys that are known where an unknown one was found."""
+def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
+    """The keys that are known where the last part of a location stands."""
     if len(location) == 1:
-        return list(Settings.model_fields)
+        return Settings.model_fields
     section = str(location[0])
     members = _members(section)
     if members:
-        return list(members[str(location[2])].model_fields)
-    model = Settings.model_fields[section].annotation
-    return list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+        member = members.get(str(location[2])) if len(location) > 3 else None
+        return member.model_fields if member is not None else {}
+    model = Settings.model_fields[section].annotation if section in Settings.model_fields else None
+    return model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
+
+
+def _description(location: tuple[Any, ...]) -> str:
+    """What a key holds; an item of a list is described by the key of the list."""
+    keys = tuple(location[:-1] if location and isinstance(location[-1], int) else location)
+    field = _fields_at(keys).get(str(keys[-1])) if keys else None
+    return str(field.description).rstrip(".") if field is not None and field.description else ""
