@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint docs lock clean
+.PHONY: help demo test lint bench docs lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 10
@@ -20,6 +20,9 @@ lint: $(VENV)/dev.installed  ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+bench: $(VENV)/demo.installed  ## time the solvers side by side
+	$(BIN)/python benchmarks/solvers.py
 
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
 	$(BIN)/python -m wbc_controller.reference_pages docs
