@@ -59,13 +59,16 @@ class Trajectory:
         turn = pin.log3(start.T @ _rotation(b.position[n:]))
         to_chart = np.linalg.inv(pin.Jexp3(turn))  # body angular velocity to rate of the rotation vector
         end = _rotation(b.position[n:])
+        rate = to_chart @ end.T @ b.velocity[n:]
         return (
             np.concatenate([a.position[:n], np.zeros(3)]),
             np.concatenate([a.velocity[:n], start.T @ a.velocity[n:]]),
             np.concatenate([a.acceleration[:n], start.T @ a.acceleration[n:]]),
             np.concatenate([b.position[:n], turn]),
-            np.concatenate([b.velocity[:n], to_chart @ end.T @ b.velocity[n:]]),
-            np.concatenate([b.acceleration[:n], to_chart @ end.T @ b.acceleration[n:]]),
+            np.concatenate([b.velocity[:n], rate]),
+            np.concatenate(
+                [b.acceleration[:n], to_chart @ (end.T @ b.acceleration[n:] - _jacobian_dot(turn, rate) @ rate)]
+            ),
         )
 
     def sample(self, time: float) -> Reference:
@@ -92,16 +95,19 @@ def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Arra
     turn, rate = x[n:], x_dot[n:]
     rotation = start @ pin.exp3(turn)
     jacobian = pin.Jexp3(turn)
-    # d/dt Jexp3 by a central difference along the rate: it vanishes along a geodesic.
-    step = 1.0e-5
-    jacobian_dot = (pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step)
     angular = rotation @ (jacobian @ rate)
-    angular_dot = rotation @ (jacobian @ x_ddot[n:] + jacobian_dot @ rate)
+    angular_dot = rotation @ (jacobian @ x_ddot[n:] + _jacobian_dot(turn, rate) @ rate)
     return Reference(
         np.concatenate([x[:n], pin.Quaternion(rotation).coeffs()]),
         np.concatenate([x_dot[:n], angular]),
         np.concatenate([x_ddot[:n], angular_dot]),
     )
+
+
+def _jacobian_dot(turn: Array, rate: Array) -> Array:
+    """d/dt Jexp3, (3, 3), by a central difference along the rate; times the rate it vanishes along a geodesic."""
+    step = 1.0e-5
+    return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
 
 def _rotation(quaternion: Array) -> Array:
