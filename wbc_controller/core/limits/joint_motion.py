@@ -10,9 +10,10 @@ from wbc_controller.records import Array
 class JointMotionLimit:
     """Keeps joints within position and velocity limits by bounds on their accelerations.
 
-    Position: within the horizon T the joint must be able to stay inside, q + T q̇ + ½ T² q̈ ≤ q_max. Velocity: after one
-    period, q̇ + Δt q̈ ≤ q̇_max. Neither ever asks for more than the largest acceleration; where they disagree, position
-    goes first.
+    Position: q̈ ≤ 4/T² (q_max - q - T q̇), with the horizon T. It brakes once the joint would reach its limit within T,
+    and being critically damped (s = q̇ - 2/T (q_max - q) obeys ṡ ≤ -2/T s, so it stays negative) it comes to rest at
+    the limit without crossing it. Velocity: after one period, q̇ + Δt q̈ ≤ q̇_max. Neither ever asks for more than the
+    largest acceleration; where they disagree, position goes first.
 
     Attributes:
         position_lower: (na,) in rad, or None where positions are not limited.
@@ -53,8 +54,8 @@ class JointMotionLimit:
             np.clip((-self.velocity - v) / period, -most, most, out=lower)
             np.clip((self.velocity - v) / period, -most, most, out=upper)
         if self.position_lower is not None and self.position_upper is not None:
-            horizon = max(self.horizon, period)
-            scale = 2.0 / horizon**2
+            horizon = max(self.horizon, 2.0 * period)  # with a shorter one the sampled law would overshoot
+            scale = 4.0 / horizon**2
             ahead = q + horizon * v
             position_lower = np.clip(scale * (self.position_lower - ahead), -most, most)
             position_upper = np.clip(scale * (self.position_upper - ahead), -most, most)
