@@ -1,0 +1,271 @@
+"""What the tests of the service share: robots built once, messages in one line, and a controller on a bench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wbc_controller.build import controller_endpoints, make_controller, make_loop, make_model
+from wbc_controller.clock import ManualClock
+from wbc_controller.core.model import RobotModel
+from wbc_controller.interface import Direction, counterpart
+from wbc_controller.messages import decode, encode, header, message, stamp
+from wbc_controller.preflight import stance
+from wbc_controller.settings import Settings, find_configuration, load_settings
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+
+
+@cache
+def shipped(name: str) -> tuple[Settings, RobotModel]:
+    settings = load_settings(find_configuration(name))
+    return settings, make_model(settings)
+
+
+@cache
+def standing(name: str) -> np.ndarray:
+    settings, model = shipped(name)
+    made = [contact for contact, spec in settings.contacts.items() if spec.enabled]
+    return stance(model, make_controller(settings, model), made)
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in changes.items():
+        below = isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
+        result[key] = merged(base[key], value) if below else value
+    return result
+
+
+def _vector(kind: str, values: Any) -> Any:
+    return message(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
+
+
+def _pose(position: Any, quaternion: Any) -> Any:
+    return message(
+        "geometry_msgs/msg/Pose",
+        position=_vector("Point", position),
+        orientation=_vector("Quaternion", quaternion),
+    )
+
+
+def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = (), time: int = 1) -> Any:
+    arrays = {
+        "position": np.asarray(position, dtype=float),
+        "velocity": np.asarray(velocity, dtype=float),
+        "effort": np.asarray(effort, dtype=float),
+    }
+    return message("sensor_msgs/msg/JointState", header=header(time), name=list(names), **arrays)
+
+
+def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, frame: str = "world") -> Any:
+    return message(
+        "nav_msgs/msg/Odometry",
+        header=header(time, frame),
+        child_frame_id=child,
+        pose=message(
+            "geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose[:3], pose[3:]), covariance=np.zeros(36)
+        ),
+        twist=message(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=message(
+                "geometry_msgs/msg/Twist",
+                linear=_vector("Vector3", twist[:3]),
+                angular=_vector("Vector3", twist[3:]),
+            ),
+            covariance=np.zeros(36),
+        ),
+    )
+
+
+def _duration(time: float) -> Any:
+    value = stamp(round(time * 1e9))
+    return message("builtin_interfaces/msg/Duration", sec=value.sec, nanosec=value.nanosec)
+
+
+def _joint_trajectory(names: Any, points: Any, start: int = 0) -> Any:
+    """Points are (time, positions, velocities, accelerations); the last two may be left out."""
+    made = []
+    for time, *arrays in points:
+        arrays = [np.asarray(array, dtype=float) for array in arrays] + [np.zeros(0)] * (4 - len(arrays))
+        fields = dict(zip(("positions", "velocities", "accelerations", "effort"), arrays, strict=True))
+        made.append(
+            message("trajectory_msgs/msg/JointTrajectoryPoint", time_from_start=_duration(time), **fields)
+        )
+    return message(
+        "trajectory_msgs/msg/JointTrajectory", header=header(start), joint_names=list(names), points=made
+    )
+
+
+def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",), start: int = 0) -> Any:
+    """Points are (time, list of transforms (7,), list of twists (6,))."""
+    made = []
+    for time, transforms, *twists in points:
+        made.append(
+            message(
+                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+                transforms=[
+                    message(
+                        "geometry_msgs/msg/Transform",
+                        translation=_vector("Vector3", transform[:3]),
+                        rotation=_vector("Quaternion", transform[3:]),
+                    )
+                    for transform in transforms
+                ],
+                velocities=[
+                    message(
+                        "geometry_msgs/msg/Twist",
+                        linear=_vector("Vector3", twist[:3]),
+                        angular=_vector("Vector3", twist[3:]),
+                    )
+                    for twist in (twists[0] if twists else ())
+                ],
+                accelerations=[],
+                time_from_start=_duration(time),
+            )
+        )
+    return message(
+        "trajectory_msgs/msg/MultiDOFJointTrajectory",
+        header=header(start, frame),
+        joint_names=list(names),
+        points=made,
+    )
+
+
+MAKE = SimpleNamespace(
+    joint_state=_joint_state,
+    odom=_odom,
+    joint_trajectory=_joint_trajectory,
+    frame_trajectory=_frame_trajectory,
+    string=lambda text: message("std_msgs/msg/String", data=text),
+    bool=lambda value: message("std_msgs/msg/Bool", data=value),
+    float64=lambda value: message("std_msgs/msg/Float64", data=float(value)),
+    point=lambda values, frame="world": message(
+        "geometry_msgs/msg/PointStamped", header=header(0, frame), point=_vector("Point", values)
+    ),
+    pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": message(
+        "geometry_msgs/msg/PoseStamped", header=header(0, frame), pose=_pose(position, quaternion)
+    ),
+    wrench=lambda values, frame="world": message(
+        "geometry_msgs/msg/WrenchStamped",
+        header=header(0, frame),
+        wrench=message(
+            "geometry_msgs/msg/Wrench",
+            force=_vector("Vector3", values[:3]),
+            torque=_vector("Vector3", values[3:]),
+        ),
+    ),
+)
+
+
+class Bench:
+    """A whole controller on the memory transport, with a clock that is set by hand, and its user."""
+
+    def __init__(self, name: str = "go2", changes: Mapping[str, Any] | None = None) -> None:
+        self.settings, self.model = shipped(name)
+        if changes:
+            self.settings = Settings.model_validate(merged(self.settings.model_dump(), changes))
+        self.q = standing(name)
+        self.v = np.zeros(self.model.nv)
+        self.clock = ManualClock(100.0)
+        self.period = 1.0 / self.settings.control.rate
+        self.reports: list[Any] = []
+        self.topics = controller_endpoints(self.settings, self.model)
+        bus = MemoryBus()
+        self.transport = MemoryTransport(bus)
+        self.loop = make_loop(
+            self.settings, self.model, self.transport, self.clock, self.topics, observers=(self.reports.append,)
+        )
+        self.user = MemoryTransport(bus)
+        self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
+        self._payloads: dict[tuple[str, str], list[bytes]] = {}
+        self._types = {(topic.key, topic.subject): topic.type for topic in self.topics}
+        for topic in self.topics:
+            key = topic.key, topic.subject
+            if topic.direction is Direction.IN:
+                self._publish[key] = self.user.advertise(counterpart(topic))
+            else:
+                self._payloads[key] = []
+                self.user.subscribe(counterpart(topic), self._payloads[key].append)
+
+    @property
+    def time(self) -> int:
+        return round(self.clock.time * 1e9)
+
+    def send(self, key: str, content: Any, subject: str = "") -> None:
+        self.send_bytes(key, encode(content), subject)
+
+    def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
+        self._publish[key, subject](payload)
+
+    def command(self, word: str) -> None:
+        self.send("command", MAKE.string(word))
+
+    def joints(self, **changes: Any) -> None:
+        model = self.model
+        fields = {
+            "names": model.joints,
+            "position": self.q[model.q_index],
+            "velocity": self.v[model.v_index],
+            "time": self.time,
+        }
+        self.send("joint_states", MAKE.joint_state(**{**fields, **changes}))
+
+    def base(self, **changes: Any) -> None:
+        fields = {"pose": self.q[:7], "twist": self.v[:6], "child": self.model.base_link, "time": self.time}
+        self.send("odom", MAKE.odom(**{**fields, **changes}))
+
+    def cycle(self, count: int = 1, *, joints: bool = True, base: bool = True) -> Any:
+        """Let a period pass, give the state, and run a cycle."""
+        for _ in range(count):
+            self.clock.time += self.period
+            if base:
+                self.base()
+            if joints:
+                self.joints()
+            report = self.loop.cycle()
+        return report
+
+    def activate(self) -> Any:
+        self.command("activate")
+        return self.cycle()
+
+    def received(self, key: str, subject: str = "") -> list[Any]:
+        return [decode(payload, self._types[key, subject]) for payload in self._payloads[key, subject]]
+
+    def efforts(self) -> np.ndarray:
+        return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)
+
+
+@pytest.fixture(scope="session")
+def make() -> SimpleNamespace:
+    """Makes messages of each type that the controller reads."""
+    return MAKE
+
+
+@pytest.fixture(scope="session")
+def robot_of() -> Callable[[str], tuple[Settings, RobotModel]]:
+    """Settings and model of a shipped robot, by name; built once."""
+    return shipped
+
+
+@pytest.fixture(scope="session")
+def stance_of() -> Callable[[str], np.ndarray]:
+    """Configuration in which a shipped robot stands in its nominal posture."""
+    return standing
+
+
+@pytest.fixture(scope="session")
+def changed() -> Callable[[Settings, Mapping[str, Any]], Settings]:
+    """Settings with some values changed."""
+    return lambda settings, changes: Settings.model_validate(merged(settings.model_dump(), changes))
+
+
+@pytest.fixture
+def bench() -> Callable[..., Bench]:
+    """Builds a `Bench` of a robot, with some settings changed."""
+    return Bench

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from wbc_controller.safety.checks import stale_inputs, torques_usable
+
+LIMITS = np.array([10.0, 20.0])
+JOINTS = ("hip", "knee")
+
+
+@pytest.mark.parametrize("age", [0.0, 0.049, 0.05])
+def test_inputs_up_to_the_limit_are_fresh(age):
+    assert stale_inputs({"joint_states": age, "odom": 0.0}, 0.05) is None
+
+
+@pytest.mark.parametrize(
+    ("age", "said"),
+    [
+        (np.nextafter(0.05, 1.0), "joint_states is 50 ms old (limit 50 ms)"),
+        (0.0521, "joint_states is 52 ms old (limit 50 ms)"),
+        (float("inf"), "joint_states has not arrived (limit 50 ms)"),
+        (float("nan"), "joint_states has not arrived (limit 50 ms)"),
+    ],
+)
+def test_an_input_over_the_limit_is_named_with_its_age(age, said):
+    fault = stale_inputs({"joint_states": age, "odom": 0.0}, 0.05)
+    assert fault.code == "STALE_INPUT"
+    assert fault.sentence == said
+
+
+def test_every_stale_input_is_named_and_why_its_last_message_was_refused():
+    fault = stale_inputs({"joint_states": 0.1, "odom": 0.2}, 0.05, {"odom": "the twist is bad"})
+    assert fault.sentence == (
+        "joint_states is 100 ms old (limit 50 ms); odom is 200 ms old (limit 50 ms); last refusal: the twist is bad"
+    )
+
+
+def test_a_limit_that_is_not_a_number_makes_everything_stale():
+    assert stale_inputs({"odom": 0.0}, float("nan")) is not None
+
+
+@pytest.mark.parametrize("tau", [[0.0, 0.0], [10.0, -20.0], [10.1, 20.2], [-10.1, -20.2]])
+def test_torques_up_to_the_limits_and_a_solvers_tolerance_are_usable(tau):
+    assert torques_usable(np.array(tau), LIMITS, JOINTS) is None
+
+
+@pytest.mark.parametrize("tau", [np.nan, np.inf, -np.inf, 10.1001, -10.1001, 1e300])
+def test_torques_that_are_not_finite_or_over_a_limit_are_named(tau):
+    fault = torques_usable(np.array([tau, 1.0]), LIMITS, JOINTS)
+    assert fault.code == "BAD_TORQUE"
+    assert f"hip: {tau:.3g} N·m (limit 10)" in fault.sentence
+    assert "knee" not in fault.sentence
+
+
+def test_every_joint_with_a_bad_torque_is_named():
+    sentence = torques_usable(np.array([np.nan, 30.0]), LIMITS, JOINTS).sentence
+    assert "hip: nan" in sentence
+    assert "knee: 30" in sentence
+
+
+def test_a_limit_that_is_not_a_number_lets_nothing_pass():
+    assert torques_usable(np.zeros(2), np.array([np.nan, 20.0]), JOINTS) is not None

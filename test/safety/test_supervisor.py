@@ -1,0 +1,458 @@
+"""The supervisor: what it does with every request, the ramps, the ladder down, and what can never leave it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.records import Fault, Mode, RobotState, Solution
+from wbc_controller.safety.supervisor import REQUESTS, Supervisor, SupervisorLimits
+
+STALE = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
+NOTHING = NoSolution("the contacts (left, right) conflict", "infeasible", None)
+PERIOD = 0.002
+
+
+def limits(**changes):
+    values = {
+        "activation_ramp": 0.1,
+        "hold_time": 0.02,
+        "damping_time": 0.05,
+        "damping": 2.0,
+        "torque_rate": 100.0,
+        "period": PERIOD,
+    }
+    return SupervisorLimits(**{**values, **changes})
+
+
+def solution(model, tau):
+    return Solution(
+        v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), forces={}, residuals={}, task_errors={},
+        binding=(), relaxed=(), iterations=1, stage_seconds={},
+    )  # fmt: skip
+
+
+class Rig:
+    """A supervisor in time, with every command that it made."""
+
+    def __init__(self, model, **changes):
+        self.model = model
+        self.limits = limits(**changes)
+        self.supervisor = Supervisor(model, self.limits)
+        self.now = 10.0
+        self.state = RobotState(7, model.configuration(model.posture), np.zeros(model.nv))
+        self.tau = 0.5 * model.effort_limits
+        self.commands = []
+
+    @property
+    def mode(self):
+        return self.supervisor.mode
+
+    def request(self, word, problem=None):
+        return self.supervisor.request(word, self.now, problem)
+
+    def step(self, outcome="solution", count=1, problem=None, velocity=0.0):
+        """Steps with a period in between; `velocity` of all joints, None where it is not fresh."""
+        for _ in range(count):
+            self.now += PERIOD
+            speeds = None if velocity is None else np.full(self.model.na, velocity)
+            made = solution(self.model, self.tau) if isinstance(outcome, str) else outcome
+            given_outcome = made if self.supervisor.solving and problem is None else None
+            self.commands.append(self.supervisor.step(self.now, self.state, speeds, problem, given_outcome))
+        return self.commands[-1]
+
+    def bring(self, where):
+        """Into a mode; `damping!`, `fault!` and so on with a fault, the others as a user asked."""
+        if where == "inactive":
+            return self
+        self.request("activate")
+        self.step(count=100)
+        if where == "holding":
+            self.step(NOTHING)
+        elif where == "damping":
+            self.request("damp")
+        elif where == "stopped":
+            self.request("damp")
+            self.step(count=30)
+        elif where == "damping!":
+            self.step(problem=STALE)
+        elif where == "fault!":
+            self.step(problem=STALE, count=30)
+        assert self.mode.value == where.rstrip("!")
+        return self
+
+
+@pytest.fixture
+def rig(robot_of):
+    _, model = robot_of("go2")
+    return lambda **changes: Rig(model, **changes)
+
+
+RESET_FIRST = "send 'reset' first"
+TABLE = {
+    # mode: what activate, deactivate, damp, reset and estop lead to: a mode, or a part of the refusal
+    "inactive": (Mode.ACTIVE, "the controller is inactive", "the controller is inactive", Mode.INACTIVE, Mode.FAULT),
+    "active": ("active already", Mode.ACTIVE, Mode.DAMPING, "'deactivate' or 'damp' first", Mode.FAULT),
+    "holding": ("holding already", Mode.HOLDING, Mode.DAMPING, "'deactivate' or 'damp' first", Mode.FAULT),
+    "damping": (f"in damping; {RESET_FIRST}", "is damping; use 'reset'", "is damping", Mode.INACTIVE, Mode.FAULT),
+    "damping!": (f"(STALE_INPUT); {RESET_FIRST}", "is damping", "is damping", Mode.INACTIVE, Mode.FAULT),
+    "stopped": (f"in stopped; {RESET_FIRST}", "is stopped; use 'reset'", "is stopped", Mode.INACTIVE, Mode.FAULT),
+    "fault!": (f"(STALE_INPUT); {RESET_FIRST}", "is fault; use 'reset'", "is fault", Mode.INACTIVE, Mode.FAULT),
+}
+
+
+@pytest.mark.parametrize(
+    ("where", "word", "result"),
+    [(where, word, result) for where, row in TABLE.items() for word, result in zip(REQUESTS, row, strict=True)],
+)
+def test_every_request_in_every_mode(rig, where, word, result):
+    bench = rig().bring(where)
+    before, fault = bench.mode, bench.supervisor.fault
+    if isinstance(result, Mode):
+        assert bench.request(word) is (word == "activate")
+        assert bench.mode is result
+        assert (bench.supervisor.fault is None) == (result is not Mode.FAULT and where != "holding")
+        return
+    with pytest.raises(InputRefused, match=re.escape(result)) as refusal:
+        bench.request(word)
+    assert repr(word) in str(refusal.value)
+    assert (bench.mode, bench.supervisor.fault) == (before, fault)
+
+
+@pytest.mark.parametrize("where", TABLE)
+def test_an_unknown_request_is_refused_with_the_one_that_was_meant(rig, where):
+    bench = rig().bring(where)
+    with pytest.raises(InputRefused, match=r"'actvate' is unknown; did you mean 'activate'\? Valid: activate, damp"):
+        bench.request("actvate")
+    assert bench.mode.value == where.rstrip("!")
+
+
+def test_activation_is_refused_with_what_is_wrong_with_the_inputs(rig):
+    bench = rig()
+    with pytest.raises(InputRefused, match=re.escape(f"'activate' is refused: {STALE.sentence}")):
+        bench.request("activate", STALE)
+    assert bench.mode is Mode.INACTIVE
+
+
+@pytest.mark.parametrize("where", TABLE)
+def test_an_emergency_stop_takes_the_torque_away_at_once_and_is_latched(rig, where):
+    bench = rig().bring(where)
+    bench.request("estop")
+    for _ in range(3):
+        assert not bench.step(velocity=1.0).tau.any()
+    assert bench.mode is Mode.FAULT
+    assert bench.supervisor.fault.code == "ESTOP"
+    with pytest.raises(InputRefused, match=r"\(ESTOP\)"):
+        bench.request("activate")
+    bench.request("reset")
+    assert bench.request("activate")
+
+
+@pytest.mark.parametrize("where", TABLE)
+def test_the_end_of_the_process_leaves_no_torque(rig, where):
+    bench = rig().bring(where)
+    command = bench.supervisor.shut_down(bench.now)
+    if where == "inactive":
+        assert command is None
+    else:
+        assert not command.tau.any()
+        assert bench.mode is Mode.STOPPED
+
+
+def test_inactive_sends_nothing(rig):
+    assert rig().step(count=3) is None
+
+
+def shares(bench):
+    return np.array([command.tau / bench.tau for command in bench.commands if command is not None])
+
+
+def test_torques_ramp_in_from_zero_in_the_activation_ramp(rig):
+    bench = rig(torque_rate=1e5)
+    bench.request("activate")
+    bench.commands.append(
+        bench.supervisor.step(bench.now, bench.state, np.zeros(bench.model.na), None, solution(bench.model, bench.tau))
+    )
+    bench.step(count=60)
+    share = shares(bench)
+    assert not share[0].any()
+    assert (np.diff(share, axis=0) >= 0.0).all()
+    np.testing.assert_allclose(share[:51], np.outer(np.arange(51) / 50.0, np.ones(bench.model.na)), atol=1e-9)
+    assert (share[51:] == 1.0).all()
+
+
+def test_torques_ramp_out_to_zero_and_then_nothing_is_sent(rig):
+    bench = rig(torque_rate=1e5).bring("active")
+    bench.commands.clear()
+    bench.request("deactivate")
+    bench.step(count=55)
+    share = shares(bench)
+    assert bench.mode is Mode.INACTIVE
+    assert bench.commands[-1] is None
+    assert (np.diff(share, axis=0) <= 0.0).all()
+    assert share[0, 0] == pytest.approx(0.98)
+    assert not share[-1].any()
+
+
+def test_deactivation_in_mid_ramp_starts_from_the_share_that_there_is(rig):
+    bench = rig(torque_rate=1e5)
+    bench.request("activate")
+    bench.step(count=15)
+    bench.request("deactivate")
+    bench.step(count=60)
+    share = shares(bench)[:, 0]
+    assert share.max() == pytest.approx(0.3)
+    assert np.abs(np.diff(share)).max() <= 0.021
+    assert bench.mode is Mode.INACTIVE
+
+
+def test_a_second_deactivation_does_not_start_the_ramp_anew(rig):
+    bench = rig(torque_rate=1e5).bring("active")
+    bench.commands.clear()
+    for _ in range(55):
+        if bench.mode is Mode.ACTIVE:
+            bench.request("deactivate")
+        bench.step()
+    assert bench.mode is Mode.INACTIVE
+    assert (np.diff(shares(bench), axis=0) <= 0.0).all()
+
+
+def test_holding_does_not_cut_a_ramp_short(rig):
+    bench = rig(torque_rate=1e5)
+    bench.request("activate")
+    bench.step(count=10)
+    bench.step(NOTHING, count=2)
+    assert bench.mode is Mode.HOLDING
+    bench.step(count=40)
+    assert bench.mode is Mode.ACTIVE
+    assert shares(bench)[12, 0] == pytest.approx(13 / 50)
+    assert np.abs(np.diff(shares(bench)[:, 0])).max() <= 0.061  # three periods' worth, after two of holding
+
+
+def test_holding_does_not_forget_a_deactivation(rig):
+    bench = rig().bring("active")
+    bench.request("deactivate")
+    bench.step(count=5)
+    bench.step(NOTHING, count=2)
+    bench.step(count=60)
+    assert bench.mode is Mode.INACTIVE
+
+
+def test_the_torque_rate_is_held_in_the_problem_only_when_no_ramp_is_under_way(rig):
+    bench = rig()
+    assert bench.supervisor.torques_before(bench.now) is None
+    bench.request("activate")
+    bench.step(count=49)
+    assert bench.supervisor.torques_before(bench.now) is None
+    bench.step(count=2)
+    np.testing.assert_array_equal(bench.supervisor.torques_before(bench.now), bench.commands[-1].tau)
+    bench.request("deactivate")
+    bench.step()
+    assert bench.supervisor.torques_before(bench.now) is None
+
+
+def test_a_command_carries_the_stamp_it_answers_and_where_its_torques_lead(rig):
+    bench = rig().bring("active")
+    answer = solution(bench.model, bench.tau)
+    v_dot = np.arange(bench.model.nv, dtype=float)
+    object.__setattr__(answer, "v_dot", v_dot)
+    command = bench.step(answer)
+    joints = v_dot[bench.model.v_index]
+    assert command.stamp == 7
+    np.testing.assert_allclose(command.v_desired, PERIOD * joints)
+    np.testing.assert_allclose(command.q_desired, bench.model.posture + PERIOD**2 * joints)
+    held = bench.step(NOTHING)
+    assert np.isnan(held.q_desired).all()
+    assert np.isnan(held.v_desired).all()
+
+
+def test_the_ladder_from_no_solution_to_fault(rig):
+    bench = rig(torque_rate=1e5).bring("active")
+    held = bench.commands[-1].tau
+    command = bench.step(NOTHING, velocity=1.0)
+    assert bench.mode is Mode.HOLDING
+    assert (bench.supervisor.fault.code, bench.supervisor.fault.sentence) == ("NO_SOLUTION", str(NOTHING))
+    np.testing.assert_allclose(command.tau, held - 2.0)
+    bench.step(NOTHING, count=9, velocity=1.0)
+    assert bench.mode is Mode.HOLDING
+    np.testing.assert_allclose(bench.commands[-1].tau, held - 2.0)
+    command = bench.step(NOTHING, count=2, velocity=1.0)
+    assert bench.mode is Mode.DAMPING
+    np.testing.assert_allclose(command.tau, -2.0)
+    bench.step(count=23, velocity=1.0)
+    assert bench.mode is Mode.DAMPING
+    assert bench.commands[-1].tau.any()
+    command = bench.step(count=3, velocity=1.0)
+    assert bench.mode is Mode.FAULT
+    assert not command.tau.any()
+    assert bench.supervisor.fault.code == "NO_SOLUTION"
+    bench.step(count=1000)
+    assert bench.mode is Mode.FAULT
+    bench.request("reset")
+    assert bench.supervisor.fault is None
+    assert bench.request("activate")
+    bench.step(count=60)
+    np.testing.assert_allclose(bench.commands[-1].tau, bench.tau)
+
+
+def test_a_solution_in_time_ends_holding(rig):
+    bench = rig().bring("holding")
+    bench.step(NOTHING, count=5)
+    bench.step()
+    assert bench.mode is Mode.ACTIVE
+    assert bench.supervisor.fault is None
+
+
+def test_a_user_who_damps_ends_in_stopped_without_a_fault(rig):
+    bench = rig().bring("active")
+    bench.request("damp")
+    bench.step(count=23)
+    assert bench.mode is Mode.DAMPING
+    bench.step(count=3)
+    assert (bench.mode, bench.supervisor.fault) == (Mode.STOPPED, None)
+
+
+@pytest.mark.parametrize("where", ["active", "holding"])
+def test_stale_inputs_lead_to_damping_at_once_with_the_sentence(rig, where):
+    bench = rig().bring(where)
+    bench.step(problem=STALE)
+    assert (bench.mode, bench.supervisor.fault) == (Mode.DAMPING, STALE)
+
+
+@pytest.mark.parametrize("where", ["active", "holding"])
+def test_a_fault_of_the_controller_leads_to_damping_at_once(rig, where):
+    fault = Fault("INTERNAL_ERROR", "ZeroDivisionError: division by zero")
+    bench = rig().bring(where)
+    bench.step(fault)
+    assert (bench.mode, bench.supervisor.fault) == (Mode.DAMPING, fault)
+
+
+@pytest.mark.parametrize("velocity", [None, np.nan, np.inf])
+def test_damping_without_velocities_sinks_to_zero_at_the_torque_rate(rig, velocity):
+    bench = rig(torque_rate=20.0).bring("active")
+    start = bench.commands[-1].tau
+    bench.commands.clear()
+    bench.step(problem=STALE, count=20, velocity=velocity)
+    step = 20.0 * PERIOD * bench.model.effort_limits
+    for i, command in enumerate(bench.commands, start=1):
+        np.testing.assert_allclose(command.tau, np.maximum(0.0, start - i * step), atol=1e-9)
+    assert not bench.commands[-1].tau.any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1.02, -1.02, 1e9])
+def test_torques_that_are_not_usable_never_leave(rig, bad):
+    bench = rig().bring("active")
+    before = bench.commands[-1].tau
+    tau = bench.tau.copy()
+    tau[3] = bad * bench.model.effort_limits[3]
+    command = bench.step(solution(bench.model, tau))
+    assert bench.mode is Mode.HOLDING
+    assert bench.supervisor.fault.code == "BAD_TORQUE"
+    assert bench.model.joints[3] in bench.supervisor.fault.sentence
+    np.testing.assert_array_equal(command.tau, before)
+    bench.step(solution(bench.model, tau), count=12)
+    assert bench.mode is Mode.DAMPING
+
+
+def test_torques_a_solvers_tolerance_over_the_limit_are_cut_to_it(rig):
+    bench = rig().bring("active")
+    bench.tau = 1.005 * bench.model.effort_limits
+    command = bench.step(count=20)
+    np.testing.assert_array_equal(command.tau, bench.model.effort_limits)
+
+
+EDGES = {
+    ("inactive", "active"),
+    ("active", "inactive"),
+    ("active", "holding"),
+    ("holding", "active"),
+    ("active", "damping"),
+    ("holding", "damping"),
+    ("damping", "fault"),
+    ("damping", "stopped"),
+    ("damping", "inactive"),
+    ("stopped", "inactive"),
+    ("fault", "inactive"),
+}
+
+_torques = st.one_of(
+    st.floats(-1.01, 1.01), st.sampled_from([np.nan, np.inf, -np.inf, 1.0, -1.0, 1.011, 5.0, 1e300, -1e300])
+)
+_velocities = st.one_of(st.none(), st.floats(-50, 50), st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
+_cycles = st.lists(
+    st.tuples(
+        st.lists(st.sampled_from([*REQUESTS, "nonsense"]), max_size=2),
+        st.sampled_from(["solution"] * 5 + ["none", "nothing", "fault", "stale"]),
+        _torques,
+        _velocities,
+        st.sampled_from([0.0, PERIOD, PERIOD, PERIOD, 0.03, 0.2]),
+    ),
+    max_size=40,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    cycles=_cycles,
+    ramp=st.sampled_from([0.0, 0.01, 0.1]),
+    hold=st.sampled_from([0.0, 0.01]),
+    damping=st.sampled_from([0.0, 0.05]),
+    rate=st.sampled_from([1.0, 50.0, 1e5]),
+)
+def test_whatever_happens_commands_are_bounded_and_modes_go_as_drawn(rig_model, cycles, ramp, hold, damping, rate):
+    bench = Rig(rig_model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate)
+    bench.request("activate")
+    model, supervisor = bench.model, bench.supervisor
+    last = np.zeros(model.na)
+    for words, kind, share, speed, dt in cycles:
+        bench.now += dt
+        problem = STALE if kind == "stale" else None
+        for word in words:
+            before = supervisor.mode.value
+            try:
+                supervisor.request(word, bench.now, problem)
+            except InputRefused:
+                assert supervisor.mode.value == before
+            else:
+                after = supervisor.mode.value
+                assert word in REQUESTS
+                assert after == before or (before, after) in EDGES or (word, after) == ("estop", "fault")
+                if word == "estop":
+                    last = np.zeros(model.na)
+        outcome = {
+            "solution": solution(model, share * model.effort_limits),
+            "none": None,
+            "nothing": NOTHING,
+            "fault": Fault("INTERNAL_ERROR", "x"),
+            "stale": None,
+        }[kind]
+        before = supervisor.mode.value
+        velocity = None if speed is None else np.full(model.na, speed)
+        command = supervisor.step(bench.now, bench.state, velocity, problem, outcome if supervisor.solving else None)
+        after = supervisor.mode.value
+        assert after == before or (before, after) in EDGES or (before, after) == ("holding", "inactive")
+        assert (supervisor.fault is not None) or after not in ("holding", "fault")
+        if command is None:
+            assert after == "inactive"
+            assert not last.any()
+            continue
+        assert np.isfinite(command.tau).all()
+        assert (np.abs(command.tau) <= model.effort_limits).all()
+        step = rate * PERIOD * model.effort_limits
+        assert (np.abs(command.tau - last) <= step * (1.0 + 1e-9) + 1e-12).all()
+        assert not command.tau.flags.writeable
+        if after in ("inactive", "stopped", "fault"):
+            assert (np.abs(command.tau) <= np.abs(last)).all()
+        last = command.tau
+    ended = supervisor.shut_down(bench.now)
+    assert ended is None or not ended.tau.any()
+
+
+@pytest.fixture(scope="module")
+def rig_model(robot_of):
+    return robot_of("go2")[1]
