@@ -67,9 +67,7 @@ def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, fr
         "nav_msgs/msg/Odometry",
         header=header(time, frame),
         child_frame_id=child,
-        pose=message(
-            "geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose[:3], pose[3:]), covariance=np.zeros(36)
-        ),
+        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose[:3], pose[3:]), covariance=np.zeros(36)),
         twist=message(
             "geometry_msgs/msg/TwistWithCovariance",
             twist=message(
@@ -93,12 +91,8 @@ def _joint_trajectory(names: Any, points: Any, start: int = 0) -> Any:
     for time, *arrays in points:
         arrays = [np.asarray(array, dtype=float) for array in arrays] + [np.zeros(0)] * (4 - len(arrays))
         fields = dict(zip(("positions", "velocities", "accelerations", "effort"), arrays, strict=True))
-        made.append(
-            message("trajectory_msgs/msg/JointTrajectoryPoint", time_from_start=_duration(time), **fields)
-        )
-    return message(
-        "trajectory_msgs/msg/JointTrajectory", header=header(start), joint_names=list(names), points=made
-    )
+        made.append(message("trajectory_msgs/msg/JointTrajectoryPoint", time_from_start=_duration(time), **fields))
+    return message("trajectory_msgs/msg/JointTrajectory", header=header(start), joint_names=list(names), points=made)
 
 
 def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",), start: int = 0) -> Any:

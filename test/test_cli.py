@@ -1,0 +1,107 @@
+"""The command line."""
+
+from __future__ import annotations
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+
+
+def invoke(*words):
+    return CliRunner().invoke(main, list(words))
+
+
+def test_help_lists_every_command_and_says_what_it_does():
+    result = invoke("--help")
+    assert result.exit_code == 0
+    for command in ("run", "mock", "check", "demo", "topics"):
+        assert f"  {command} " in result.output
+    assert "g1, talos, go2" in result.output
+
+
+@pytest.mark.parametrize(
+    ("command", "parts"),
+    [
+        ("run", ("CONFIG", "--activate", "--record", "--namespace", "--remap FROM:=TO")),
+        ("mock", ("CONFIG", "--real-time-factor", "--lockstep", "--namespace", "--remap")),
+        ("check", ("CONFIG", "before the robot moves")),
+        ("demo", ("--report", "--lockstep", "--real-time-factor")),
+        ("topics", ("Markdown",)),
+    ],
+)
+@pytest.mark.parametrize("option", ["-h", "--help"])
+def test_help_of_each_command(command, parts, option):
+    result = invoke(command, option)
+    assert result.exit_code == 0
+    for part in parts:
+        assert part in result.output
+
+
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [
+        ("g1", ("29 actuated, base floating", "33.34 kg, weight 327.1 N", "left_foot (surface)", "com (com)")),
+        ("talos", ("30 actuated", "left_foot (surface)")),
+        ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
+    ],
+)
+def test_check_says_what_was_found(robot, said):
+    result = invoke("check", robot)
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert lines[0].endswith(f"config/{robot}.yaml")
+    assert lines[-1] == "ok"
+    for part in (
+        *said,
+        "daqp, 500 cycles per second",
+        "inside the edge of the support",
+        "standing         possible on",
+    ):
+        assert part in result.output
+
+
+@pytest.mark.parametrize("command", ["run", "mock", "check"])
+def test_a_robot_that_is_not_shipped_suggests_one(command):
+    result = invoke(command, "g2")
+    assert result.exit_code == 2
+    assert result.stderr == (
+        "error: no configuration is named 'g2'; did you mean 'go2'? Valid: g1, go2, talos; "
+        "or give the path of a .yaml file\n"
+    )
+
+
+def test_a_demo_that_does_not_exist_suggests_one(tmp_path):
+    folder = tmp_path / "report"
+    result = invoke("demo", "tallos", "--report", str(folder))
+    assert result.exit_code == 2
+    assert result.stderr == "error: there is no demo of 'tallos'; did you mean 'talos'? Valid: g1, go2, talos\n"
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("command", ["run", "mock"])
+@pytest.mark.parametrize("remapping", ["odom", "odom=/x", ":=x"])
+def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, remapping):
+    result = invoke(command, "go2", "--remap", remapping)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: remapping {remapping!r} does not have the form from:=to")
+
+
+def test_a_domain_that_is_none_is_refused_in_words(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    result = invoke("run", "go2")
+    assert result.exit_code == 2
+    assert "ROS_DOMAIN_ID" in result.stderr
+    assert "many" in result.stderr
+
+
+def test_an_unknown_command_is_refused():
+    result = invoke("rnu")
+    assert result.exit_code == 2
+    assert "rnu" in result.output
+
+
+def test_the_table_of_topics_is_printed():
+    result = invoke("topics")
+    assert result.exit_code == 0
+    assert "`~/command`" in result.output
