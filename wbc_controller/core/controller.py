@@ -193,13 +193,18 @@ class Controller:
             tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
 
         Raises:
-            NoSolution: where the equations of motion, contacts and torque limits cannot be met together.
+            NoSolution: where the equations of motion, contacts and torque limits cannot be met together, or where a
+                value is not finite.
         """
         started = self._timer()
         layout = self.build(state, references, tau_before)
         built = self._timer()
         solver = self._layouts[layout.key][1]
         problem = layout.problem
+        if not problem.is_finite:  # back ends may spin for seconds on it, or raise
+            raise NoSolution(
+                "the state, the references or the torques before hold a value that is not finite", "not solved", problem
+            )
         answer = solver.solve(problem)
         iterations = answer.iterations
         relaxed: list[str] = []

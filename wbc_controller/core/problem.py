@@ -63,6 +63,13 @@ class QuadraticProgram:
             x_upper=np.full(n, np.inf),
         )
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all entries are finite, and no bound is NaN."""
+        entries = (self.H, self.g, self.A, self.b, self.C)
+        bounds = (self.lower, self.upper, self.x_lower, self.x_upper)
+        return all(np.isfinite(part).all() for part in entries) and not any(np.isnan(part).any() for part in bounds)
+
     def violation(self, x: Array) -> float:
         """Largest amount by which x breaks a constraint; NaN where x has one."""
         parts = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import osqp
 from scipy import sparse
@@ -41,7 +43,7 @@ class OsqpSolver(Solver):
 
     def solve(self, problem: QuadraticProgram) -> Answer:
         """Solve a problem."""
-        m, rows, n = self._equalities, len(problem.b) + len(problem.upper), len(problem.g)
+        m, rows = self._equalities, len(problem.b) + len(problem.upper)
         self._rows[:m] = problem.A
         self._rows[m:rows] = problem.C
         for out, b, bound, x_bound in (
@@ -51,6 +53,19 @@ class OsqpSolver(Solver):
             out[:m] = b
             out[m:rows] = bound
             out[rows:] = x_bound
+        try:
+            result = self._run(problem)
+        except osqp.OSQPException as error:  # raised where the matrices cannot be factorized
+            self._solver = None
+            return Answer(None, f"OSQPException: {error}", 0)
+        iterations = int(result.info.iter)
+        if result.info.status == "solved":
+            return Answer(np.array(result.x), "optimal", iterations)
+        self._solver = None
+        return Answer(None, str(result.info.status), iterations)
+
+    def _run(self, problem: QuadraticProgram) -> Any:
+        n, rows = len(problem.g), len(self._rows)
         h_values = problem.H[self._h_rows, self._h_columns]
         a_values = self._rows[self._a_rows, self._a_columns]
         if self._solver is None:
@@ -58,7 +73,7 @@ class OsqpSolver(Solver):
             self._solver.setup(
                 P=sparse.csc_matrix((h_values, self._h_rows, self._h_starts), shape=(n, n)),
                 q=problem.g,
-                A=sparse.csc_matrix((a_values, self._a_rows, self._a_starts), shape=(n + rows, n)),
+                A=sparse.csc_matrix((a_values, self._a_rows, self._a_starts), shape=(rows, n)),
                 l=self._lower,
                 u=self._upper,
                 verbose=False,
@@ -70,9 +85,4 @@ class OsqpSolver(Solver):
             )
         else:
             self._solver.update(q=problem.g, l=self._lower, u=self._upper, Px=h_values, Ax=a_values)
-        result = self._solver.solve(raise_error=False)
-        iterations = int(result.info.iter)
-        if result.info.status == "solved":
-            return Answer(np.array(result.x), "optimal", iterations)
-        self._solver = None
-        return Answer(None, str(result.info.status), iterations)
+        return self._solver.solve(raise_error=False)
