@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,7 +115,8 @@ class ReferenceBoard:
         self._weight_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
         self._contact_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
         self._trajectories: dict[str, Trajectory] = {}
-        self._goals: dict[str, Array] = {}  # setpoints of tasks that are asleep
+        # What tasks that are switched off should do when they are switched on.
+        self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
@@ -158,14 +159,8 @@ class ReferenceBoard:
             )
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
-        if isinstance(change, SetSetpoint):
-            if self._asleep(change.task, time):
-                self._goals[change.task] = change.position
-            else:
-                self._trajectories[change.task] = self._towards(change.task, change.position, time)
-        elif isinstance(change, SetTrajectory):
-            self._goals.pop(change.task, None)
-            self._trajectories[change.task] = self._along(change, time)
+        if isinstance(change, SetSetpoint | SetTrajectory):
+            self._set_course(change, time)
         elif isinstance(change, SetWeight):
             self._weights[change.task] = change.weight
             self._ramp_weight(change.task, time)
@@ -178,13 +173,27 @@ class ReferenceBoard:
         else:
             self._wrenches[change.frame] = change.wrench
 
+    def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
+        """Follow a setpoint or trajectory; a task that is off also keeps it for when it is switched on."""
+        if isinstance(change, SetTrajectory) and change.start is None:
+            change = replace(change, start=time)
+        if not self._enabled[change.task]:
+            self._goals[change.task] = change
+        if self._asleep(change.task, time):
+            return
+        if isinstance(change, SetSetpoint):
+            self._trajectories[change.task] = self._towards(change.task, change.position, time)
+        else:
+            self._trajectories[change.task] = self._along(change, time)
+
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
         """Switch a task on or off; one that was asleep starts where the robot is, towards its goal if it has one."""
-        if enabled and self._asleep(task, time):
-            self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
+        if enabled:
             goal = self._goals.pop(task, None)
-            if goal is not None:
-                self._trajectories[task] = self._towards(task, goal, time)
+            if self._asleep(task, time):
+                self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
+                if goal is not None:
+                    self._trajectories[task] = self._joining(goal, time)
         self._enabled[task] = enabled
         self._ramp_weight(task, time)
 
@@ -203,11 +212,17 @@ class ReferenceBoard:
             return Trajectory([Knot(time, position, still, still)])
         return Trajectory([self._present(task, time), Knot(time + duration, position, still, still)])
 
+    def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
+        """From the present reference to a setpoint, or to what is still ahead of a trajectory, at least its end."""
+        if isinstance(goal, SetSetpoint):
+            return self._towards(goal.task, goal.position, time)
+        ahead = [knot for knot in _knots(goal, time) if knot.time > time]
+        if not ahead:
+            return self._towards(goal.task, goal.points[-1].position, time)
+        return Trajectory([self._present(goal.task, time), *ahead])
+
     def _along(self, change: SetTrajectory, time: float) -> Trajectory:
-        start = time if change.start is None else change.start
-        knots = [
-            Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points
-        ]
+        knots = _knots(change, time)
         ahead = [knot for knot in knots if knot.time > time]
         if len(ahead) < len(knots) and ahead:  # already under way: keep the segment that holds the present
             ahead.insert(0, knots[len(knots) - len(ahead) - 1])
@@ -226,6 +241,12 @@ class ReferenceBoard:
             contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
             external_wrenches=dict(self._wrenches),
         )
+
+
+def _knots(change: SetTrajectory, time: float) -> list[Knot]:
+    """Points of a trajectory on the clock of the states."""
+    start = time if change.start is None else change.start
+    return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
 
 
 def _stay(reference: Reference, time: float) -> Trajectory:
