@@ -1,0 +1,90 @@
+"""The shipped robots, their random states, and their controllers."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.build import make_controller, make_model
+from wbc_controller.core.controller import Controller
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.model import RobotModel
+from wbc_controller.preflight import stance
+from wbc_controller.records import Array, References, RobotState, frozen
+from wbc_controller.settings import Settings, find_configuration, load_settings
+
+
+@cache
+def build_robot(name: str) -> tuple[RobotModel, Settings]:
+    settings = load_settings(find_configuration(name))
+    return make_model(settings), settings
+
+
+class Bench:
+    """A controller of a shipped robot, and states and references for it."""
+
+    def __init__(self, robot: str, changes: dict[str, dict[str, Any]]) -> None:
+        self.model, settings = build_robot(robot)
+        update = {key: getattr(settings, key).model_copy(update=values) for key, values in changes.items()}
+        self.settings = settings.model_copy(update=update)
+        self.controller: Controller = make_controller(self.settings, self.model, lambda: 0.0)
+        self.stance = stance(self.model, self.controller, list(self.controller.contacts))
+
+    def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
+        """A state; at rest in the stance where nothing else is given."""
+        return RobotState(
+            0, frozen(self.stance if q is None else q), frozen(np.zeros(self.model.nv) if v is None else v)
+        )
+
+    def near_stance(self, rng: np.random.Generator, position: float = 0.1, velocity: float = 0.3) -> RobotState:
+        """A random state within joint limits, near the stance."""
+        q = pin.integrate(self.model.pinocchio, self.stance, position * rng.uniform(-1, 1, self.model.nv))
+        q[self.model.q_index] = np.clip(
+            q[self.model.q_index], self.model.position_lower + 0.05, self.model.position_upper - 0.05
+        )
+        return self.state(q, velocity * rng.uniform(-1, 1, self.model.nv))
+
+    def references(self, state: RobotState | None = None, **weights: float) -> References:
+        """Stay where a state is; weights that are not given are the configuration's."""
+        state = self.state() if state is None else state
+        dynamics = Dynamics(self.model)
+        dynamics.update(state.q, state.v)
+        configured = {name: task.weight if task.enabled else 0.0 for name, task in self.settings.tasks.items()}
+        return References(
+            tasks={name: task.rest(dynamics) for name, task in self.controller.tasks.items()},
+            weights=configured | weights,
+            contacts=dict.fromkeys(self.controller.contacts, 1.0),
+        )
+
+
+@pytest.fixture(scope="session")
+def load() -> Callable[[str], tuple[RobotModel, Settings]]:
+    """The function that builds a shipped robot."""
+    return build_robot
+
+
+@pytest.fixture(scope="session")
+def bench() -> Callable[..., Bench]:
+    """The function that builds a controller: bench("g1", limits={"velocity": False})."""
+
+    def build(robot: str, **changes: dict[str, Any]) -> Bench:
+        return Bench(robot, changes)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def random_state() -> Callable[[RobotModel, np.random.Generator], tuple[Array, Array]]:
+    """The function that draws (q, v) with any base orientation and joints within their limits."""
+
+    def draw(model: RobotModel, rng: np.random.Generator) -> tuple[Array, Array]:
+        joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
+        axis = rng.normal(size=3)
+        turn = axis / np.linalg.norm(axis) * rng.uniform(0.0, np.pi)
+        base = pin.SE3(pin.exp3(turn), rng.normal(size=3))
+        return model.configuration(joints, base), 2.0 * rng.normal(size=model.nv)
+
+    return draw

@@ -1,0 +1,219 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import qpsolvers
+
+from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.solvers import available_solvers, make_solver
+from wbc_controller.core.solvers.factory import require_solver
+from wbc_controller.errors import ConfigurationError
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*Clarabel:UserWarning"),
+    pytest.mark.filterwarnings("ignore:Converted matrix"),
+]
+SOLVERS = available_solvers()
+PERSISTENT = ("daqp", "osqp", "proxqp")
+FIELDS = QuadraticProgram.__dataclass_fields__
+
+
+def random_problem(rng, n=20, equalities=5, inequalities=15):
+    """A strictly convex problem around a feasible point, some of whose bounds are infinite, and some of which bind."""
+    root = rng.normal(size=(n, n))
+    A, C, inside = rng.normal(size=(equalities, n)), rng.normal(size=(inequalities, n)), rng.normal(size=n)
+    problem = QuadraticProgram.empty(n, equalities, inequalities)
+    problem.H[:] = root @ root.T + 0.1 * np.eye(n)
+    problem.g[:] = 10.0 * rng.normal(size=n)
+    problem.A[:], problem.b[:], problem.C[:] = A, A @ inside, C
+    problem.lower[:], problem.upper[:] = C @ inside - rng.uniform(0, 2, inequalities), C @ inside + 0.5
+    problem.lower[::3] = -np.inf
+    problem.upper[1::3] = np.inf
+    problem.x_lower[:], problem.x_upper[:] = inside - rng.uniform(0, 1, n), inside + rng.uniform(0, 1, n)
+    problem.x_lower[::2] = -np.inf
+    problem.x_upper[::3] = np.inf
+    return problem
+
+
+def drift(problem, rng, size=0.01):
+    """The next cycle's problem: every finite number is a little different; equalities stay feasible."""
+    moved = replace(problem, **{name: np.array(getattr(problem, name)) for name in FIELDS})
+    n = len(problem.g)
+    change = size * rng.normal(size=(n, n))
+    moved.H[:] += change @ change.T
+    for name in ("g", "b", "lower", "upper"):
+        getattr(moved, name)[:] += size * rng.uniform(0.0, 1.0, getattr(moved, name).shape)
+    moved.A[:] += size * rng.normal(size=moved.A.shape)
+    return moved
+
+
+def reference_answer(problem):
+    """The minimizer by quadprog, checked against the optimality conditions, so that it needs no trust."""
+    upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
+    G = np.vstack([problem.C[upper], -problem.C[lower]])
+    h = np.concatenate([problem.upper[upper], -problem.lower[lower]])
+    qp = qpsolvers.Problem(problem.H, problem.g, G, h, problem.A, problem.b, problem.x_lower, problem.x_upper)
+    solution = qpsolvers.solve_problem(qp, solver="quadprog")
+    assert solution.found
+    assert solution.is_optimal(1.0e-7)
+    return solution.x
+
+
+def assert_agrees(solver, problem, answer, expected):
+    """Feasible within the stated tolerance, and no worse than the best within what that tolerance is worth."""
+    assert answer.x is not None, answer.status
+    tolerance = solver.tolerance
+    assert problem.violation(answer.x) <= tolerance
+    assert np.linalg.norm(answer.x - expected, np.inf) <= 10.0 * tolerance * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_cold_solver_finds_the_minimizer(name):
+    for seed in range(10):
+        problem = random_problem(np.random.default_rng(seed))
+        solver = make_solver(name, problem)
+        assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_warm_solver_follows_drifting_problems(name):
+    rng = np.random.default_rng(7)
+    problem = random_problem(rng)
+    solver = make_solver(name, problem)
+    for _ in range(25):
+        assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
+        problem = drift(problem, rng)
+
+
+def test_the_random_problems_have_constraints_that_bind():
+    binding = np.zeros(4, dtype=int)
+    for seed in range(10):
+        problem = random_problem(np.random.default_rng(seed))
+        x = reference_answer(problem)
+        pairs = ((problem.C @ x, problem.lower), (problem.C @ x, problem.upper), (x, problem.x_lower))
+        binding += [int((np.abs(a - b) < 1e-6).sum()) for a, b in (*pairs, (x, problem.x_upper))]
+    assert (binding >= 5).all(), binding
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_solver_keeps_its_hands_off_the_problem(name):
+    problem = random_problem(np.random.default_rng(1))
+    before = {field: np.array(getattr(problem, field)) for field in FIELDS}
+    solver = make_solver(name, problem)
+    first = np.array(solver.solve(problem).x)
+    for field, values in before.items():
+        np.testing.assert_array_equal(getattr(problem, field), values)
+    answer = solver.solve(problem)
+    problem.g[:] = 1.0e3  # the arrays are filled anew: an answer must not live in them, nor in the solver's workspace
+    kept = np.array(answer.x)
+    solver.solve(problem)
+    np.testing.assert_array_equal(answer.x, kept)
+    np.testing.assert_allclose(kept, first, atol=10.0 * solver.tolerance)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("what", ["bounds", "rows", "equalities"])
+def test_an_infeasible_problem_has_no_answer_and_leaves_no_trace(name, what):
+    rng = np.random.default_rng(2)
+    good = random_problem(rng)
+    bad = drift(good, rng)
+    if what == "bounds":
+        bad.C[0] = np.eye(20)[1]
+        bad.lower[0], bad.upper[0], bad.x_upper[1] = 5.0, 6.0, 4.0
+    elif what == "rows":
+        bad.C[1] = bad.C[0]
+        bad.lower[:2], bad.upper[:2] = [-3.0, 1.0], [-2.0, 2.0]
+    else:
+        bad.A[1] = bad.A[0]
+        bad.b[:2] = [0.0, 1.0]
+    solver = make_solver(name, good)
+    for problem in (good, bad, bad):
+        answer = solver.solve(problem)
+        if problem is bad:
+            assert answer.x is None or not problem.violation(answer.x) <= 0.01
+            if what == "rows":
+                assert answer.x is None
+            assert answer.status
+    for problem in (good, drift(good, rng)):
+        assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
+
+
+@pytest.mark.parametrize("name", [name for name in SOLVERS if name != "proxqp"])  # which spins on it for seconds:
+@pytest.mark.parametrize("field", ["H", "g", "A", "b", "C", "upper", "x_lower"])  # the controller keeps it from it
+def test_nan_never_comes_out_as_an_answer(name, field):
+    good = random_problem(np.random.default_rng(3))
+    bad = drift(good, np.random.default_rng(3))
+    getattr(bad, field).reshape(-1)[1] = np.nan
+    assert good.is_finite
+    assert not bad.is_finite
+    solver = make_solver(name, good)
+    solver.solve(good)
+    answer = solver.solve(bad)
+    assert answer.x is None or not bad.violation(answer.x) <= 0.01
+    assert_agrees(solver, good, solver.solve(good), reference_answer(good))
+
+
+def test_violation_says_by_how_much_each_constraint_is_broken():
+    problem = QuadraticProgram.empty(2, 1, 1)
+    problem.A[:], problem.b[:] = [[1.0, 0.0]], [1.0]
+    problem.C[:], problem.lower[:], problem.upper[:] = [[0.0, 1.0]], [-1.0], [2.0]
+    problem.x_lower[:], problem.x_upper[:] = [0.0, -1.5], [3.0, np.inf]
+    for x, expected in (
+        ([1.0, 0.0], 0.0),
+        ([1.5, 0.0], 0.5),
+        ([1.0, 2.5], 0.5),
+        ([1.0, -1.25], 0.25),
+        ([1.0, -2.0], 1.0),
+        ([4.5, 0.0], 3.5),
+    ):
+        assert problem.violation(np.array(x)) == pytest.approx(expected)
+    assert np.isnan(problem.violation(np.array([1.0, np.nan])))
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_problem_with_nan_is_not_finite(field):
+    problem = random_problem(np.random.default_rng(4))
+    assert problem.is_finite
+    getattr(problem, field).reshape(-1)[0] = np.nan
+    assert not problem.is_finite
+
+
+def test_the_objective_is_what_is_minimized():
+    problem = random_problem(np.random.default_rng(5))
+    x = reference_answer(problem)
+    assert problem.objective(x) == pytest.approx(0.5 * x @ problem.H @ x + problem.g @ x)
+    solver = make_solver("daqp", problem)
+    assert problem.objective(solver.solve(problem).x) == pytest.approx(problem.objective(x), rel=1e-8)
+
+
+def test_an_unknown_solver_is_refused_with_the_nearest_one():
+    problem = random_problem(np.random.default_rng(6))
+    for call in (lambda: make_solver("dapq", problem), lambda: require_solver("dapq")):
+        with pytest.raises(ConfigurationError, match=r"solver\.name = 'dapq'.*did you mean 'daqp'.*osqp, .*proxqp"):
+            call()
+
+
+def test_the_persistent_solvers_are_among_those_available():
+    assert set(PERSISTENT) <= set(SOLVERS)
+    for name in SOLVERS:
+        require_solver(name)
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_all_solvers_agree_on_the_standing_robot(bench, robot, name):
+    reference = bench(robot)
+    other = bench(robot, solver={"name": name})
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        state = reference.near_stance(rng, position=0.05, velocity=0.1)
+        references = reference.references()
+        expected = reference.controller.solve(state, references)
+        answer = other.controller.solve(state, references)
+        solver = make_solver(name, other.controller.build(state, references).problem)
+        assert max(answer.residuals.values()) <= max(1.0e-2, solver.tolerance)
+        scale = max(1.0, np.abs(expected.v_dot).max())
+        assert np.abs(answer.v_dot - expected.v_dot).max() <= 10.0 * max(solver.tolerance, 1.0e-5) * scale
+        # Forces that press the feet against each other hardly cost anything: only exact solvers agree on them.
+        if name in ("daqp", "proxqp", "quadprog"):
+            assert np.abs(answer.tau - expected.tau).max() <= 1.0e-2

@@ -1,0 +1,211 @@
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Reference
+
+ROBOTS = ("g1", "talos", "go2")
+FRAMES = {"g1": "left_rubber_hand", "talos": "gripper_right_base_link", "go2": "FL_foot"}
+KINDS = ("posture", "com", "frame_position", "frame_orientation", "frame_pose")
+some_states = hypothesis_settings(deadline=None, max_examples=8, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def make(kind, model, robot, **options):
+    if kind == "posture":
+        return PostureTask(kind, model, model.joints[7:2:-2], **options)
+    if kind == "com":
+        return ComTask(kind, options.pop("mask", [True] * 3), **options)
+    kinds = {"position": FramePositionTask, "orientation": FrameOrientationTask, "pose": FramePoseTask}
+    return kinds[kind.removeprefix("frame_")](kind, model, FRAMES[robot], **options)
+
+
+def snapshot(model, q, v):
+    dynamics = Dynamics(model)
+    dynamics.update(q, v)
+    return dynamics
+
+
+def rotation(quaternion):
+    return pin.Quaternion(quaternion).toRotationMatrix()
+
+
+def displacement(kind, start, end):
+    """From one position to another, rotations as vectors in world axes; computed apart from the task's own error."""
+    if kind == "frame_orientation":
+        return pin.log3(rotation(end) @ rotation(start).T)
+    if kind == "frame_pose":
+        return np.concatenate([end[:3] - start[:3], pin.log3(rotation(end[3:]) @ rotation(start[3:]).T)])
+    return end - start
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_jacobian_is_the_derivative_of_the_position(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(seed))
+    task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-6
+    columns = []
+    for direction in np.eye(model.nv):
+        ends = []
+        for sign in (-step, step):
+            dynamics.update(pin.integrate(model.pinocchio, q, sign * direction), v)
+            ends.append(np.array(task.position(dynamics)))
+        columns.append(displacement(kind, *ends) / (2.0 * step))
+    dynamics.update(q, v)
+    J = task.jacobian(dynamics)
+    assert J.shape == (task.size, model.nv)
+    assert np.abs(J - np.array(columns).T).max() < 1.0e-7
+    np.testing.assert_allclose(task.velocity(dynamics), J @ v, atol=1.0e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_drift_is_the_acceleration_of_the_position_at_rest_of_v(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(seed))
+    task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-5
+    ends = []
+    for sign in (-step, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
+        ends.append(np.array(task.velocity(dynamics)))
+    dynamics.update(q, v)
+    drift = task.drift(dynamics)
+    assert np.linalg.norm((ends[1] - ends[0]) / (2.0 * step) - drift) < 1.0e-6 * max(1.0, np.linalg.norm(drift))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_error_leads_from_the_position_to_the_reference(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    rng = np.random.default_rng(seed)
+    task = make(kind, model, robot)
+    here, there = (snapshot(model, *random_state(model, rng)) for _ in range(2))
+    assert np.abs(task.error(here, task.position(here))).max() < 1.0e-9
+    goal = np.array(task.position(there))
+    error = task.error(here, goal)
+    expected = displacement(kind, task.position(here), goal)
+    np.testing.assert_allclose(error, expected, atol=1.0e-8)
+    if kind in ("frame_orientation", "frame_pose"):
+        assert np.linalg.norm(error[-3:]) <= np.pi + 1.0e-9
+        reached = pin.exp3(error[-3:]) @ rotation(task.position(here)[-4:])
+        np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
+
+
+def test_position_of_a_frame_is_where_pinocchio_puts_it(load, random_state):
+    model, _ = load("g1")
+    q, v = random_state(model, np.random.default_rng(1))
+    dynamics, data = snapshot(model, q, v), model.pinocchio.createData()
+    pin.framesForwardKinematics(model.pinocchio, data, q)
+    placement = data.oMf[model.pinocchio.getFrameId(FRAMES["g1"])]
+    np.testing.assert_allclose(make("frame_pose", model, "g1").position(dynamics), pin.SE3ToXYZQUAT(placement))
+    np.testing.assert_allclose(make("frame_position", model, "g1").position(dynamics), placement.translation)
+    np.testing.assert_allclose(
+        rotation(make("frame_orientation", model, "g1").position(dynamics)), placement.rotation, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("length", [0.5, 2.0])
+def test_a_reference_orientation_need_not_be_normalized(load, random_state, length):
+    model, _ = load("go2")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(2)))
+    task = make("frame_orientation", model, "go2")
+    reference = pin.Quaternion(pin.exp3(np.array([0.1, 0.2, -0.3]))).coeffs()
+    expected = task.error(dynamics, reference)
+    np.testing.assert_allclose(task.error(dynamics, length * reference), expected, atol=1e-12)
+    np.testing.assert_allclose(task.error(dynamics, -reference), expected, atol=1e-12)  # q and -q are one orientation
+
+
+@pytest.mark.parametrize(
+    ("kind", "mask"),
+    [
+        ("com", [True, False, True]),
+        ("frame_position", [False, True, False]),
+        ("frame_orientation", [True, True, False]),
+        ("frame_pose", [True, False, True, False, False, True]),
+        ("frame_pose", [False] * 6),
+    ],
+)
+def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind, mask):
+    model, _ = load("talos")
+    rng = np.random.default_rng(3)
+    dynamics = snapshot(model, *random_state(model, rng))
+    goal = np.array(make(kind, model, "talos").position(snapshot(model, *random_state(model, rng))))
+    task = make(kind, model, "talos", mask=mask, stiffness=70.0, damping=3.0)
+    reference = Reference(goal, rng.normal(size=task.size), rng.normal(size=task.size))
+    J, right, error = task.equation(dynamics, reference)
+    assert task.dimension == sum(mask)
+    # The acceleration that the task gets, were it alone, is its law's.
+    full_error = displacement(kind, task.position(dynamics), goal)
+    acceleration = reference.acceleration + 70.0 * full_error
+    acceleration += 3.0 * (reference.velocity - task.jacobian(dynamics) @ dynamics.v)
+    np.testing.assert_allclose(right + task.drift(dynamics)[mask], acceleration[mask], atol=1e-8)
+    np.testing.assert_array_equal(J, task.jacobian(dynamics)[mask])
+    assert error == pytest.approx(np.linalg.norm(full_error[mask]), abs=1e-9)
+
+
+def test_the_posture_task_takes_its_own_joints_in_its_own_order(load, random_state):
+    model, _ = load("go2")
+    q, v = random_state(model, np.random.default_rng(4))
+    dynamics = snapshot(model, q, v)
+    task = PostureTask("legs", model, ["RR_calf_joint", "FL_hip_joint"], stiffness=10.0, damping=1.0)
+    indices = [model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_v for name in task.joints]
+    np.testing.assert_array_equal(task.velocity(dynamics), v[indices])
+    np.testing.assert_array_equal(task.jacobian(dynamics), np.eye(model.nv)[indices])
+    _, right, _ = task.equation(dynamics, Reference(np.array([0.1, 0.2]), np.zeros(2), np.array([7.0, 8.0])))
+    q_indices = [model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_q for name in task.joints]
+    np.testing.assert_allclose(right, [7.0, 8.0] + 10.0 * ([0.1, 0.2] - q[q_indices]) - v[indices])
+    assert PostureTask("all", model).joints == model.joints
+    with pytest.raises(ConfigurationError, match=r"tasks\.legs\.joints: 'FL_hip_jont'.*did you mean 'FL_hip_joint'"):
+        PostureTask("legs", model, ["FL_hip_jont"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damping_is_critical_where_it_is_not_given(load, kind):
+    model, _ = load("g1")
+    assert make(kind, model, "g1", stiffness=64.0).damping == pytest.approx(2.0 * math.sqrt(64.0))
+    assert make(kind, model, "g1", stiffness=64.0, damping=0.0).damping == 0.0
+
+
+def test_rest_is_a_reference_that_asks_for_no_acceleration(load, random_state):
+    model, _ = load("g1")
+    q, _ = random_state(model, np.random.default_rng(5))
+    dynamics = snapshot(model, q, np.zeros(model.nv))
+    for kind in KINDS:
+        task = make(kind, model, "g1")
+        _, right, error = task.equation(dynamics, task.rest(dynamics))
+        assert np.abs(right).max() < 1.0e-6
+        assert error < 1.0e-8
+
+
+def test_a_resting_reference_outlives_the_snapshot(load, random_state):
+    model, _ = load("g1")
+    rng = np.random.default_rng(6)
+    dynamics = snapshot(model, *random_state(model, rng))
+    references = {kind: make(kind, model, "g1").rest(dynamics) for kind in KINDS}
+    before = {kind: np.array(reference.position) for kind, reference in references.items()}
+    dynamics.update(*random_state(model, rng))
+    for kind, reference in references.items():
+        np.testing.assert_array_equal(reference.position, before[kind])
+
+
+@pytest.mark.parametrize("kind", ["frame_position", "frame_orientation", "frame_pose"])
+def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
+    model, _ = load("go2")
+    kinds = {"frame_position": FramePositionTask, "frame_orientation": FrameOrientationTask}
+    with pytest.raises(ConfigurationError, match=r"tasks\.paw\.frame = 'FL_fot'.*did you mean 'FL_foot'"):
+        kinds.get(kind, FramePoseTask)("paw", model, "FL_fot")
