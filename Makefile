@@ -28,9 +28,9 @@ docs: $(VENV)/dev.installed  ## write the generated pages of docs/
 	$(BIN)/python -m wbc_controller.reference_pages docs
 
 lock:  ## resolve requirements/*.txt anew; needs uv
-	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate \
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
 	    --upgrade --quiet setup.py --extra demo --output-file requirements/demo.txt
-	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate \
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
 	    --upgrade --quiet setup.py requirements/dev.in --constraints requirements/demo.txt --extra demo \
 	    --output-file requirements/dev.txt
 
