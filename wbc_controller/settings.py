@@ -94,7 +94,8 @@ class SolverSettings(_Section):
         "solver of qpsolvers is called through it.",
     )
     regularization_acceleration: Positive = Field(
-        1.0e-5, le=1.0, description="Weight of ½‖v̇‖², (m/s²)⁻² or (rad/s²)⁻²."
+        1.0e-5, le=1.0, description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and the rate of the "
+        "momentum about the centre of mass per mass; (rad/s²)⁻², (m/s²)⁻²."
     )
     regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
 

@@ -16,6 +16,8 @@ from wbc_controller.core.tasks import Task
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Array, References, RobotState, Solution, frozen, frozen_mapping
 
+#: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
+ROTATION_LENGTH = 0.1
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
 #: Largest contact motion, in m/s² or rad/s², and force, in N or N·m, by which an answer may miss the equations.
@@ -27,10 +29,12 @@ class Controller:
 
     Minimize, over v̇, τ and f,
 
-        ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a ‖v̇‖² + ½ ε_f ‖f‖²
+        ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖²
 
     subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the contacts' motion J v̇ + J̇v = -D J v, the
-    contacts' wrench cones, and the limits of the joints. Building the problem (`build`) is apart from solving it
+    contacts' wrench cones, and the limits of the joints. Here q̈ are the joints' accelerations and ḣ_G is the rate of
+    the momentum about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on which link
+    the coordinates take for the base (S2). Building the problem (`build`) is apart from solving it
     (`solve`).
 
     Attributes:
@@ -83,7 +87,9 @@ class Controller:
         self._regularization_force = regularization_force
         self._timer = timer
         self._layouts: dict[tuple[str, ...], tuple[Layout, Solver]] = {}
-        rows = sum(task.dimension for task in tasks)
+        self._joint_columns = np.arange(6 if model.floating_base else 0, model.nv)
+        self._momentum_scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3)[:, None] / model.mass
+        rows = sum(task.dimension for task in tasks) + 6
         self._task_rows = np.zeros((rows, model.nv))
         self._task_right = np.zeros(rows)
         self._task_errors: dict[str, float] = {}
@@ -131,14 +137,24 @@ class Controller:
             np.multiply(right, scale, out=self._task_right[row:end])
             self._task_errors[name] = error
             row = end
+        row = self._regularize_momentum(row)
         rows, right = self._task_rows[:row], self._task_right[:row]
         H = problem.H
         np.matmul(rows.T, rows, out=H[:nv, :nv])
         diagonal = H.reshape(-1)[:: len(H) + 1]
-        diagonal[:nv] += self._regularization_acceleration
+        diagonal[self._joint_columns] += self._regularization_acceleration
         diagonal[nv:] = self._regularization_force * FORCE_UNIT**2
         np.matmul(rows.T, right, out=problem.g[:nv])
         np.negative(problem.g[:nv], out=problem.g[:nv])
+
+    def _regularize_momentum(self, row: int) -> int:
+        """Add the rows of √ε_a ḣ_G / m, for a base that moves; gives the number of rows filled."""
+        if not self.model.floating_base:
+            return row
+        scale = self._regularization_acceleration**0.5 * self._momentum_scale
+        np.multiply(self.dynamics.centroidal_matrix, scale, out=self._task_rows[row : row + 6])
+        np.multiply(-self.dynamics.centroidal_drift, scale[:, 0], out=self._task_right[row : row + 6])
+        return row + 6
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model

@@ -24,6 +24,8 @@ class Dynamics:
         com_velocity: its velocity in the world, (3,) in m/s.
         com_jacobian: (3, nv), so that com_velocity = com_jacobian v.
         com_drift: acceleration of the centre of mass at v̇ = 0, (3,) in m/s².
+        centroidal_matrix: A_G, (6, nv), so that the momentum about the centre of mass, in world axes, is A_G v.
+        centroidal_drift: rate of that momentum at v̇ = 0, (6,) in N and N·m.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -40,6 +42,8 @@ class Dynamics:
         self.com_velocity: Array
         self.com_jacobian: Array
         self.com_drift: Array
+        self.centroidal_matrix: Array
+        self.centroidal_drift: Array
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
@@ -53,7 +57,7 @@ class Dynamics:
         self.q, self.v = q, v
         pin.computeAllTerms(model, data, q, v)
         # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
-        pin.centerOfMass(model, data, q, v, self._zero)
+        self.centroidal_drift = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero).vector
         pin.updateFramePlacements(model, data)
         self.M = data.M
         self.M[self._lower] = self.M.T[self._lower]  # Pinocchio fills the upper triangle alone
@@ -61,7 +65,8 @@ class Dynamics:
         self.com = data.com[0]
         self.com_velocity = data.vcom[0]
         self.com_jacobian = data.Jcom
-        self.com_drift = data.acom[0]
+        self.com_drift = self.centroidal_drift[:3] / data.mass[0]
+        self.centroidal_matrix = data.Ag
 
     def placement(self, frame_id: int) -> pin.SE3:
         """Placement of a frame in the world."""
