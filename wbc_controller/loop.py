@@ -14,7 +14,7 @@ from wbc_controller.core.references import ReferenceBoard
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inputs import Inputs, Latched
 from wbc_controller.outputs import Outputs
-from wbc_controller.records import CycleReport, Fault, JointCommand, RobotState, Solution
+from wbc_controller.records import CycleReport, Fault, JointCommand, Mode, RobotState, Solution
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.supervisor import Supervisor
 
@@ -76,11 +76,19 @@ class ControlLoop:
         refused = list(latched.refused)
         problem = stale_inputs(latched.ages, self._state_timeout, latched.notes)
         read = self._timer()
-        self._take_requests(latched, now, problem, refused)
-        outcome = self._compute(latched, now, refused) if problem is None and self.supervisor.solving else None
+        starts = self._take_requests(latched, now, problem, refused)
+        outcome = None
+        if problem is None and self.supervisor.solving:
+            outcome = self._compute(latched, now, starts, refused)
         computed = self._timer()
         fresh = latched.ages["joint_states"] <= self._state_timeout
         command = self.supervisor.step(now, latched.state, latched.joint_velocity if fresh else None, problem, outcome)
+        if latched.changes and outcome is None:
+            mode = self.supervisor.mode
+            words = "'activate'" if mode is Mode.INACTIVE else "'reset' and 'activate'"
+            refused.append(
+                f"{len(latched.changes)} task or contact commands: the controller is {mode.value}; send {words} first"
+            )
         supervised = self._timer()
         solution = outcome if isinstance(outcome, Solution) else None
         stages = {"read": read - started, "compute": computed - read, "supervise": supervised - computed}
@@ -119,32 +127,30 @@ class ControlLoop:
             deadlines_missed=self._deadlines_missed,
         )
 
-    def _take_requests(self, latched: Latched, now: float, problem: Fault | None, refused: list[str]) -> None:
+    def _take_requests(self, latched: Latched, now: float, problem: Fault | None, refused: list[str]) -> bool:
+        """Hand the requests to the supervisor; say whether the controller starts from the present state."""
+        starts = False
         words = latched.commands
         if self._activate_when_fresh and problem is None:
             self._activate_when_fresh = False
             words = ("activate", *words)
         for word in words:
             try:
-                starts = self.supervisor.request(word, now, problem)
+                starts = self.supervisor.request(word, now, problem) or starts
             except InputRefused as refusal:
                 refused.append(str(refusal))
                 continue
             _log.info("command %r: now %s", word, self.supervisor.mode.value)
-            if starts and latched.state is not None:
-                self._controller.dynamics.update(latched.state.q, latched.state.v)
-                self._board.reset(self._controller.dynamics, seconds(latched.state))
-        if latched.changes and not self.supervisor.solving:
-            refused.append(
-                f"{len(latched.changes)} task or contact commands: the controller is "
-                f"{self.supervisor.mode.value}; send 'activate' first"
-            )
+        return starts
 
-    def _compute(self, latched: Latched, now: float, refused: list[str]) -> Solution | NoSolution | Fault:
+    def _compute(self, latched: Latched, now: float, starts: bool, refused: list[str]) -> Solution | NoSolution | Fault:
         state = latched.state
         if state is None:
             return Fault("NO_STATE", "no state has arrived")
         try:
+            if starts:
+                self._controller.dynamics.update(state.q, state.v)
+                self._board.reset(self._controller.dynamics, seconds(state))
             for changes in latched.changes:
                 try:
                     self._board.apply(changes, self._controller.dynamics, seconds(state))
