@@ -1,0 +1,70 @@
+"""What every function of this package asks of its arguments, said once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.records import Array
+
+
+def as_array(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return an array of the wanted shape with finite values.
+
+    Args:
+        name: what the values are, for the error.
+        values: the values.
+        shape: the wanted shape.
+
+    Raises:
+        InputRefused: where the shape is another one, or a value is not finite.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise InputRefused(f"{name} has the shape {array.shape}; expected {shape}")
+    if not np.isfinite(array).all():
+        where = [tuple(int(i) for i in index) for index in np.argwhere(~np.isfinite(array))[:5]]
+        raise InputRefused(f"{name} is not finite at {where}; expected finite values")
+    return array
+
+
+def frame_index(model: pin.Model, name: str) -> int:
+    """Look up a frame by name.
+
+    Raises:
+        ConfigurationError: where the model has no such frame.
+    """
+    if not model.existFrame(name):
+        names = [frame.name for frame in model.frames if frame.type == pin.BODY]
+        raise ConfigurationError(f"the model has no frame {name!r}; {valid_choices(name, names)}")
+    return int(model.getFrameId(name))
+
+
+def joint_index(model: pin.Model, name: str) -> int:
+    """Look up a joint by name.
+
+    Raises:
+        ConfigurationError: where the model has no such joint.
+    """
+    if not model.existJointName(name) or name == "universe":
+        raise ConfigurationError(f"the model has no joint {name!r}; {valid_choices(name, list(model.names)[1:])}")
+    return int(model.getJointId(name))
+
+
+def single_joint(model: pin.Model, name: str) -> Any:
+    """Look up a joint with one degree of freedom in one coordinate.
+
+    Raises:
+        ConfigurationError: where there is none of this name.
+    """
+    joint = model.joints[joint_index(model, name)]
+    if joint.nq != 1 or joint.nv != 1:
+        raise ConfigurationError(
+            f"joint {name!r} ({joint.shortname()}) has {joint.nv} degrees of freedom in {joint.nq} coordinates; "
+            "one of each is needed"
+        )
+    return joint

@@ -1,0 +1,83 @@
+"""Floating-base dynamics under constraints, M v̇ + h = Sᵀτ + Aᵀλ and A v̇ = b (section 4.2.2; S10).
+
+Forward, given the torques; and as the equality constraints of a quadratic program that chooses them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.mechanics.checks import as_array
+from wbc_controller.mechanics.constraints import Constraint, Kinematics, constraint_equation
+from wbc_controller.mechanics.equations_of_motion import bias_force, mass_matrix
+from wbc_controller.mechanics.gauss import ConstrainedMotion, gauss, gauss_unilateral
+from wbc_controller.records import Array
+
+
+def constrained_dynamics(
+    model: pin.Model,
+    q: Array,
+    v: Array,
+    force: Array,
+    constraints: Sequence[Constraint] = (),
+    *,
+    pushing: Sequence[Constraint] = (),
+    t: float = 0.0,
+    data: pin.Data | None = None,
+) -> ConstrainedMotion:
+    """Motion under constraints, given the applied forces (section 4.2.2 by way of (31) and (32); S10).
+
+    With v̇ᵤ = M⁻¹(f - h), where f = Sᵀτ + Jᵀw.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        force: applied generalized force, (nv,) in N and N·m.
+        constraints: two-sided constraints; they may repeat each other.
+        pushing: constraints whose λ may not be negative, such as contacts that touch; those of them whose λ would be
+            negative let go.
+        t: time, s, for constraints that depend on it.
+        data: memory to compute in.
+
+    Returns:
+        Acceleration, multipliers (in the order of the constraints) and constraint force f_c = Aᵀλ.
+
+    Raises:
+        ConfigurationError: where the model has no such frame or joint.
+        InputRefused: where the force has another shape, or is not finite.
+        NoSolution: where the constraints contradict each other.
+    """
+    data = data if data is not None else model.createData()
+    f = as_array("force", force, (model.nv,))
+    M = mass_matrix(model, q, data=data)
+    v_dot_u = np.asarray(np.linalg.solve(M, f - bias_force(model, q, v, data=data)), dtype=np.float64)
+    kinematics = Kinematics(model, q, v, t, data=data)
+    both = constraint_equation(constraints, kinematics)
+    if not pushing:
+        return gauss(M, v_dot_u, both.A, both.b)
+    one = constraint_equation(pushing, kinematics)
+    return gauss_unilateral(M, v_dot_u, both.A, both.b, one.A, one.b)
+
+
+def contact_dynamics_equations(M: Array, h: Array, S: Array, A: Array, b: Array) -> tuple[Array, Array]:
+    """Equality constraints of a program that chooses the torques: section 4.2.2 as E x = e with x = [v̇, τ, λ] (S10).
+
+    Args:
+        M: mass matrix, (nv, nv).
+        h: bias force less external generalized forces, (nv,).
+        S: actuation matrix, (na, nv); the generalized force of the torques is Sᵀτ (34).
+        A: constraint matrix, (k, nv).
+        b: right side of (30), (k,).
+
+    Returns:
+        E, (nv + k, nv + na + k), and e, (nv + k,).
+    """
+    (k, nv), na = A.shape, len(S)
+    E = np.zeros((nv + k, nv + na + k))
+    E[:nv, :nv], E[:nv, nv : nv + na], E[:nv, nv + na :] = M, -S.T, -A.T
+    E[nv:, :nv] = A
+    return E, np.concatenate([-h, b])

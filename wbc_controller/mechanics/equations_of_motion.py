@@ -1,0 +1,144 @@
+"""The equations of motion M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ, term by term and as functions (S1, S11).
+
+Each function takes a `pinocchio.Model`, so that it serves robots and mechanisms that the controller does not know. All
+of them compute in ``data`` where it is given, which saves allocating it, and return arrays of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from wbc_controller.mechanics.checks import as_array, single_joint
+from wbc_controller.records import Array
+
+
+def mass_matrix(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> Array:
+    """Mass matrix M of equations (7), (22) and (34), by the composite rigid body algorithm.
+
+    The kinetic energy is T = ½ vᵀM v. Reflected rotor inertias (``model.armature``) are part of it.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        data: memory to compute in.
+
+    Returns:
+        M, (nv, nv), symmetric positive definite; kg, kg·m and kg·m² as the coordinates have it.
+    """
+    M = np.array(pin.crba(model, data if data is not None else model.createData(), q))
+    upper = np.triu(M)  # Pinocchio promises this triangle alone
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
+def bias_force(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
+    """Bias force h of equation (34): what it takes to have v̇ = 0 — Coriolis, centrifugal and gravity terms.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        data: memory to compute in.
+
+    Returns:
+        h, (nv,), in N and N·m.
+    """
+    return np.array(pin.nonLinearEffects(model, data if data is not None else model.createData(), q, v))
+
+
+def generalized_gravity(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> Array:
+    """Gradient of the potential energy, ∂V/∂q of equations (3) and (5): h at v = 0.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        data: memory to compute in.
+
+    Returns:
+        (nv,), in N and N·m; the force of gravity is its negative.
+    """
+    return np.array(pin.computeGeneralizedGravity(model, data if data is not None else model.createData(), q))
+
+
+def inverse_dynamics(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None) -> Array:
+    """Generalized force that causes an acceleration, M v̇ + h (section 1.2, equation (22); S11).
+
+    The recursive Newton–Euler algorithm (Luh, Walker, Paul, "On-line computational scheme for mechanical manipulators",
+    1980), as Pinocchio has it: one call, without M.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        v_dot: generalized acceleration, (nv,).
+        data: memory to compute in.
+
+    Returns:
+        (nv,), in N and N·m; Sᵀτ plus all external and constraint forces.
+    """
+    return np.array(pin.rnea(model, data if data is not None else model.createData(), q, v, v_dot))
+
+
+def forward_dynamics(model: pin.Model, q: Array, v: Array, force: Array, *, data: pin.Data | None = None) -> Array:
+    """Unconstrained acceleration v̇ᵤ = M⁻¹(f - h) of section 4.2.2, with f = Sᵀτ + Jᵀw (S11).
+
+    The articulated body algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008), as Pinocchio has it.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        force: generalized force f, (nv,) in N and N·m.
+        data: memory to compute in.
+
+    Returns:
+        (nv,), in m/s² and rad/s².
+    """
+    return np.array(pin.aba(model, data if data is not None else model.createData(), q, v, force))
+
+
+def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
+    """Actuation matrix S of equation (34), which distributes the joint torques: the generalized force is Sᵀτ.
+
+    The note writes Sτ with the transpose of this matrix.
+
+    Args:
+        model: the mechanism.
+        joints: actuated joints with one degree of freedom, in the order of τ.
+
+    Returns:
+        S, (na, nv), of zeros and ones.
+
+    Raises:
+        ConfigurationError: where a joint is unknown or has not one degree of freedom.
+    """
+    S = np.zeros((len(joints), model.nv))
+    for row, name in enumerate(joints):
+        S[row, single_joint(model, name).idx_v] = 1.0
+    return S
+
+
+def equations_of_motion_residual(
+    M: Array, h: Array, v_dot: Array, force: npt.ArrayLike, constraint_force: npt.ArrayLike
+) -> Array:
+    """How far a motion is from section 4.2.2: M v̇ + h - Sᵀτ - Aᵀλ.
+
+    Args:
+        M: mass matrix, (nv, nv).
+        h: bias force, (nv,).
+        v_dot: generalized acceleration, (nv,).
+        force: applied generalized force Sᵀτ + Jᵀw, (nv,) in N and N·m.
+        constraint_force: f_c = Aᵀλ, (nv,) in N and N·m.
+
+    Returns:
+        (nv,), in N and N·m; zero where the motion is physical.
+
+    Raises:
+        InputRefused: where a force has another shape, or is not finite.
+    """
+    n = len(h)
+    applied, constraint = as_array("force", force, (n,)), as_array("constraint_force", constraint_force, (n,))
+    return np.asarray(M @ v_dot + h - applied - constraint)

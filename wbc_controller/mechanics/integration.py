@@ -1,0 +1,75 @@
+"""Fourth-order integration of motions whose configuration is not a vector.
+
+q̇ = v holds in the coordinates of the velocity. Around a configuration q₀ the motion is q = q₀ ⊕ θ, and θ is a vector:
+θ̇ = D(θ)⁻¹ v, where D is the derivative of ⊕ with respect to θ. A Runge–Kutta step in (θ, v) is of its full order
+(Munthe-Kaas, "High order Runge-Kutta methods on manifolds", 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.records import Array
+
+#: v̇ as a function of q, (nq,), v, (nv,), and t in s.
+Acceleration = Callable[[Array, Array, float], Array]
+
+
+def runge_kutta_step(
+    model: pin.Model, acceleration: Acceleration, q: Array, v: Array, t: float, step: float
+) -> tuple[Array, Array]:
+    """One step of the classical fourth-order method for the motion that (7) or (32) prescribe.
+
+    Args:
+        model: the mechanism.
+        acceleration: v̇(q, v, t), (nv,).
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        t: time, s.
+        step: s.
+
+    Returns:
+        q, (nq,), and v, (nv,), one step later.
+    """
+    curved = model.nq != model.nv  # only then is the derivative of ⊕ not the identity
+
+    def rates(theta: Array, v_now: Array, t_now: float) -> tuple[Array, Array]:
+        q_now = pin.integrate(model, q, theta)
+        theta_rate = v_now
+        if curved:
+            theta_rate = np.linalg.solve(pin.dIntegrate(model, q, theta, pin.ARG1), v_now)
+        return theta_rate, acceleration(q_now, v_now, t_now)
+
+    half = 0.5 * step
+    d1, a1 = v, acceleration(q, v, t)
+    d2, a2 = rates(half * d1, v + half * a1, t + half)
+    d3, a3 = rates(half * d2, v + half * a2, t + half)
+    d4, a4 = rates(step * d3, v + step * a3, t + step)
+    theta = step / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4)
+    return np.array(pin.integrate(model, q, theta)), v + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+
+
+def simulate(
+    model: pin.Model, acceleration: Acceleration, q: Array, v: Array, step: float, steps: int
+) -> tuple[Array, Array]:
+    """Follow the motion that (7) or (32) prescribe.
+
+    Args:
+        model: the mechanism.
+        acceleration: v̇(q, v, t), (nv,).
+        q: configuration at t = 0, (nq,).
+        v: generalized velocity at t = 0, (nv,).
+        step: s.
+        steps: their number.
+
+    Returns:
+        Configurations, (steps + 1, nq), and velocities, (steps + 1, nv), the first ones included.
+    """
+    qs, vs = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
+    qs[0], vs[0] = q, v
+    for k in range(steps):
+        qs[k + 1], vs[k + 1] = runge_kutta_step(model, acceleration, qs[k], vs[k], k * step, step)
+    return qs, vs

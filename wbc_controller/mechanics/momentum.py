@@ -1,0 +1,148 @@
+"""Generalized and centroidal momentum, and the balance of the latter (section 3.1; S5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.mechanics.energy import duration
+from wbc_controller.mechanics.equations_of_motion import mass_matrix
+from wbc_controller.mechanics.external import ExternalWrench, world_wrench
+from wbc_controller.records import Array, RobotState
+
+
+def generalized_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
+    """Generalized momentum p = ∂L/∂v = M v of equations (25) and (26).
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        data: memory to compute in.
+
+    Returns:
+        p, (nv,), in N·s and N·m·s.
+    """
+    return np.asarray(mass_matrix(model, q, data=data) @ v)
+
+
+def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
+    """Linear momentum, and angular momentum about the centre of mass: (28) for shifts and turns of all space.
+
+    After Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013). Rotor inertias (``model.armature``) have
+    no part in it: they turn with the joints alone.
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        data: memory to compute in.
+
+    Returns:
+        (6,) in world axes: linear in N·s, angular in N·m·s.
+    """
+    data = data if data is not None else model.createData()
+    return np.array(pin.computeCentroidalMomentum(model, data, q, v).vector)
+
+
+def centroidal_momentum_rate(
+    model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None
+) -> Array:
+    """Time derivative of `centroidal_momentum` along a motion, the ṗ of equation (26).
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        v_dot: generalized acceleration, (nv,).
+        data: memory to compute in.
+
+    Returns:
+        (6,) in world axes: N, and N·m about the centre of mass.
+    """
+    data = data if data is not None else model.createData()
+    return np.array(pin.computeCentroidalMomentumTimeVariation(model, data, q, v, v_dot).vector)
+
+
+def centroidal_wrench(
+    model: pin.Model, q: Array, wrenches: Sequence[ExternalWrench] = (), *, data: pin.Data | None = None
+) -> Array:
+    """Gravity plus external forces about the centre of mass: what `centroidal_momentum_rate` must equal (S5).
+
+    Internal forces, joint torques among them, do not appear: they are the symmetric part of equation (27).
+
+    Args:
+        model: the mechanism.
+        q: configuration, (nq,).
+        wrenches: contacts and other external wrenches.
+        data: memory to compute in.
+
+    Returns:
+        (6,) in world axes: N, and N·m about the centre of mass.
+
+    Raises:
+        ConfigurationError: where a wrench's frame is unknown.
+    """
+    data = data if data is not None else model.createData()
+    total = world_wrench(model, q, wrenches, data=data)
+    com = np.array(pin.centerOfMass(model, data, q))
+    total[3:] -= np.cross(com, total[:3])
+    total[:3] += pin.computeTotalMass(model) * np.array(model.gravity.linear)
+    return total
+
+
+@dataclass(frozen=True, slots=True)
+class MomentumBalance:
+    """What became of the centroidal momentum between two states (equation (26)).
+
+    Attributes:
+        rate: mean rate of change, (6,) in N and N·m, world axes.
+        supplied: mean of gravity and external wrenches about the centre of mass, (6,) in N and N·m.
+    """
+
+    rate: Array
+    supplied: Array
+
+    @property
+    def residual(self) -> Array:
+        """Wrench that no known force accounts for, (6,) in N and N·m; zero where model and measurements agree."""
+        return self.rate - self.supplied
+
+
+def momentum_residual(
+    model: pin.Model,
+    before: RobotState,
+    after: RobotState,
+    wrenches: Sequence[ExternalWrench] = (),
+    *,
+    data: pin.Data | None = None,
+) -> MomentumBalance:
+    """Check that centroidal momentum changes by gravity and contact forces alone (equation (26), S5).
+
+    Joint torques are internal, so this finds wrong masses, unknown pushes and wrong contact forces, but no wrong
+    torque; `energy.energy_residual` finds that one.
+
+    Args:
+        model: the mechanism, with a floating base; for a fixed one the force of the support must be among the wrenches.
+        before: first state.
+        after: second state.
+        wrenches: contacts and other external wrenches that acted in between, taken as constant in their own axes.
+        data: memory to compute in.
+
+    Returns:
+        The balance; its `residual` is the wrench that is missing.
+
+    Raises:
+        InputRefused: where the second state is not later.
+        ConfigurationError: where a wrench's frame is unknown.
+    """
+    seconds = duration(before, after)
+    data = data if data is not None else model.createData()
+    change = centroidal_momentum(model, after.q, after.v, data=data) - centroidal_momentum(
+        model, before.q, before.v, data=data
+    )
+    ends = [centroidal_wrench(model, state.q, wrenches, data=data) for state in (before, after)]
+    return MomentumBalance(rate=change / seconds, supplied=0.5 * (ends[0] + ends[1]))

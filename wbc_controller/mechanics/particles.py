@@ -1,0 +1,228 @@
+"""Particles held together by rigid rods: the system from which generalized coordinates come (section 4.2.1; S9).
+
+The note sees a robot as particles whose structure is a constraint A_s ẍ = b_s, and its contacts as A_c ẍ = b_c (33).
+Both can be resolved at once, or the structure first: then what is left is (31) in fewer coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.mechanics.checks import as_array
+from wbc_controller.mechanics.gauss import ConstrainedMotion, admissible_directions, gauss
+from wbc_controller.records import Array
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A massless rigid rod between two particles, or from a particle to a fixed point.
+
+    Attributes:
+        first: index of a particle.
+        second: index of another particle, or a point in the world, (3,) in m.
+        length: m.
+    """
+
+    first: int
+    second: int | Array
+    length: float
+
+
+@dataclass(frozen=True)
+class ParticleSystem:
+    """Point masses and the rods between them.
+
+    Attributes:
+        masses: (n,) in kg.
+        rods: the structure.
+        gravity: (3,) in m/s².
+
+    Raises:
+        ConfigurationError: where a mass is not positive, a rod names no particle, or has no length.
+    """
+
+    masses: Array
+    rods: Sequence[Rod]
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+
+    def __post_init__(self) -> None:
+        n = len(self.masses)
+        if not np.all(np.asarray(self.masses) > 0.0):
+            raise ConfigurationError(f"masses = {np.asarray(self.masses).tolist()} kg; all must be positive")
+        for rod in self.rods:
+            ends = [rod.first, rod.second] if isinstance(rod.second, int) else [rod.first]
+            for end in ends:
+                if not 0 <= end < n:
+                    raise ConfigurationError(f"a rod ends at particle {end}; valid: 0 to {n - 1}")
+            if not rod.length > 0.0:
+                raise ConfigurationError(f"a rod at particle {rod.first} has the length {rod.length} m; not positive")
+
+
+def particle_mass_matrix(system: ParticleSystem) -> Array:
+    """Mass matrix of equation (1), and of the metric in (33): every mass three times on the diagonal.
+
+    Args:
+        system: the particles.
+
+    Returns:
+        (3n, 3n), kg.
+    """
+    return np.diag(np.repeat(np.asarray(system.masses, dtype=np.float64), 3))
+
+
+def rod_constraints(
+    system: ParticleSystem, x: Array, x_dot: Array, *, time_constant: float = np.inf
+) -> ConstrainedRows:
+    """Structural constraints A_s ẍ = b_s of (33): every rod keeps g = ½(‖d‖² - length²) = 0, as (30).
+
+    With d from one end to the other, ġ = dᵀḋ and g̈ = dᵀd̈ + ḋᵀḋ.
+
+    Args:
+        system: the particles.
+        x: positions, (n, 3) in m.
+        x_dot: velocities, (n, 3) in m/s.
+        time_constant: of Baumgarte's stabilisation, s.
+
+    Returns:
+        A_s, (rods, 3n), and b_s, (rods,).
+
+    Raises:
+        InputRefused: where positions or velocities have another shape, or are not finite.
+    """
+    n = len(system.masses)
+    x, x_dot = as_array("x", x, (n, 3)), as_array("x_dot", x_dot, (n, 3))
+    A, b = np.zeros((len(system.rods), n, 3)), np.zeros(len(system.rods))
+    rate = 1.0 / time_constant
+    for row, rod in enumerate(system.rods):
+        if isinstance(rod.second, int):
+            d, d_dot = x[rod.first] - x[rod.second], x_dot[rod.first] - x_dot[rod.second]
+            A[row, rod.second] = -d
+        else:
+            d, d_dot = x[rod.first] - np.asarray(rod.second), x_dot[rod.first]
+        A[row, rod.first] = d
+        b[row] = -d_dot @ d_dot - 2.0 * rate * (d @ d_dot) - 0.5 * rate**2 * (d @ d - rod.length**2)
+    return A.reshape(len(system.rods), 3 * n), b
+
+
+#: A and b of equation (30) for particles: (k, 3n) and (k,).
+ConstrainedRows = tuple[Array, Array]
+
+
+def _free_acceleration(system: ParticleSystem, forces: Array | None) -> Array:
+    """ẍᵤ from gravity and other forces, (3n,) in m/s²; equations (1) and (3)."""
+    n = len(system.masses)
+    acceleration = np.tile(np.asarray(system.gravity, dtype=np.float64), (n, 1))
+    if forces is not None:
+        acceleration = acceleration + as_array("forces", forces, (n, 3)) / np.asarray(system.masses)[:, None]
+    return acceleration.reshape(-1)
+
+
+def solve_in_one_stage(
+    system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
+) -> ConstrainedMotion:
+    """Accelerations of all particles under structure and contact at once (33).
+
+    Args:
+        system: the particles.
+        structure: A_s (k, 3n) and b_s (k,).
+        contact: A_c (m, 3n) and b_c (m,); m may be 0.
+        forces: on each particle besides gravity, (n, 3) in N.
+
+    Returns:
+        ẍ, (3n,) in m/s², and the multipliers, those of the structure first.
+
+    Raises:
+        InputRefused: where shapes do not fit or a value is not finite.
+        NoSolution: where the constraints contradict each other.
+    """
+    A, b = np.vstack([structure[0], contact[0]]), np.concatenate([structure[1], contact[1]])
+    return gauss(particle_mass_matrix(system), _free_acceleration(system, forces), A, b)
+
+
+@dataclass(frozen=True, slots=True)
+class ReducedProblem:
+    """What is left of (33) once the structure is resolved: (31) in d coordinates, ẍ = particular + basis · a.
+
+    Attributes:
+        basis: (3n, d); it plays the part of ∂φ/∂q in (15) and (17).
+        particular: (3n,), an acceleration that keeps the structure.
+        M: mass matrix in the reduced coordinates, (d, d).
+        a_u: their acceleration without contact, (d,).
+    """
+
+    basis: Array
+    particular: Array
+    M: Array
+    a_u: Array
+
+
+def reduce_structure(
+    system: ParticleSystem, structure: ConstrainedRows, forces: Array | None = None, *, basis: Array | None = None
+) -> ReducedProblem:
+    """First stage of section 4.2.1: resolve A_s ẍ = b_s, and (33) becomes (31) in as many coordinates as are free.
+
+    Any basis of the directions that the structure admits will do; with ∂φ/∂q of generalized coordinates it gives
+    exactly their mass matrix, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q).
+
+    Args:
+        system: the particles.
+        structure: A_s (k, 3n) and b_s (k,).
+        forces: on each particle besides gravity, (n, 3) in N.
+        basis: (3n, d) with A_s basis = 0; an orthonormal one where none is given.
+
+    Returns:
+        The reduced problem.
+
+    Raises:
+        InputRefused: where shapes do not fit or a value is not finite.
+        ConfigurationError: where the basis breaks the structure.
+        NoSolution: where the constraints contradict each other.
+    """
+    A, b = structure
+    if basis is None:
+        basis = admissible_directions(A)
+    elif not np.max(np.abs(A @ basis), initial=0.0) <= 1.0e-8 * max(1.0, float(np.max(np.abs(basis)))):
+        raise ConfigurationError("the basis breaks the structure: A_s basis must be zero")
+    M_x = particle_mass_matrix(system)
+    # Gauss with a unit metric is one way among many to an acceleration that keeps the structure.
+    particular = gauss(np.eye(len(M_x)), np.zeros(len(M_x)), A, b).v_dot
+    M = basis.T @ M_x @ basis
+    a_u = np.linalg.solve(M, basis.T @ M_x @ (_free_acceleration(system, forces) - particular))
+    return ReducedProblem(basis, particular, M, a_u)
+
+
+def solve_in_two_stages(
+    system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
+) -> ConstrainedMotion:
+    """Accelerations of all particles, the structure resolved first and the contacts in what is left (section 4.2.1).
+
+    Args:
+        system: the particles.
+        structure: A_s (k, 3n) and b_s (k,).
+        contact: A_c (m, 3n) and b_c (m,); m may be 0.
+        forces: on each particle besides gravity, (n, 3) in N.
+
+    Returns:
+        ẍ, (3n,) in m/s², and everything else of the second stage: the contacts' multipliers, (m,), and their
+        generalized force in the reduced coordinates.
+
+    Raises:
+        InputRefused: where shapes do not fit or a value is not finite.
+        NoSolution: where the constraints contradict each other.
+    """
+    reduced = reduce_structure(system, structure, forces)
+    A, b = contact
+    motion = gauss(reduced.M, reduced.a_u, A @ reduced.basis, b - A @ reduced.particular)
+    return ConstrainedMotion(
+        v_dot=reduced.particular + reduced.basis @ motion.v_dot,
+        multipliers=motion.multipliers,
+        constraint_force=motion.constraint_force,
+        push=motion.push,
+        push_force=motion.push_force,
+        rank=motion.rank,
+        condition=motion.condition,
+    )

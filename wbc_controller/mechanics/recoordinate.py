@@ -1,0 +1,248 @@
+"""The same robot in other coordinates: re-rooted at another link, joints renumbered and flipped (Lemma 1, 2.1.2; S2).
+
+Physics does not depend on the coordinates, so two models of one robot must give the same physical answers. This makes
+the second model, and the maps between the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.mechanics.checks import joint_index
+from wbc_controller.records import Array
+
+#: Per degree of freedom: limits and losses that stay what they are, whatever sign the joint has.
+_UNSIGNED = ("armature", "rotorInertia", "rotorGearRatio")
+#: Per degree of freedom: pairs of bounds that change places when the joint is flipped.
+_VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLimit", "upperVelocityLimit"))
+
+
+@dataclass(frozen=True)
+class Recoordinated:
+    """Another model of the same robot, and φ of Lemma 1 (equation (14)), which takes states, motions and forces there.
+
+    Attributes:
+        original: the model as it was.
+        model: the model in the other coordinates; frames and joints have their old names.
+        root: joint of the original whose link carries the new base; 0 for a fixed base.
+        signs: of each joint by name: -1 where the new coordinate runs the other way.
+    """
+
+    original: pin.Model
+    model: pin.Model
+    root: int
+    signs: dict[str, float]
+
+    def configuration(self, q: Array) -> Array:
+        """Take a configuration to the new coordinates (φ).
+
+        Args:
+            q: in the original model, (nq,).
+
+        Returns:
+            (nq,), in the new model.
+        """
+        moved = np.array(pin.neutral(self.model))
+        if self.root:
+            data = self.original.createData()
+            pin.forwardKinematics(self.original, data, q)
+            moved[:7] = pin.SE3ToXYZQUAT(data.oMi[self.root])
+        for name, sign in self.signs.items():
+            old, new = self._joints(name)
+            moved[new.idx_q] = q[old.idx_q] if old.nq == 2 else sign * q[old.idx_q]
+            if old.nq == 2:  # cosine and sine
+                moved[new.idx_q + 1] = sign * q[old.idx_q + 1]
+        return moved
+
+    def jacobian(self, q: Array) -> Array:
+        """Derivative of the map, ∂φ/∂q of Lemma 1: the new velocity is this times the old one.
+
+        Args:
+            q: in the original model, (nq,).
+
+        Returns:
+            (nv, nv).
+        """
+        T = np.zeros((self.model.nv, self.original.nv))
+        if self.root:
+            data = self.original.createData()
+            T[:6] = pin.computeJointJacobian(self.original, data, q, self.root)
+        for name, sign in self.signs.items():
+            old, new = self._joints(name)
+            T[new.idx_v, old.idx_v] = sign
+        return T
+
+    def velocity(self, q: Array, v: Array) -> Array:
+        """Take a generalized velocity to the new coordinates.
+
+        Args:
+            q: in the original model, (nq,).
+            v: in the original model, (nv,).
+
+        Returns:
+            (nv,), in the new model.
+        """
+        return np.asarray(self.jacobian(q) @ v)
+
+    def acceleration(self, q: Array, v: Array, v_dot: Array) -> Array:
+        """Take a generalized acceleration to the new coordinates: T v̇ + Ṫ v, equation (12) being about Ṫ.
+
+        Args:
+            q: in the original model, (nq,).
+            v: in the original model, (nv,).
+            v_dot: in the original model, (nv,).
+
+        Returns:
+            (nv,), in the new model.
+        """
+        moved = self.jacobian(q) @ v_dot
+        if self.root:
+            data = self.original.createData()
+            pin.forwardKinematics(self.original, data, q, v, v_dot)
+            moved[:6] = data.a[self.root].vector
+        return np.asarray(moved)
+
+    def force(self, q: Array, force: Array) -> Array:
+        """Take a generalized force to the new coordinates: it does the same work there (equation (21)).
+
+        Args:
+            q: in the original model, (nq,).
+            force: in the original model, (nv,) in N and N·m.
+
+        Returns:
+            (nv,), in the new model.
+        """
+        return np.linalg.solve(self.jacobian(q).T, force)
+
+    def _joints(self, name: str) -> tuple[Any, Any]:
+        return (
+            self.original.joints[self.original.getJointId(name)],
+            self.model.joints[self.model.getJointId(name)],
+        )
+
+
+def recoordinate(
+    model: pin.Model, *, root: str | None = None, flip: Iterable[str] = (), shuffle: int | None = None
+) -> Recoordinated:
+    """Make another model of the same robot (section 2.1.2; S2).
+
+    Args:
+        model: the robot; all joints but a floating base have one degree of freedom.
+        root: joint whose link is to carry the floating base; by default the base stays where it is.
+        flip: names of the joints whose coordinate is to run the other way.
+        shuffle: seed to renumber the joints by; by default they keep their order as far as the tree allows.
+
+    Returns:
+        The new model (nq and nv as before), and the maps to it.
+
+    Raises:
+        ConfigurationError: where a joint is unknown or of another kind, or a fixed base should move.
+    """
+    floating = model.njoints > 1 and model.joints[1].nq == 7
+    if root is not None and not floating:
+        raise ConfigurationError(f"root = {root!r}: the base is fixed to the world and cannot be moved to another link")
+    names = list(model.names)
+    first = 1 if floating else 0
+    flipped = set(flip)
+    unknown = flipped - set(names[first + 1 :])
+    if unknown:
+        name = sorted(unknown)[0]
+        raise ConfigurationError(f"flip: {name!r} is no joint to flip; {valid_choices(name, names[first + 1 :])}")
+    new_root = joint_index(model, root) if root is not None else first
+    axes = _axes(model, first)
+    order = np.random.default_rng(shuffle)
+
+    moved = pin.Model()
+    moved.gravity = model.gravity
+    moved.name = model.name
+    base = 0
+    if floating:
+        base = moved.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), names[1])
+    # Where each link has gone: its new joint, and its old frame in that joint's frame.
+    links: dict[int, tuple[int, pin.SE3]] = {new_root: (base, pin.SE3.Identity())}
+    if floating:
+        links[0] = (0, pin.SE3.Identity())
+
+    def attach(link: int) -> None:
+        """Add the joints around a link, away from the root."""
+        at, shift = links[link]
+        around = [j for j in range(first + 1, model.njoints) if link in (j, model.parents[j])]
+        if shuffle is not None:
+            around = [around[i] for i in order.permutation(len(around))]
+        for j in around:
+            sign = -1.0 if names[j] in flipped else 1.0
+            backwards = link == j
+            other = int(model.parents[j]) if backwards else j
+            if other in links:
+                continue
+            # Seen from the far side, the same joint turns the other way.
+            axis = (-sign if backwards else sign) * axes[j]
+            placement = shift if backwards else shift * model.jointPlacements[j]
+            joint = moved.addJoint(at, _joint(axis, model.joints[j].nq), placement, names[j])
+            links[other] = (joint, model.jointPlacements[j].inverse() if backwards else pin.SE3.Identity())
+            attach(other)
+
+    attach(new_root)
+    for link, (joint, shift) in links.items():
+        moved.appendBodyToJoint(joint, model.inertias[link], shift)
+    for frame in list(model.frames)[1:]:
+        joint, shift = links[frame.parentJoint]
+        moved.addFrame(pin.Frame(frame.name, joint, 0, shift * frame.placement, frame.type), False)
+    signs = {name: -1.0 if name in flipped else 1.0 for name in names[first + 1 :]}
+    result = Recoordinated(original=model, model=moved, root=new_root if floating else 0, signs=signs)
+    _copy_bounds(result)
+    return result
+
+
+def _axes(model: pin.Model, first: int) -> dict[int, Array]:
+    """Motion subspace of each joint, (6,), in its own frame."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = {}
+    for j in range(first + 1, model.njoints):
+        joint = model.joints[j]
+        axis = np.zeros(6)
+        if joint.nv == 1:
+            axis = np.array(pin.getJointJacobian(model, data, j, pin.LOCAL))[:, joint.idx_v]
+        sizes = np.linalg.norm(axis.reshape(2, 3), axis=1)
+        if not (joint.nv == 1 and joint.nq <= 2 and min(sizes) < 1.0e-12 and abs(max(sizes) - 1.0) < 1.0e-9):
+            raise ConfigurationError(
+                f"joint {model.names[j]!r} is of kind {joint.shortname()}; expected a revolute or prismatic one"
+            )
+        axes[j] = axis
+    return axes
+
+
+def _joint(axis: Array, nq: int) -> Any:
+    if axis[:3].any():
+        return pin.JointModelPrismaticUnaligned(axis[:3])
+    return (pin.JointModelRevoluteUnaligned if nq == 1 else pin.JointModelRevoluteUnboundedUnaligned)(axis[3:])
+
+
+def _copy_bounds(result: Recoordinated) -> None:
+    """Give the new joints the inertias of their rotors and their limits."""
+    old_model, model = result.original, result.model
+    for attribute in _UNSIGNED:
+        values = np.array(getattr(model, attribute))
+        for name in result.signs:
+            old, new = result._joints(name)
+            values[new.idx_v] = getattr(old_model, attribute)[old.idx_v]
+        setattr(model, attribute, values)
+    bounds = [(pair, "idx_v") for pair in _VELOCITY_BOUNDS]
+    bounds.append((("lowerPositionLimit", "upperPositionLimit"), "idx_q"))
+    for (lower, upper), index in bounds:
+        low, high = np.array(getattr(model, lower)), np.array(getattr(model, upper))
+        for name, sign in result.signs.items():
+            old, new = result._joints(name)
+            if index == "idx_q" and old.nq != 1:
+                continue  # cosine and sine have no limits
+            ends = sorted(sign * getattr(old_model, bound)[getattr(old, index)] for bound in (lower, upper))
+            low[getattr(new, index)], high[getattr(new, index)] = ends
+        setattr(model, lower, low)
+        setattr(model, upper, high)
