@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+
+from wbc_controller.demo.scenario import SCENARIOS, Move, Scenario, find_scenario
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings import find_configuration, load_settings, shipped_configurations
+
+
+def test_every_robot_that_is_shipped_has_a_demo():
+    assert set(SCENARIOS) == set(shipped_configurations())
+
+
+@pytest.mark.parametrize("robot", SCENARIOS)
+def test_what_a_demo_asks_for_is_in_the_configuration(robot):
+    scenario, settings = find_scenario(robot), load_settings(find_configuration(robot))
+    assert settings.tasks["com"].type == "com"
+    for reach in scenario.reaches:
+        assert settings.tasks[reach.task].type == "frame_pose"
+        assert reach.duration > settings.tasks[reach.task].setpoint_duration
+    names = [part.name for part in (*scenario.moves, *scenario.shoves)]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("robot", SCENARIOS)
+def test_moves_go_on_in_time_and_come_back(robot):
+    for move in find_scenario(robot).moves:
+        times = [time for time, _ in move.points]
+        assert times[0] > 0.0
+        assert times == sorted(set(times))
+        assert move.duration == times[-1]
+        assert not np.any(move.points[-1][1])
+        assert np.any(move.points[0][1])
+
+
+@pytest.mark.parametrize("robot", SCENARIOS)
+def test_targets_are_not_empty(robot):
+    scenario = find_scenario(robot)
+    assert 0.0 < scenario.force_target <= 0.01
+    assert 0.0 < scenario.recovery_target <= 0.02
+    assert all(0.0 < move.target_rms <= 0.01 for move in scenario.moves)
+    assert all(0.0 < reach.target <= 0.01 for reach in scenario.reaches)
+    directions = np.array([shove.impulse for shove in scenario.shoves])
+    np.testing.assert_array_equal(directions.sum(axis=0), np.zeros(3))
+    assert np.linalg.matrix_rank(directions) == 2
+
+
+def test_a_demo_that_does_not_exist():
+    with pytest.raises(ConfigurationError, match=r"no demo of 'g0'; did you mean 'g1'\? Valid: g1, go2, talos"):
+        find_scenario("g0")
+
+
+def test_a_scenario_may_be_short():
+    assert Scenario().moves == ()
+    assert Move("x", ((2.0, (0.0, 0.0, 0.1)),), 0.01).duration == 2.0
