@@ -19,6 +19,7 @@ from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask, Task
 from wbc_controller.decoding import Vocabulary
+from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inputs import Inputs
 from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
@@ -183,6 +184,21 @@ def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
     )
 
 
+def make_audit(settings: Settings, controller: Controller) -> ModelAudit:
+    """Build the live audit of the model."""
+    audit, model = settings.audit, controller.model
+    limits = AuditLimits(
+        time_constant=audit.time_constant,
+        patience=audit.patience,
+        energy=audit.energy,
+        power=audit.power,
+        force=audit.force * model.mass * model.gravity,
+        torques=audit.torque * model.effort_limits,
+        period=1.0 / settings.control.rate,
+    )
+    return ModelAudit(model, controller.contacts, limits)
+
+
 def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     """Collect the names that messages are checked against."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
@@ -255,6 +271,7 @@ def make_loop(
         make_supervisor(settings, model),
         Inputs(model, make_vocabulary(settings, model), topics, transport, clock),
         Outputs(model, contact_frames, topics, transport, 1.0 / settings.control.diagnostics_rate),
+        make_audit(settings, controller),
         clock,
         state_timeout=settings.safety.state_timeout,
         timer=timer,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import logging
 import threading
@@ -11,6 +12,7 @@ from collections.abc import Callable, Sequence
 from wbc_controller.clock import Clock
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.references import ReferenceBoard
+from wbc_controller.diagnostics.audit import ModelAudit
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inputs import Inputs, Latched
 from wbc_controller.outputs import Outputs
@@ -36,6 +38,7 @@ class ControlLoop:
         supervisor: Supervisor,
         inputs: Inputs,
         outputs: Outputs,
+        audit: ModelAudit,
         clock: Clock,
         *,
         state_timeout: float,
@@ -50,6 +53,7 @@ class ControlLoop:
             supervisor: makes the commands.
             inputs: what comes in.
             outputs: what goes out.
+            audit: compares the model with the motion.
             clock: measures ages and durations.
             state_timeout: oldest state that torques may be computed from, s.
             timer: gives seconds, for the stage times.
@@ -61,6 +65,7 @@ class ControlLoop:
         self._board = board
         self._inputs = inputs
         self._outputs = outputs
+        self._audit = audit
         self._clock = clock
         self._state_timeout = state_timeout
         self._timer = timer
@@ -98,6 +103,8 @@ class ControlLoop:
         self._outputs.publish_command(report)
         stages["write"] = self._timer() - supervised
         stages["total"] = self._timer() - started
+        report = self._audited(report, latched.state)
+        stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, time.time_ns())
         for sentence in refused:
             _log.warning("refused %s", sentence)
@@ -105,6 +112,13 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _audited(self, report: CycleReport, state: RobotState | None) -> CycleReport:
+        """Hold the motion against the model, when the robot has its torques already."""
+        if state is None:
+            return report
+        audit = self._audit.look(state, self._controller.dynamics, report.solution, report.command)
+        return dataclasses.replace(report, audit=audit)
 
     def _report(
         self,

@@ -93,6 +93,7 @@ class Solution:
         relaxed: groups of constraints that had to be relaxed for a solution to exist; normally empty.
         iterations: the solver's own count.
         stage_seconds: time spent in each stage of the computation, in s.
+        external_wrenches: the known external wrenches that were counted on, as in `References`.
     """
 
     v_dot: Array
@@ -104,6 +105,7 @@ class Solution:
     relaxed: tuple[str, ...]
     iterations: int
     stage_seconds: Mapping[str, float]
+    external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
 
 
 class Mode(str, enum.Enum):
@@ -148,6 +150,25 @@ class JointCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class AuditReport:
+    """Whether the model accounts for the motion: residuals between the last states, filtered.
+
+    Attributes:
+        energy: power that no torque accounts for, W.
+        throughput: sum of the absolute powers of the joints, W: what the energy residual is to be measured against.
+        force: force on the centre of mass that the model does not account for, world axes, (3,) in N.
+        joint_torques: the same for each joint, (na,) in N·m.
+        warnings: a sentence for each residual that has been too large for too long.
+    """
+
+    energy: float
+    throughput: float
+    force: Array
+    joint_torques: Array
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class CycleReport:
     """What one cycle did, for diagnostics and recordings.
 
@@ -162,6 +183,7 @@ class CycleReport:
         refused: sentences about the inputs that were refused since the last cycle.
         stage_seconds: time spent in each stage, in s.
         deadlines_missed: count of missed deadlines since the start.
+        audit: whether the model accounts for the motion, where that can be told.
     """
 
     cycle: int
@@ -174,3 +196,4 @@ class CycleReport:
     refused: tuple[str, ...]
     stage_seconds: Mapping[str, float]
     deadlines_missed: int
+    audit: AuditReport | None = None

@@ -94,8 +94,10 @@ class SolverSettings(_Section):
         "solver of qpsolvers is called through it.",
     )
     regularization_acceleration: Positive = Field(
-        1.0e-5, le=1.0, description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and the rate of the "
-        "momentum about the centre of mass per mass; (rad/s²)⁻², (m/s²)⁻²."
+        1.0e-5,
+        le=1.0,
+        description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and the rate of the "
+        "momentum about the centre of mass per mass; (rad/s²)⁻², (m/s²)⁻².",
     )
     regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
 
@@ -126,6 +128,25 @@ class SafetySettings(_Section):
     hold_time: NonNegative = Field(0.1, le=1.0, description="Longest time without a solution before damping, s.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
     damping: Gain = Field(2.0, description="Joint damping while holding and damping, N·m·s/rad.")
+
+
+class AuditSettings(_Section):
+    """The live audit: how large the residuals between model and motion may be before `/diagnostics` warns."""
+
+    time_constant: Positive = Field(0.2, le=10.0, description="Of the filter on the residuals, s.")
+    patience: NonNegative = Field(
+        0.25, le=10.0, description="How long a residual is too large before there is a warning, s."
+    )
+    energy: Positive = Field(0.05, le=10.0, description="Largest energy residual, as a share of the joints' power.")
+    power: Positive = Field(1.0, le=1.0e5, description="Power of the joints below which it is not measured against, W.")
+    force: Positive = Field(
+        0.0025,
+        le=10.0,
+        description="Largest force on the centre of mass that is unaccounted for, as a share of the weight.",
+    )
+    torque: Positive = Field(
+        0.01, le=10.0, description="Largest joint torque that is unaccounted for, as a share of the effort limit."
+    )
 
 
 class _Task(_Section):
@@ -243,6 +264,7 @@ class Settings(_Section):
     solver: SolverSettings = SolverSettings()
     limits: LimitSettings = LimitSettings()
     safety: SafetySettings = SafetySettings()
+    audit: AuditSettings = AuditSettings()
     tasks: dict[str, TaskSettings] = Field(min_length=1)
     contacts: dict[str, ContactSettings] = Field(default_factory=dict)
     mock: MockSettings = MockSettings()

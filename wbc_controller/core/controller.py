@@ -289,6 +289,7 @@ class Controller:
             stage_seconds=frozen_mapping(
                 {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
             ),
+            external_wrenches=frozen_mapping(references.external_wrenches),
         )
 
     def _binding(self, layout: Layout, x: Array) -> tuple[str, ...]:

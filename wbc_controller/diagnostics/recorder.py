@@ -17,6 +17,7 @@ class CycleRecorder:
         self._tau: list[np.ndarray] = []
         self._modes: list[str] = []
         self._seconds: list[dict[str, float]] = []
+        self._audits: list[tuple[float, float, float, float, int]] = []
 
     def add(self, report: CycleReport) -> None:
         """Take one report."""
@@ -25,11 +26,27 @@ class CycleRecorder:
         self._stamps.append(report.command.stamp)
         self._tau.append(report.command.tau)
         self._modes.append(report.mode.value)
-        seconds = dict(report.stage_seconds)
-        self._seconds.append(seconds)
+        self._seconds.append(dict(report.stage_seconds))
+        audit = report.audit
+        self._audits.append(
+            (np.nan, np.nan, np.nan, np.nan, 0)
+            if audit is None
+            else (
+                audit.energy,
+                audit.throughput,
+                float(np.linalg.norm(audit.force)),
+                float(np.max(np.abs(audit.joint_torques))),
+                len(audit.warnings),
+            )
+        )
 
     def save(self, path: Path) -> None:
-        """Write an .npz file: stamp (n,) ns, tau (n, na) N·m, mode (n,), and seconds/<stage> (n,) s."""
+        """Write an .npz file.
+
+        It holds stamp (n,) in ns, tau (n, na) in N·m, mode (n,), seconds/<stage> (n,) in s, and audit (n, 5): energy
+        residual and throughput in W, unaccounted force in N, largest unaccounted joint torque in N·m, and the number of
+        warnings; NaN where there was no audit.
+        """
         stages = sorted({stage for seconds in self._seconds for stage in seconds})
         times = {
             f"seconds/{stage}": np.array([seconds.get(stage, np.nan) for seconds in self._seconds]) for stage in stages
@@ -39,6 +56,7 @@ class CycleRecorder:
             stamp=np.array(self._stamps, dtype=np.int64),
             tau=np.array(self._tau),
             mode=np.array(self._modes, dtype=np.str_),
+            audit=np.array(self._audits),
             allow_pickle=False,
             **times,
         )

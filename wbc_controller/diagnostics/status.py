@@ -77,8 +77,15 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
         values["binding"] = ", ".join(solution.binding) or "none"
         values["solver_iterations"] = str(solution.iterations)
+    if last.audit is not None:
+        audit = last.audit
+        values["audit/energy_residual"] = f"{audit.energy:.4f} W of {audit.throughput:.2f} W"
+        values["audit/unmodelled_force"] = " ".join(f"{part:.3f}" for part in audit.force) + " N"
+        values["audit/largest_unmodelled_torque"] = f"{float(np.max(np.abs(audit.joint_torques))):.4f} N·m"
     relaxed = Counter(what for report in reports if report.solution is not None for what in report.solution.relaxed)
     warnings = [f"relaxed {what} in {count} of {len(reports)} cycles" for what, count in sorted(relaxed.items())]
+    if last.audit is not None:
+        warnings += last.audit.warnings
     refused = [sentence for report in reports for sentence in report.refused]
     values |= {f"refused/{i}": sentence for i, sentence in enumerate(refused)}
     return values, warnings + [f"refused {sentence}" for sentence in refused]

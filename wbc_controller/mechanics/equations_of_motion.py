@@ -29,9 +29,8 @@ def mass_matrix(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> 
     Returns:
         M, (nv, nv), symmetric positive definite; kg, kg·m and kg·m² as the coordinates have it.
     """
-    M = np.array(pin.crba(model, data if data is not None else model.createData(), q))
-    upper = np.triu(M)  # Pinocchio promises this triangle alone
-    return np.asarray(upper + np.triu(upper, 1).T)
+    # Pinocchio's algorithm fills the upper triangle; its Python binding completes the matrix.
+    return np.array(pin.crba(model, data if data is not None else model.createData(), q))
 
 
 def bias_force(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:

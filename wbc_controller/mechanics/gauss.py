@@ -120,10 +120,10 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     particular = split.V @ ((split.U.T @ b) / split.s)
     free = split.N.T @ M
     try:
-        L = np.linalg.cholesky(free @ split.N)
+        np.linalg.cholesky(free @ split.N)
     except np.linalg.LinAlgError as error:
         raise InputRefused(f"the mass matrix is not positive definite on the free directions: {error}") from error
-    z = scipy.linalg.cho_solve((L, True), free @ (v_dot_u - particular)) if len(L) else np.zeros(0)
+    z = np.linalg.solve(free @ split.N, free @ (v_dot_u - particular))
     v_dot = particular + split.N @ z
     _consistent(A, b, v_dot)
     multipliers = split.U @ ((split.V.T @ (M @ (v_dot - v_dot_u))) / split.s)

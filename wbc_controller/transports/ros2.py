@@ -5,10 +5,12 @@ from __future__ import annotations
 import importlib
 import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -18,6 +20,9 @@ from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
 
 _log = logging.getLogger(__name__)
+
+#: Longest time, at closing, in which all reliable readers may take what was published last, s.
+_LAST_WORDS = 0.5
 
 
 class Ros2Transport:
@@ -93,9 +98,15 @@ class Ros2Transport:
             self._subscriptions.append(subscription)
 
     def close(self) -> None:
-        """Close all topics; the node stays as it is. A second call does nothing."""
+        """Close all topics; the node stays as it is. A second call does nothing.
+
+        What was published last, such as zero torques, is given a moment to arrive at its reliable readers.
+        """
         with self._lock:
             self._closed = True
+            deadline = time.monotonic() + _LAST_WORDS
+            for publisher in self._publishers:
+                publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
             for publisher in self._publishers:
                 self._node.destroy_publisher(publisher)
             for subscription in self._subscriptions:

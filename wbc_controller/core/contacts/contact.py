@@ -59,6 +59,10 @@ class Contact(ABC):
     def points(self, dynamics: Dynamics) -> Array:
         """Corners of the support in the world, (n, 3) in m."""
 
+    @abstractmethod
+    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
+        """The force as a wrench about the world's origin, in world axes, (6,) in N and N·m."""
+
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Lower and upper bounds of f, both (k,).
 

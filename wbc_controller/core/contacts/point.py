@@ -95,3 +95,7 @@ class PointContact(Contact):
     def points(self, dynamics: Dynamics) -> Array:
         """The lowest point in the world, (1, 3) in m."""
         return np.asarray(dynamics.placement(self._frame_id).translation + self._arm(dynamics))[None, :]
+
+    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
+        """The force at the lowest point, moved to the world's origin, (6,) in N and N·m."""
+        return np.concatenate([force, pin.skew(self.points(dynamics)[0]) @ force])

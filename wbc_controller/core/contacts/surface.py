@@ -112,3 +112,7 @@ class SurfaceContact(Contact):
         """The rectangle's corners in the world, (4, 3) in m."""
         placement = self.placement(dynamics)
         return np.asarray(self._corners @ placement.rotation.T + placement.translation)
+
+    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
+        """The wrench, moved from the contact frame to the world's origin, (6,) in N and N·m."""
+        return np.asarray(self.placement(dynamics).act(pin.Force(force)).vector)

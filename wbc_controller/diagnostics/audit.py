@@ -1,0 +1,196 @@
+"""The live audit: do the laws of motion hold between the states that come in and the torques that went out?
+
+Between two states the energy must change by the work of the torques (equation (29) of the note; S6), the momentum by
+gravity and contact forces (equation (26); S5), and every joint must accelerate as the equations of motion say (S1).
+What is left over means a wrong model, a torque that did not arrive as it was sent, or a force that nobody knows of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.model import RobotModel
+from wbc_controller.mechanics.energy import EnergyBalance, energy_residual
+from wbc_controller.mechanics.external import ExternalWrench
+from wbc_controller.mechanics.momentum import momentum_residual
+from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
+
+#: States further apart, in control periods, are not compared: something was lost in between.
+_LARGEST_GAP = 3.5
+
+
+@dataclass(frozen=True, slots=True)
+class AuditLimits:
+    """How large the residuals may be.
+
+    Attributes:
+        time_constant: of the filter on the residuals, s.
+        patience: how long a residual is too large before there is a warning, s.
+        energy: largest energy residual, as a share of the joints' power.
+        power: power of the joints below which it is not measured against, W.
+        force: largest unaccounted force on the centre of mass, N.
+        torques: largest unaccounted torque of each joint, (na,) in N·m.
+        period: control period, s.
+    """
+
+    time_constant: float
+    patience: float
+    energy: float
+    power: float
+    force: float
+    torques: Array
+    period: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Sent:
+    """A state and what was sent in answer to it."""
+
+    state: RobotState
+    tau: Array
+    solution: Solution | None  # None where other torques than its own were sent: then it predicts nothing
+    contacts: tuple[ExternalWrench, ...]
+    external: tuple[ExternalWrench, ...]
+
+
+class ModelAudit:
+    """Compares each state with what the last one and its torques should have led to."""
+
+    def __init__(self, model: RobotModel, contacts: Mapping[str, Contact], limits: AuditLimits) -> None:
+        """Make an audit.
+
+        Args:
+            model: the robot's model.
+            contacts: by name.
+            limits: how large the residuals may be.
+        """
+        self._model = model
+        self._contacts = contacts
+        self._limits = limits
+        self._data = model.pinocchio.createData()
+        self._weight = model.mass * model.gravity
+        self._sent: _Sent | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._energy = self._throughput = 0.0
+        self._force = np.zeros(3)
+        self._torques = np.zeros(self._model.na)
+        self._since: dict[str, float] = {}
+
+    def look(
+        self,
+        state: RobotState,
+        dynamics: Dynamics,
+        solution: Solution | None,
+        command: JointCommand | None,
+    ) -> AuditReport | None:
+        """Compare one more state with the last one.
+
+        Args:
+            state: of this cycle.
+            dynamics: the snapshot at that state.
+            solution: of this cycle.
+            command: that was sent.
+
+        Returns:
+            The report; None where there is nothing to compare: no torques were sent, or states were lost.
+        """
+        sent, self._sent = self._sent, self._remember(state, dynamics, solution, command)
+        if sent is None:
+            self._forget()
+            return None
+        gap = (state.stamp - sent.state.stamp) * 1.0e-9
+        if gap <= 0.0:  # the same state again: go on from the older one
+            self._sent = sent
+            return None
+        if gap > _LARGEST_GAP * self._limits.period:
+            self._forget()
+            return None
+        self._filter(sent, state, dynamics, gap)
+        return AuditReport(
+            energy=self._energy,
+            throughput=self._throughput,
+            force=frozen(self._force),
+            joint_torques=frozen(self._torques),
+            warnings=tuple(self._warnings(state.stamp * 1.0e-9)),
+        )
+
+    def _remember(
+        self,
+        state: RobotState,
+        dynamics: Dynamics,
+        solution: Solution | None,
+        command: JointCommand | None,
+    ) -> _Sent | None:
+        if command is None:
+            return None
+        if solution is None or not np.array_equal(solution.tau, command.tau):
+            return _Sent(state, command.tau, None, (), ())
+        base = self._model.base_link
+        contacts = tuple(
+            ExternalWrench(base, self._contacts[name].wrench_in_world(dynamics, force), "WORLD")
+            for name, force in solution.forces.items()
+        )
+        external = tuple(ExternalWrench(frame, wrench) for frame, wrench in solution.external_wrenches.items())
+        return _Sent(state, command.tau, solution, contacts, external)
+
+    def _filter(self, sent: _Sent, state: RobotState, dynamics: Dynamics, gap: float) -> None:
+        model = self._model
+        share = gap / (self._limits.time_constant + gap)
+        force = np.zeros(model.nv)
+        force[model.v_index] = sent.tau
+        # Contacts do not move, so they do no work.
+        energy: EnergyBalance = energy_residual(
+            model.pinocchio, sent.state, state, force, sent.external, data=self._data
+        )
+        self._energy += share * (energy.residual - self._energy)
+        self._throughput += share * (energy.throughput - self._throughput)
+        if sent.solution is None:
+            return
+        if model.floating_base:
+            momentum = momentum_residual(
+                model.pinocchio, sent.state, state, (*sent.contacts, *sent.external), data=self._data
+            )
+            self._force += share * (momentum.residual[:3] - self._force)
+        unexpected = dynamics.M @ ((state.v - sent.state.v) / gap - sent.solution.v_dot)
+        self._torques += share * (unexpected[model.v_index] - self._torques)
+
+    def _warnings(self, now: float) -> Sequence[str]:
+        limits = self._limits
+        size = float(np.linalg.norm(self._force))
+        over = np.abs(self._torques) / limits.torques
+        worst = int(np.argmax(over))
+        found = {
+            "UNMODELLED_FORCE": (size > limits.force, self._say_force(size)),
+            "UNMODELLED_TORQUE": (bool(over[worst] > 1.0), self._say_torque(worst)),
+            "ENERGY_RESIDUAL": (
+                abs(self._energy) > limits.energy * max(self._throughput, limits.power),
+                f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
+            ),
+        }
+        warnings = []
+        for name, (wrong, sentence) in found.items():
+            if not wrong:
+                self._since.pop(name, None)
+            elif now - self._since.setdefault(name, now) >= limits.patience:
+                warnings.append(f"{name}: {sentence}")
+        return warnings
+
+    def _say_force(self, size: float) -> str:
+        direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in self._force)
+        return (
+            f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
+            "weight: a push, a wrong mass, or a contact that is not as assumed"
+        )
+
+    def _say_torque(self, joint: int) -> str:
+        return (
+            f"{self._torques[joint]:.3g} N·m at {self._model.joints[joint]}: a torque that does not arrive as sent, "
+            "friction, or a wrong inertia"
+        )
