@@ -1,0 +1,309 @@
+"""The whole service with the mock robot, on each transport, and the user who talks to both by topics alone."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.build import controller_endpoints, make_loop, make_model
+from wbc_controller.clock import ManualClock
+from wbc_controller.decoding import JointOrder, read_odometry
+from wbc_controller.demo.director import header_time
+from wbc_controller.interface import MOCK_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.messages import decode, encode, message, nanoseconds
+from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
+from wbc_controller.mock.robot import MockRobot
+from wbc_controller.settings import find_configuration, load_settings
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+
+ROBOT = "go2"
+#: Another domain for each test process, and neither ROS 2's default nor those of the other tests and the demo.
+DOMAIN = 20 + os.getpid() % 70
+#: Wall time after which something that should have happened has not, s.
+PATIENCE = 20.0
+
+
+class User:
+    """Opens the other end of every topic of both nodes; keeps all that comes, with the time of its arrival."""
+
+    def __init__(self, transport: Any, advance: Callable[[], None]) -> None:
+        self.settings = load_settings(find_configuration(ROBOT))
+        self.model = make_model(self.settings)
+        self.advance = advance
+        self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
+        self._types: dict[tuple[str, str, str], str] = {}
+        self._publish: dict[tuple[str, str, str], Any] = {}
+        self._order = JointOrder(self.model.joints)
+        self._data = self.model.pinocchio.createData()
+        self.state_came = threading.Event()
+        mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
+        for owner, topics in (("controller", controller_endpoints(self.settings, self.model)), ("mock", mock)):
+            for topic in topics:
+                self._open(owner, topic, transport)
+
+    def _open(self, owner: str, topic: Any, transport: Any) -> None:
+        key = owner, topic.key, topic.subject
+        self._types[key] = topic.type
+        if topic.direction is Direction.IN:
+            if topic.key != "robot_description":
+                self._publish[key] = transport.advertise(counterpart(topic))
+            return
+        kept = self.arrivals[key] = []
+        deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
+        state = key == ("mock", "joint_states", "")
+
+        def receive(payload: bytes) -> None:
+            kept.append((time.monotonic(), payload))
+            if state:
+                self.state_came.set()
+
+        transport.subscribe(deep, receive)
+
+    def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
+        self._publish[owner, key, subject](encode(content))
+
+    def command(self, word: str) -> None:
+        self.send("controller", "command", message("std_msgs/msg/String", data=word))
+
+    def all(self, owner: str, key: str, subject: str = "") -> list[Any]:
+        place = owner, key, subject
+        return [decode(payload, self._types[place]) for _, payload in list(self.arrivals[place])]
+
+    def last(self, owner: str, key: str, subject: str = "") -> Any:
+        place = owner, key, subject
+        return decode(self.arrivals[place][-1][1], self._types[place])
+
+    @property
+    def mode(self) -> str:
+        return str(self.last("controller", "state").data) if self.arrivals["controller", "state", ""] else ""
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        kept = self.arrivals["mock", "joint_states", ""]
+        return header_time(kept[-1][1]) if kept else 0.0
+
+    def run(self, duration: float) -> None:
+        """Let simulated time go on."""
+        end = self.time + duration
+        self.until(lambda: self.time >= end, f"{duration} s of simulated time")
+
+    def until(
+        self,
+        condition: Callable[[], Any],
+        what: str,
+        again: Callable[[], None] = lambda: None,
+        patience: float = PATIENCE,
+    ) -> None:
+        """Wait for a condition, doing `again` four times a second: who has just been found may miss a message."""
+        deadline, due = time.monotonic() + patience, 0.0
+        while not condition():
+            if time.monotonic() >= due:
+                again()
+                due = time.monotonic() + 0.25
+            assert time.monotonic() < deadline, f"waited {patience} s in vain for {what}; mode: {self.mode}"
+            self.advance()
+
+    def wait_for_service(self) -> None:
+        self.until(lambda: self.time > 0.0 and self.mode != "", "the first state and the first mode")
+
+    def activate(self) -> None:
+        self.until(lambda: self.mode == "active", "activation", lambda: self.command("activate"))
+
+    def com(self) -> np.ndarray:
+        q = np.zeros(self.model.nq)
+        q[self.model.q_index], _ = self._order.read(self.last("mock", "joint_states"))
+        q[:7], _ = read_odometry(self.last("mock", "odom"), self.model.base_link)
+        return np.array(pin.centerOfMass(self.model.pinocchio, self._data, q))
+
+    def vertical_force(self, owner: str, duration: float) -> np.ndarray:
+        """Sum over the contacts for each stamp of the last `duration`, N."""
+        since = self.time - duration
+        sums: dict[float, float] = {}
+        counts: dict[float, int] = {}
+        for contact in self.settings.contacts:
+            for content in self.all(owner, "contact_wrench", contact):
+                stamp = nanoseconds(content.header.stamp) * 1e-9
+                if stamp >= since:
+                    sums[stamp] = sums.get(stamp, 0.0) + content.wrench.force.z
+                    counts[stamp] = counts.get(stamp, 0) + 1
+        return np.array([sums[stamp] for stamp in sums if counts[stamp] == len(self.settings.contacts)])
+
+    def efforts(self, since: float = 0.0) -> np.ndarray:
+        """Torques that came after a wall time."""
+        place = "controller", "effort", ""
+        return np.array(
+            [decode(payload, self._types[place]).data for when, payload in list(self.arrivals[place]) if when > since]
+        ).reshape(-1, self.model.na)
+
+    def refusals(self) -> list[str]:
+        """Every sentence of /diagnostics about something that was refused."""
+        return [
+            value.value
+            for content in self.all("controller", "diagnostics")
+            for value in content.status[0].values
+            if re.fullmatch(r"refused/\d+", value.key)
+        ]
+
+
+class Processes:
+    """Real processes of the command line, on a domain of their own; ended one by one, by their own handles."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(DOMAIN),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        self._started: list[subprocess.Popen[bytes]] = []
+
+    def start(self, *words: str) -> subprocess.Popen[bytes]:
+        with (self._folder / f"{len(self._started)}-{words[0]}.log").open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "wbc_controller", *words], env=self._environment, stdout=log, stderr=log
+            )
+        self._started.append(process)
+        return process
+
+    def stop(self, process: subprocess.Popen[bytes]) -> int:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            return process.wait(timeout=15)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait(timeout=5)
+
+    def stop_all(self) -> None:
+        for process in self._started:
+            self.stop(process)
+
+    def logs(self) -> str:
+        return "\n".join(f"--- {path.name}\n{path.read_text()}" for path in sorted(self._folder.glob("*.log")))
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[Processes]:
+    running = Processes(tmp_path)
+    yield running
+    running.stop_all()
+    print(running.logs())  # shown where the test fails
+
+
+@pytest.fixture
+def dds_user() -> Iterator[User]:
+    """A user on the domain of the `processes`."""
+    from wbc_controller.transports.dds import DdsTransport
+
+    transport = DdsTransport("test_user", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    user = User(transport, lambda: None)
+    user.advance = lambda: _wait(user)
+    yield user
+    transport.close()
+
+
+def _wait(user: User) -> None:
+    user.state_came.wait(0.02)
+    user.state_came.clear()
+
+
+@contextlib.contextmanager
+def _on_memory(request: pytest.FixtureRequest) -> Iterator[User]:
+    """One thread, one step at a time."""
+    bus = MemoryBus()
+    settings = load_settings(find_configuration(ROBOT))
+    model, clock = make_model(settings), ManualClock()
+    robot = MockRobot(model, settings, MemoryTransport(bus))
+    loop = make_loop(settings, model, MemoryTransport(bus), clock, controller_endpoints(settings, model))
+
+    def advance() -> None:
+        clock.time = robot.stamp * 1e-9
+        robot.publish()
+        loop.cycle()
+        robot.advance()
+
+    yield User(MemoryTransport(bus), advance)
+
+
+@contextlib.contextmanager
+def _on_dds(request: pytest.FixtureRequest) -> Iterator[User]:
+    """Two processes, and this one as the user."""
+    processes = request.getfixturevalue("processes")
+    user = request.getfixturevalue("dds_user")
+    processes.start("mock", ROBOT)
+    processes.start("run", ROBOT)
+    yield user
+
+
+@contextlib.contextmanager
+def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
+    """Three nodes of rclpy on one executor; each service on a thread of its own."""
+    try:
+        import rclpy
+        from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, ShutdownException
+    except ImportError as error:
+        print(f"skipped: rclpy is not importable: {error}")
+        pytest.skip(f"rclpy is not importable: {error}")
+    from wbc_controller.service import run_controller, run_mock
+    from wbc_controller.transports.ros2 import Ros2Transport
+
+    request.getfixturevalue("monkeypatch").setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    executor = MultiThreadedExecutor(4, context=context)
+    nodes = [rclpy.create_node(name, context=context) for name in ("wbc_controller", MOCK_NODE, "test_user")]
+    for node in nodes:
+        executor.add_node(node)
+    transports = [Ros2Transport(node) for node in nodes]
+
+    def spin() -> None:
+        with contextlib.suppress(ExternalShutdownException, ShutdownException):
+            executor.spin()
+
+    stop = threading.Event()
+    settings = load_settings(find_configuration(ROBOT))
+    user = User(transports[2], lambda: None)
+    user.advance = lambda: _wait(user)
+    threads = [threading.Thread(target=spin)]
+    for serve, transport in ((run_controller, transports[0]), (run_mock, transports[1])):
+        threads.append(threading.Thread(target=serve, args=(settings, transport, stop)))
+    for thread in threads:
+        thread.start()
+    try:
+        yield user
+    finally:
+        stop.set()
+        for thread in threads[1:]:
+            thread.join(10)
+        for transport in transports:
+            transport.close()
+        executor.shutdown()
+        context.shutdown()
+        threads[0].join(10)
+        for node in nodes:
+            node.destroy_node()
+
+
+_STAGES = {"memory": _on_memory, "dds": _on_dds, "ros2": _on_ros2}
+
+
+@pytest.fixture(params=_STAGES)
+def user(request: pytest.FixtureRequest) -> Iterator[User]:
+    """A user of a running service with a mock robot, on each transport."""
+    with _STAGES[request.param](request) as made:
+        yield made

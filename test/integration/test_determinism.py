@@ -1,0 +1,45 @@
+"""In lockstep the run is the same every time, to the last bit."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from wbc_controller.demo import scenario
+from wbc_controller.demo.run import run_demo
+scenario.SCENARIOS["go2"] = scenario.Scenario(
+    stand=0.2,
+    moves=(scenario.Move("sway", ((0.3, (0.0, 0.02, 0.0)), (0.6, (0.0, 0.0, 0.0))), 1.0),),
+    shoves=(scenario.Shove("shove left", (0.0, 5.0, 0.0)),),
+    recovery=0.3,
+)
+run_demo("go2", Path(sys.argv[1]), lockstep=True)
+"""
+
+
+def test_two_processes_send_the_same_torques_bit_for_bit(tmp_path):
+    folders = [tmp_path / name for name in ("first", "second")]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, str(folder)],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        for folder, seed in zip(folders, ("1", "4242"), strict=True)
+    ]
+    for process in processes:
+        output, _ = process.communicate(timeout=120)
+        assert process.returncode == 0, output.decode()
+    first, second = (np.load(folder / "go2-lockstep.npz") for folder in folders)
+    assert len(first["tau"]) > 2000
+    assert np.abs(first["tau"]).max() > 1.0
+    for name in ("stamp", "mode", "tau"):
+        assert np.array_equal(first[name], second[name]), name
+        assert first[name].tobytes() == second[name].tobytes(), name

@@ -1,0 +1,176 @@
+"""Real processes on the wire: a robot that dies in mid-run, and messages that no controller should believe."""
+
+from __future__ import annotations
+
+import re
+import time
+
+import numpy as np
+import pytest
+
+#: Time by which a shared machine of two cores may be late with a cycle, s. The age in the sentence is measured by the
+#: controller's own clock, so that it holds only its own lateness, not that of this test.
+SLACK = 0.1
+
+
+@pytest.fixture
+def user(processes, dds_user, tmp_path):
+    """A user of a controller that records every command, and of a mock robot, both processes."""
+    user = dds_user
+    user.record = tmp_path / "cycles.npz"
+    user.mock = processes.start("mock", "go2")
+    user.controller = processes.start("run", "go2", "--record", str(user.record))
+    user.wait_for_service()
+    return user
+
+
+def recorded(user, processes):
+    """Every command that the controller sent, by its own record."""
+    assert processes.stop(user.controller) == 0
+    with np.load(user.record) as file:
+        return file["tau"], file["mode"]
+
+
+def assert_bounded(user, tau):
+    assert len(tau) > 500
+    assert np.isfinite(tau).all()
+    assert (np.abs(tau) <= user.model.effort_limits).all()
+    step = user.settings.limits.torque_rate / user.settings.control.rate * user.model.effort_limits
+    assert (np.abs(np.diff(tau, axis=0)) <= step + 1e-9).all()
+
+
+def test_a_robot_that_dies_is_damped_and_can_come_back(user, processes, record_property):
+    user.activate()
+    user.run(1.3)
+    assert user.efforts()[-1].any()
+
+    user.mock.kill()
+    killed = time.monotonic()
+    user.mock.wait()
+    user.until(lambda: user.mode.startswith("damping"), "damping")
+    noticed = time.monotonic() - killed
+    said = user.mode
+    ages = {name: 1e-3 * float(age) for name, age in re.findall(r"(\w+) is (\d+) ms old \(limit 50 ms\)", said)}
+    assert said.startswith("damping STALE_INPUT: ")
+    assert ages, said
+    assert set(ages) <= {"joint_states", "odom"}
+    timeout, cycle = user.settings.safety.state_timeout, 1.0 / user.settings.control.rate
+    assert all(timeout <= age <= timeout + cycle + SLACK for age in ages.values()), said
+    record_property("age_at_damping_ms", {name: 1e3 * age for name, age in ages.items()})
+    record_property("noticed_after_ms", round(1e3 * noticed, 1))
+    print(f"age at damping: {said}; seen by the user {1e3 * noticed:.0f} ms after the kill")
+
+    # Nobody tells the velocities any more: the torques sink to zero at their rate, and zero goes on being sent.
+    start = time.monotonic()
+    user.until(lambda: len(user.efforts(start)) > 20, "torques while damping")
+    assert not user.efforts(start)[10:].any()
+    after = user.efforts(killed)
+    assert np.isfinite(after).all()
+    assert (np.abs(after[-1]) == 0.0).all()
+
+    user.command("activate")
+    user.until(lambda: any("'activate' is refused in damping" in said for said in user.refusals()), "the refusal")
+    assert user.mode.startswith("damping")
+
+    user.mock = processes.start("mock", "go2")
+    user.arrivals["mock", "joint_states", ""].clear()
+    user.until(lambda: user.time > 0.0, "the states of the new robot")
+
+    def again():
+        user.command("reset")
+        user.command("activate")
+
+    user.until(lambda: user.mode == "active", "activation of the new robot", again)
+    user.run(1.2)
+    assert user.mode == "active"
+    assert user.efforts()[-1].any()
+    tau, mode = recorded(user, processes)
+    assert_bounded(user, tau)
+    assert {"active", "damping"} <= set(mode.tolist())
+    assert tau[-1].any()
+    # The command of the shut-down comes after the last cycle, on the wire alone.
+    user.until(lambda: not user.efforts()[-1].any(), "the last command of a controller that was told to end")
+    assert user.mode == "stopped"
+
+
+def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(user, processes, make):
+    model = user.model
+    joints, na = model.joints, model.na
+    good = np.array(model.posture)
+    still = np.zeros(na)
+    nan = good.copy()
+    nan[4] = np.nan
+    update = "tasks/{}/".format
+    cases = [
+        ("joint_states", "", make.joint_state(joints, nan, still), f"/joint_states: position of '{joints[4]}' is nan"),
+        (
+            "joint_states",
+            "",
+            make.joint_state([*joints[:-1], "RR_claf_joint"], good, still),
+            f"/joint_states: 1 of {na} joints are missing: {joints[-1]}; names that are none of the controller's",
+        ),
+        (
+            "joint_states",
+            "",
+            make.joint_state(joints[:5], good[:5], still[:5]),
+            f"/joint_states: {na - 5} of {na} joints are missing: {joints[5]}",
+        ),
+        (
+            "joint_states",
+            "",
+            make.joint_state(joints, good[:3], still),
+            f"/joint_states: position has 3 values for {na} names",
+        ),
+        ("joint_states", "", make.joint_state([], [], []), f"/joint_states: {na} of {na} joints are missing"),
+        ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 0], child="base"), "/odom: the orientation [0, 0, 0, 0] is not a"),
+        ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 1], child="torso"), "/odom: child_frame_id is 'torso'"),
+        ("setpoint", "com", make.point([0, np.nan, 0]), update("com") + "setpoint: the point holds a value that"),
+        ("setpoint", "com", make.point([0, 0, 0], "FL_foot"), update("com") + "setpoint: frame_id is 'FL_foot'"),
+        (
+            "setpoint",
+            "posture",
+            make.joint_state(joints[:2], [0, 0]),
+            update("posture") + f"setpoint: position: {na - 2} joints are missing",
+        ),
+        (
+            "trajectory",
+            "posture",
+            make.joint_trajectory(["nose"], [(1.0, [0.0])]),
+            update("posture") + "trajectory: 'nose' is not a joint of this task",
+        ),
+        (
+            "trajectory",
+            "com",
+            make.frame_trajectory([(1.0, [[0, 0, 0.3, 0, 0, 0, 1]]), (0.5, [[0, 0, 0.3, 0, 0, 0, 1]])]),
+            update("com") + "trajectory: time_from_start must rise from 0: [1, 0.5] s",
+        ),
+        ("weight", "com", make.float64(-1.0), update("com") + "weight: a weight must be from 0 to 1e6, not -1.0"),
+        (
+            "update",
+            "",
+            make.string("{tasks: {comm: {weight: 1}}}"),
+            "/update: unknown task 'comm'; did you mean 'com'? Valid: base, com, posture",
+        ),
+        ("update", "", make.string("{tasks: {com: "), "/update: not valid YAML"),
+        ("command", "", make.string("actvate"), "command 'actvate' is unknown; did you mean 'activate'?"),
+        ("command", "", make.string("reset"), "command 'reset' is refused while active"),
+    ]
+    user.activate()
+    user.run(1.2)
+    for key, subject, content, said in cases:
+        # A bad state competes with the good ones of the robot for one slot, of which the newest wins: send it again.
+        user.until(
+            lambda said=said: any(said in sentence for sentence in user.refusals()),
+            f"a refusal with {said!r}",
+            lambda key=key, content=content, subject=subject: user.send("controller", key, content, subject),
+        )
+        assert user.mode == "active", said
+    user.run(0.5)
+    assert user.mode == "active"
+    assert [content.data for content in user.all("controller", "state")] == ["inactive", "active"]
+    wire = user.efforts()
+    tau, mode = recorded(user, processes)
+    assert_bounded(user, tau)
+    assert set(mode.tolist()) <= {"active", "stopped"}
+    assert np.isfinite(wire).all()
+    assert (np.abs(wire) <= model.effort_limits).all()
