@@ -59,8 +59,9 @@ class User:
         key = owner, topic.key, topic.subject
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
-            if topic.key != "robot_description":
-                self._publish[key] = transport.advertise(counterpart(topic))
+            if topic.key not in ("robot_description", "effort", "joint_commands"):
+                reliable = dataclasses.replace(topic.qos, reliable=True)
+                self._publish[key] = transport.advertise(dataclasses.replace(counterpart(topic), qos=reliable))
             return
         kept = self.arrivals[key] = []
         deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
