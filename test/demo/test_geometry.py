@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial import ConvexHull
-from synthetic import robot
+from synthetic_run import robot
 
 from wbc_controller.core.model import build_model
 from wbc_controller.resources import share_folder

@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from synthetic import squat
+from synthetic_run import squat
 
 from wbc_controller.demo.recording import Recording, supports_of
 from wbc_controller.errors import ConfigurationError

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from synthetic import squat
+from synthetic_run import squat
 
 from wbc_controller.demo.plots import POINTS, build_plots, decimate, friction_use, phases
 from wbc_controller.demo.recording import Result

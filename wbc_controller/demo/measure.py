@@ -14,6 +14,7 @@ from wbc_controller.decoding import JointOrder, read_odometry
 from wbc_controller.demo.director import Director, Log, Window, header_time
 from wbc_controller.demo.recording import Recording, Result, supports_of
 from wbc_controller.demo.scenario import Scenario
+from wbc_controller.diagnostics.recorder import AUDIT_COLUMNS
 from wbc_controller.messages import decode
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings, SurfaceContact
@@ -29,7 +30,7 @@ def make_recording(
         settings: its settings.
         model: its model.
         director: that played the scenario.
-        cycles: what the controller recorded: ``seconds/<stage>`` for each cycle.
+        cycles: what the controller recorded, as `diagnostics.recorder.CycleRecorder` writes it.
     """
     log = director.log
     time, q = _states(log, model)
@@ -68,6 +69,7 @@ def make_recording(
         events=tuple(replace(event, time=max(0.0, event.time - time[0])) for event in director.events),
         results=(),
         supports=supports_of(settings.contacts),
+        audit=_audit(cycles, time),
     )
 
 
@@ -103,6 +105,15 @@ def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: Callable[[A
     aligned = values[order][np.maximum(index, 0)]
     aligned[index < 0] = np.nan
     return np.asarray(aligned)
+
+
+def _audit(cycles: Mapping[str, Array], time: Array) -> dict[str, Array]:
+    """What the audit said last at given times."""
+    stamps = 1.0e-9 * cycles["stamp"]
+    index = np.searchsorted(stamps, time + 1.0e-9, side="right") - 1
+    values = np.array(cycles["audit"])[np.maximum(index, 0)]
+    values[index < 0] = np.nan
+    return dict(zip(AUDIT_COLUMNS, values.T, strict=True))
 
 
 def _wrenches(log: Log, owner: str, settings: Settings, time: Array) -> dict[str, Array]:
@@ -172,6 +183,13 @@ def judge(
         if len(peak):
             result = replace(result, measured=f"{result.measured} (peak {1e3 * np.max(peak):.0f})")
         results.append(replace(result, target=f"{result.target} in {scenario.recovery:g} s"))
+    if recording.audit:
+        calm = [
+            "stand",
+            *(move.name for move in scenario.moves),
+            *(f"reach {reach.task}" for reach in scenario.reaches),
+        ]
+        results.append(_audited(np.concatenate([within(name, recording.audit["warnings"]) for name in calm])))
     share = np.abs(recording.tau) / recording.effort_limits
     sent = share[~np.isnan(share).all(axis=1)]  # before the first command there is nothing to look at
     results.append(_torques(sent))
@@ -189,6 +207,13 @@ def _share(name: str, values: Array, limit: float) -> Result:
     measured = f"{100.0 * np.max(values):.3f} % off" if len(values) else "not reached"
     good = len(values) > 0 and bool(np.max(values) <= limit)
     return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
+
+
+def _audited(warnings: Array) -> Result:
+    """While nothing disturbs the robot the audit has nothing to say."""
+    measured = f"{int(np.count_nonzero(warnings))} of {len(warnings)} samples" if len(warnings) else "not reached"
+    good = len(warnings) > 0 and not np.any(warnings != 0)
+    return Result("model audit: false warnings", "none", measured, good)
 
 
 def _torques(share: Array) -> Result:

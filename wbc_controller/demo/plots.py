@@ -50,6 +50,8 @@ def build_plots(recording: Recording) -> list[Plot]:
         plots += [_forces(recording), _friction(recording)]
     if recording.frame_errors:
         plots.append(_errors(recording))
+    if recording.audit:
+        plots.append(_audit(recording))
     if len(recording.cycle_seconds):
         plots.append(_cycles(recording))
     if recording.stage_seconds and len(recording.cycle_seconds):
@@ -188,6 +190,18 @@ def _errors(recording: Recording) -> Plot:
     figure.update_yaxes(title_text="error [m or rad]", rangemode="tozero")
     _finish(figure, recording, height=280)
     return Plot("errors", "Task errors", "Norm of each task's error: m for positions, rad for orientations.", figure)
+
+
+def _audit(recording: Recording) -> Plot:
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
+    audit = recording.audit
+    _line(figure, recording.time, audit["force"], "force on the centre of mass", PALETTE[3], row=1)
+    _line(figure, recording.time, audit["energy"], "energy residual", PALETTE[4], row=2)
+    figure.update_yaxes(title_text="force [N]", rangemode="tozero", row=1)
+    figure.update_yaxes(title_text="power [W]", row=2)
+    _finish(figure, recording, height=360)
+    caption = "What the model does not account for: nothing while the robot is left alone, and every shove."
+    return Plot("audit", "Model audit", caption, figure)
 
 
 def _cycles(recording: Recording) -> Plot:

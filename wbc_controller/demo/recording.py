@@ -17,7 +17,7 @@ from wbc_controller.records import Array, frozen, frozen_mapping
 from wbc_controller.settings import PointContact, SurfaceContact
 
 #: Raised by one whenever a saved recording changes its layout.
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,8 @@ class Recording:
         results: the verdict.
         modes: the supervisor's mode from each time on, (time in s, mode).
         supports: per contact, where it is on the robot; those that are missing are not drawn.
+        audit: what the live audit said, by name, each (n,): ``energy`` and ``throughput`` in W, ``force`` in N,
+            ``torque`` in N·m, and the number of ``warnings``; NaN where there was none.
     """
 
     robot: str
@@ -115,6 +117,7 @@ class Recording:
     results: tuple[Result, ...]
     modes: tuple[tuple[float, str], ...] = ()
     supports: Mapping[str, Support] = field(default_factory=dict)
+    audit: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n, na = len(self.time), len(self.joints)
@@ -135,6 +138,7 @@ class Recording:
             "contact_wrenches": (n, None),
             "true_wrenches": (n, None),
             "stage_seconds": (m,),
+            "audit": (n,),
         }
         for name, shape in groups.items():
             group = {key: _array(f"{name}[{key!r}]", value, shape) for key, value in getattr(self, name).items()}
@@ -224,7 +228,7 @@ class Recording:
 
 
 _ARRAYS = ("time", "q", "tau", "effort_limits", "com", "com_reference", "cycle_seconds")
-_GROUPS = ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds")
+_GROUPS = ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "audit")
 
 
 def supports_of(contacts: Mapping[str, SurfaceContact | PointContact]) -> dict[str, Support]:

@@ -165,7 +165,7 @@ def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
 
 def _load_cycles(path: Path) -> dict[str, Array]:
     with np.load(path) as file:
-        return {name: file[name] for name in file.files if name.startswith("seconds/")}
+        return {name: file[name] for name in file.files}
 
 
 def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) -> None:

@@ -8,6 +8,9 @@ import numpy as np
 
 from wbc_controller.records import CycleReport
 
+#: What stands in the columns of ``audit``.
+AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
+
 
 class CycleRecorder:
     """Collects the torques and times of every cycle that sent a command."""
@@ -43,9 +46,9 @@ class CycleRecorder:
     def save(self, path: Path) -> None:
         """Write an .npz file.
 
-        It holds stamp (n,) in ns, tau (n, na) in N·m, mode (n,), seconds/<stage> (n,) in s, and audit (n, 5): energy
-        residual and throughput in W, unaccounted force in N, largest unaccounted joint torque in N·m, and the number of
-        warnings; NaN where there was no audit.
+        It holds stamp (n,) in ns, tau (n, na) in N·m, mode (n,), seconds/<stage> (n,) in s, and audit (n, 5),
+        columns as in `AUDIT_COLUMNS`: energy residual and throughput in W, unaccounted force in N, largest unaccounted
+        joint torque in N·m, and the number of warnings; NaN where there was no audit.
         """
         stages = sorted({stage for seconds in self._seconds for stage in seconds})
         times = {
