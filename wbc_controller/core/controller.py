@@ -219,7 +219,9 @@ class Controller:
         problem = layout.problem
         if not problem.is_finite:  # back ends may spin for seconds on it, or raise
             raise NoSolution(
-                "the state, the references or the torques before hold a value that is not finite", "not solved", problem
+                "the state, the references or the torques before hold a value that is not finite",
+                "not solved",
+                problem.copy(),
             )
         answer = solver.solve(problem)
         iterations = answer.iterations
@@ -238,7 +240,7 @@ class Controller:
                 f"({', '.join(layout.key) or 'none'}) and the torque limits together ({self._solver_name}: "
                 f"{answer.status})",
                 answer.status,
-                problem,
+                problem.copy(),
             )
         return self._solution(layout, answer.x, references, tuple(relaxed), iterations, (started, built, solved))
 

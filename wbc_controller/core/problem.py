@@ -6,6 +6,7 @@ joints, τ = M_a v̇ + h_a - J_aᵀ f, so that bounds of τ are rows in x. With 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -62,6 +63,10 @@ class QuadraticProgram:
             x_lower=np.full(n, -np.inf),
             x_upper=np.full(n, np.inf),
         )
+
+    def copy(self) -> QuadraticProgram:
+        """A copy that the next cycle does not overwrite."""
+        return copy.deepcopy(self)
 
     @property
     def is_finite(self) -> bool:
