@@ -1,0 +1,100 @@
+"""The controller's forecast against MuJoCo: what the QP says will happen under its torques, and what does.
+
+States are sampled from a run under the controller: standing, swaying, squatting, both at once. Only states whose feet
+truly stand are compared: the contacts move at less than 2 mm/s and every corner touches; the simulator's floor gives a
+little, and a rocking foot is not what the QP's rigid contacts describe.
+
+Errors are relative to the norm of what is compared, with floors: 9.81 m/s² for v̇, the robot's weight for the forces.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from wbc_controller.build import make_board
+from wbc_controller.core.references import SetTrajectory
+from wbc_controller.core.trajectories import Knot
+from wbc_controller.mock.plant import Plant
+from wbc_controller.records import RobotState, frozen
+
+ROBOTS = ("g1", "talos", "go2")
+ACCELERATION, FORCE = 0.02, 0.005
+#: When to go where with the centre of mass, m, in 0.7 s: sway, sway and squat, squat further, come back.
+JOURNEY = ((0.2, (0.0, 0.02, 0.0)), (0.9, (0.0, -0.02, -0.03)), (1.9, (0.01, 0.0, -0.05)), (2.6, (0.0, 0.0, 0.0)))
+#: Contact speed up to which a foot stands: the norm over all contacts, m/s and rad/s together.
+SPEED = 2.0e-3
+#: Cycles in which the robot sinks into the floor, by some hundredths of a millimetre.
+SETTLED = 50
+
+
+@dataclass
+class Comparison:
+    acceleration: list[float] = field(default_factory=list)
+    force: list[float] = field(default_factory=list)
+    speed: list[float] = field(default_factory=list)
+    moved: float = 0.0
+    plant: Plant | None = None
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def compared(request, bench):
+    """One run of 3.4 s, compared every 50 ms."""
+    robot = bench(request.param)
+    model, controller = robot.model, robot.controller
+    plant = Plant(model, robot.settings)
+    plant.hold(False, ramp=0.0)
+    board = make_board(robot.settings, controller)
+    controller.dynamics.update(*plant.state())
+    board.reset(controller.dynamics, 0.0)
+    start, tau, journey = np.array(controller.dynamics.com), None, list(JOURNEY)
+    result = Comparison(plant=plant)
+    for cycle in range(1700):
+        time = cycle * controller.period
+        if journey and time >= journey[0][0]:
+            knot = Knot(0.7, start + journey.pop(0)[1], np.zeros(3), np.zeros(3))
+            board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, time)
+        q, v = plant.state()
+        solution = controller.solve(RobotState(plant.stamp, frozen(q), frozen(v)), board.sample(time), tau)
+        assert not solution.relaxed
+        tau = solution.tau
+        plant.apply(tau)
+        if cycle >= SETTLED and cycle % 25 == 0:
+            plant.forward()
+            result.moved = max(result.moved, float(np.linalg.norm(controller.dynamics.com - start)))
+            contacts = controller.contacts.values()
+            speed = np.concatenate([contact.jacobian(controller.dynamics) @ v for contact in contacts])
+            height = np.concatenate([contact.points(controller.dynamics)[:, 2] for contact in contacts])
+            if np.linalg.norm(speed) < SPEED and height.max() <= 0.0:
+                acceleration, wrenches = plant.acceleration(), plant.contact_wrenches()
+                expected = np.concatenate([solution.forces[name] for name in wrenches])
+                force = np.concatenate(list(wrenches.values()))
+                result.acceleration.append(
+                    np.linalg.norm(solution.v_dot - acceleration) / max(np.linalg.norm(acceleration), 9.81)
+                )
+                weight = model.mass * model.gravity
+                result.force.append(np.linalg.norm(expected - force) / max(np.linalg.norm(force), weight))
+                result.speed.append(float(np.linalg.norm(v)))
+        for _ in range(plant.steps_per_period):
+            plant.step()
+    print(
+        f"\n{request.param}: {len(result.speed)} states, {sum(s > 0.1 for s in result.speed)} of them moving; "
+        f"largest error: v̇ {max(result.acceleration):.2%}, forces {max(result.force):.3%}"
+    )
+    return result
+
+
+def test_the_run_is_one_worth_comparing(compared):
+    assert not compared.plant.fallen
+    assert compared.moved > 0.04
+    assert len(compared.speed) >= 20
+    assert sum(speed > 0.1 for speed in compared.speed) >= 20
+    assert max(compared.speed) > 0.3
+
+
+def test_accelerations_are_those_of_the_simulator(compared):
+    assert max(compared.acceleration) < ACCELERATION
+
+
+def test_contact_forces_are_those_of_the_simulator(compared):
+    assert max(compared.force) < FORCE
