@@ -148,8 +148,9 @@ def test_nan_never_comes_out_as_an_answer(name, field):
     assert not bad.is_finite
     solver = make_solver(name, good)
     solver.solve(good)
-    answer = solver.solve(bad)
-    assert answer.x is None or not bad.violation(answer.x) <= 0.01
+    for _ in range(2):  # warm, and from what the failure left
+        answer = solver.solve(bad)
+        assert answer.x is None or not bad.violation(answer.x) <= 0.01
     assert_agrees(solver, good, solver.solve(good), reference_answer(good))
 
 
