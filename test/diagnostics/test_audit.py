@@ -1,0 +1,179 @@
+"""The live audit on the mock robot: silent with the right model, and a named warning for each thing that is wrong.
+
+Acceptance of the audit: the energy residual stays below 2 % of the mechanical power with the right model, and a wrong
+mass, a torque with the wrong sign and an unknown push are each named within a second.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from wbc_controller.build import controller_endpoints, make_loop, make_model
+from wbc_controller.clock import ManualClock
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.references import SetExternalWrench, SetSetpoint, SetTrajectory
+from wbc_controller.core.trajectories import Knot
+from wbc_controller.interface import counterpart
+from wbc_controller.messages import encode, message
+from wbc_controller.mock.robot import MockRobot
+from wbc_controller.records import CycleReport
+from wbc_controller.settings import find_configuration, load_settings
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+
+LET_GO, CALM = 0.2, 0.9  # s: the hoist lets go, and all is quiet
+
+
+def heavier(urdf: str, link: str, factor: float) -> str:
+    """The same robot with one link's mass and inertia scaled."""
+    tree = ElementTree.fromstring(urdf)  # noqa: S314  # our own robot
+    inertial = tree.find(f"link[@name='{link}']/inertial")
+    assert inertial is not None
+    for element in (inertial.find("mass"), inertial.find("inertia")):
+        for key, value in element.attrib.items():
+            element.set(key, repr(factor * float(value)))
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+@dataclass
+class Run:
+    """A controller and a mock robot in one thread."""
+
+    robot: str = "g1"
+    plant: RobotModel | None = None
+    reports: list[CycleReport] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        settings = load_settings(find_configuration(self.robot))
+        quick = settings.safety.model_copy(update={"activation_ramp": 0.1})
+        self.settings = settings.model_copy(update={"safety": quick})
+        self.model = make_model(self.settings)
+        bus = MemoryBus()
+        self.mock = MockRobot(self.plant or self.model, self.settings, MemoryTransport(bus))
+        self.clock = ManualClock()
+        topics = controller_endpoints(self.settings, self.model)
+        self.loop = make_loop(
+            self.settings, self.model, MemoryTransport(bus), self.clock, topics, observers=(self.reports.append,)
+        )
+        transport = MemoryTransport(bus)
+        self.publish = {
+            topic.key: transport.advertise(counterpart(topic)) for topic in topics if topic.key == "command"
+        }
+        self.publish["command"](encode(message("std_msgs/msg/String", data="activate")))
+        self.until(LET_GO)
+        self.mock.plant.hold(False)
+        self.until(CALM)
+
+    @property
+    def time(self) -> float:
+        return self.mock.stamp * 1e-9
+
+    def until(self, time: float) -> None:
+        while self.time < time - 1e-9:
+            self.clock.time = self.time
+            self.mock.publish()
+            self.loop.cycle()
+            self.mock.advance()
+            if self.mock.plant.fallen:
+                return
+
+    def change(self, *changes) -> None:
+        self.loop._board.apply(changes, self.loop._controller.dynamics, self.time)
+
+    def audits(self, since: float):
+        return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
+
+    def warned(self, since: float, within: float) -> set[str]:
+        """Names of the warnings in a span of time."""
+        return {
+            warning.partition(":")[0]
+            for report in self.reports
+            if report.audit and since < report.stamp * 1e-9 <= since + within
+            for warning in report.audit.warnings
+        }
+
+
+def squat(run: Run) -> None:
+    still = np.zeros(3)
+    com = run.loop._controller.dynamics.com.copy()
+    down = com - np.array([0.0, 0.0, 0.10 if run.robot != "go2" else 0.06])
+    run.change(SetTrajectory("com", None, (Knot(1.5, down, still, still), Knot(3.0, com, still, still))))
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
+def test_with_the_right_model_nothing_is_left_over(robot):
+    run = Run(robot)
+    squat(run)
+    run.until(CALM + 3.5)
+    audits = run.audits(CALM + 0.5)
+    moving = [audit for audit in audits if audit.throughput > 5.0]
+    share = max(abs(audit.energy) / audit.throughput for audit in moving)
+    force = max(np.linalg.norm(audit.force) for audit in audits) / (run.model.mass * run.model.gravity)
+    print(f"{robot}: energy residual {100 * share:.3f} % of the power, force {100 * force:.3f} % of the weight")
+    assert len(moving) > 200
+    assert share < 0.02
+    assert force < 0.001
+    assert not run.warned(CALM, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("link", "factor"), [("torso_link", 1.2), ("torso_link", 0.8), ("left_knee_link", 1.2), ("right_elbow_link", 0.8)]
+)
+def test_a_wrong_mass_is_named_within_a_second(link, factor):
+    settings = load_settings(find_configuration("g1"))
+    run = Run(plant=make_model(settings, heavier(make_model(settings).urdf, link, factor)))
+    run.until(CALM + 1.0)
+    assert "UNMODELLED_FORCE" in run.warned(CALM, 1.0)
+    assert "UNMODELLED_FORCE" in run.reports[-1].audit.warnings[0]
+
+
+@pytest.mark.parametrize("joint", ["left_shoulder_pitch_joint", "left_ankle_pitch_joint"])
+def test_a_torque_with_the_wrong_sign_is_named_within_a_second(joint):
+    run = Run()
+    i, apply = run.model.joints.index(joint), run.mock.plant.apply
+    sign = np.ones(run.model.na)
+    sign[i] = -1.0
+    run.mock.plant.apply = lambda tau: apply(sign * tau)
+    run.until(CALM + 1.0)
+    assert run.warned(CALM, 1.0) & {"UNMODELLED_TORQUE", "ENERGY_RESIDUAL"}
+
+
+@pytest.mark.parametrize("push", [(3.0, 0.0, 0.0), (0.0, 0.0, -10.0)])
+def test_an_unknown_push_is_named_within_a_second(push):
+    run = Run()
+    run.mock.plant.push(run.model.base_link, np.array([*push, 0.0, 0.0, 0.0]), 1.0)
+    run.until(CALM + 1.0)
+    assert "UNMODELLED_FORCE" in run.warned(CALM, 1.0)
+    # The ground takes up a part of it, so that the direction is told, and the size only roughly.
+    force, size = run.audits(CALM)[-1].force, np.linalg.norm(push)
+    assert force @ push > 0.9 * np.linalg.norm(force) * size
+    assert 0.5 * size < np.linalg.norm(force) < 1.5 * size
+
+
+def test_a_push_that_is_known_is_no_surprise():
+    run = Run()
+    push = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])
+    run.change(SetExternalWrench(run.model.base_link, push))
+    run.mock.plant.push(run.model.base_link, push, 1.0)
+    run.until(CALM + 0.9)
+    assert not run.warned(CALM, 1.0)
+
+
+def test_the_warning_reaches_diagnostics_and_goes_away():
+    run = Run()
+    run.mock.plant.push(run.model.base_link, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]), 0.8)
+    run.until(CALM + 0.8)
+    assert run.reports[-1].audit.warnings
+    run.until(CALM + 2.5)
+    assert not run.reports[-1].audit.warnings
+
+
+def test_a_setpoint_is_no_surprise():
+    run = Run()
+    target = run.loop._controller.dynamics.com + np.array([0.02, 0.02, -0.03])
+    run.change(SetSetpoint("com", target))
+    run.until(CALM + 1.5)
+    assert not run.warned(CALM, 2.0)
