@@ -18,6 +18,8 @@ from wbc_controller.records import Array, RobotState
 def kinetic_energy(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
     """Kinetic energy T = ½ vᵀM v of equation (5) in generalized coordinates, rotors included.
 
+    Not `pinocchio.computeKineticEnergy`: that of 4.1 leaves the rotors of joints with a slanted axis out.
+
     Args:
         model: the mechanism.
         q: configuration, (nq,).

@@ -1,0 +1,186 @@
+"""Equations of motion, external wrenches, energy and momentum: every figure against finite differences or another way."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mechanisms import FLOATING, ROBOTS, links, random_state, robot
+
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.mechanics import (
+    ExternalWrench,
+    Kinematics,
+    PointContact,
+    SurfaceContact,
+    actuation_matrix,
+    bias_force,
+    centroidal_momentum,
+    centroidal_momentum_rate,
+    centroidal_wrench,
+    constrained_dynamics,
+    constraint_equation,
+    equations_of_motion_residual,
+    forward_dynamics,
+    generalized_force,
+    generalized_gravity,
+    generalized_momentum,
+    hamiltonian,
+    hamiltonian_rate,
+    inverse_dynamics,
+    kinetic_energy,
+    lagrangian,
+    mass_matrix,
+    potential_energy,
+    power,
+    world_wrench,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+names = st.sampled_from(sorted(ROBOTS))
+floating = st.sampled_from(FLOATING)
+
+
+@settings(max_examples=40, deadline=None)
+@given(names, seeds)
+def test_forward_and_inverse_dynamics_are_the_equations_of_motion(name, seed):
+    model, rng = robot(name), np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    v_dot = rng.normal(size=model.nv)
+    M, h = mass_matrix(model, q), bias_force(model, q, v)
+    assert np.array_equal(M, M.T)
+    force = inverse_dynamics(model, q, v, v_dot)
+    assert np.allclose(force, M @ v_dot + h, rtol=1e-10, atol=1e-9)
+    assert np.allclose(forward_dynamics(model, q, v, force), v_dot, rtol=1e-8, atol=1e-8)
+    assert np.allclose(bias_force(model, q, 0 * v), generalized_gravity(model, q), atol=1e-9)
+    assert np.abs(equations_of_motion_residual(M, h, v_dot, force, 0 * v)).max() < 1e-8
+
+
+def test_they_are_the_euler_lagrange_equation():
+    """Equation (7) by finite differences of L alone, on an arm, whose coordinates are plain numbers."""
+    model, rng = robot("panda"), np.random.default_rng(1)
+    q, v = random_state(model, rng)
+    a = rng.normal(size=model.nv)
+    eps = 1e-4
+
+    def momentum(q, v):
+        return np.array([(lagrangian(model, q, v + e) - lagrangian(model, q, v - e)) for e in eps * np.eye(9)]) / (
+            2 * eps
+        )
+
+    rate = (momentum(q + eps * v, v + eps * a) - momentum(q - eps * v, v - eps * a)) / (2 * eps)
+    slope = np.array([(lagrangian(model, q + e, v) - lagrangian(model, q - e, v)) for e in eps * np.eye(9)]) / (2 * eps)
+    assert np.allclose(rate - slope, inverse_dynamics(model, q, v, a), atol=1e-5)
+    assert np.allclose(momentum(q, v), generalized_momentum(model, q, v), atol=1e-8)
+
+
+def test_torques_are_distributed_in_the_order_given():
+    model = robot("go2")
+    S = actuation_matrix(model, ["RR_calf_joint", "FL_hip_joint"])
+    assert S.shape == (2, model.nv)
+    force = S.T @ np.array([2.0, 3.0])
+    assert force[model.joints[model.getJointId("RR_calf_joint")].idx_v] == 2.0
+    assert force[:6].tolist() == [0.0] * 6
+    with pytest.raises(ConfigurationError, match="did you mean 'FL_hip_joint'"):
+        actuation_matrix(model, ["FL_hip_jiont"])
+    with pytest.raises(ConfigurationError, match="6 degrees of freedom"):
+        actuation_matrix(model, ["root_joint"])
+
+
+@settings(max_examples=40, deadline=None)
+@given(names, seeds)
+def test_one_wrench_in_any_frame_is_one_generalized_force(name, seed):
+    model, rng = robot(name), np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    frame = str(rng.choice(links(model)))
+    force, torque, point = rng.normal(size=(3, 3))  # in world axes, at a point of the world
+    kinematics = Kinematics(model, q, v)
+    placement = kinematics.placement(frame)
+    R, arm = placement.rotation, point - placement.translation
+    turn = np.kron(np.eye(2), R.T)
+    at_point = np.concatenate([force, torque])
+    ways = [
+        ExternalWrench(frame, at_point, "WORLD", point),
+        ExternalWrench(frame, at_point, "LOCAL_WORLD_ALIGNED", arm),
+        ExternalWrench(frame, turn @ at_point, "LOCAL", R.T @ arm),
+        ExternalWrench(frame, np.concatenate([force, torque + np.cross(point, force)]), "WORLD"),
+        ExternalWrench(frame, np.concatenate([force, torque + np.cross(arm, force)])),
+    ]
+    answers = [generalized_force(model, q, [way]) for way in ways]
+    for way, answer in zip(ways, answers, strict=True):
+        assert np.allclose(answer, answers[0], atol=1e-10)
+        assert np.allclose(world_wrench(model, q, [way]), ways[3].wrench, atol=1e-10)
+    # Equation (21): the same power in the coordinates as in the world.
+    _, velocity, _, _ = kinematics.point(frame, R.T @ arm)
+    omega, _, _ = kinematics.angular(frame)
+    assert power(v, answers[0]) == pytest.approx(force @ velocity + torque @ omega, abs=1e-9)
+
+
+def test_a_wrench_that_cannot_be_used_says_why():
+    with pytest.raises(ConfigurationError, match="valid: LOCAL, LOCAL_WORLD_ALIGNED, WORLD"):
+        ExternalWrench("base", np.zeros(6), "BODY")
+    with pytest.raises(InputRefused, match=r"has the shape \(3,\); expected \(6,\)"):
+        ExternalWrench("base", np.zeros(3))
+    with pytest.raises(InputRefused, match="not finite"):
+        ExternalWrench("base", np.full(6, np.nan))
+    with pytest.raises(ConfigurationError, match="no frame 'bsae'"):
+        generalized_force(robot("go2"), pin.neutral(robot("go2")), [ExternalWrench("bsae", np.zeros(6))])
+
+
+@settings(max_examples=40, deadline=None)
+@given(names, seeds)
+def test_energies_and_power(name, seed):
+    model, rng = robot(name), np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v)
+    bodies = sum(0.5 * data.v[j].vector @ (model.inertias[j] * data.v[j]).vector for j in range(1, model.njoints))
+    rotors = 0.5 * model.armature @ (v * v)
+    assert kinetic_energy(model, q, v) == pytest.approx(bodies + rotors)
+    p = generalized_momentum(model, q, v)
+    assert hamiltonian(model, q, v) == pytest.approx(p @ v - lagrangian(model, q, v))
+    force = 10.0 * rng.normal(size=model.nv)
+    wrench = ExternalWrench(str(rng.choice(links(model))), 10.0 * rng.normal(size=6), "LOCAL")
+    applied = force + generalized_force(model, q, [wrench])
+    v_dot = forward_dynamics(model, q, v, applied)
+    eps = 1e-6
+    ends = [hamiltonian(model, pin.integrate(model, q, s * v), v + s * v_dot) for s in (eps, -eps)]
+    rate = (ends[0] - ends[1]) / (2 * eps)
+    scale = max(1.0, np.abs(v).max() * np.abs(applied).max(), abs(hamiltonian(model, q, v)))
+    assert hamiltonian_rate(model, q, v, v_dot) == pytest.approx(power(v, applied), abs=1e-9 * scale)
+    assert rate == pytest.approx(power(v, applied), abs=1e-4 * scale)
+    # The gradient of the potential energy is generalized gravity: equation (2).
+    slope = np.array([potential_energy(model, pin.integrate(model, q, e)) for e in eps * np.eye(model.nv)])
+    slope -= [potential_energy(model, pin.integrate(model, q, -e)) for e in eps * np.eye(model.nv)]
+    assert np.allclose(slope / (2 * eps), generalized_gravity(model, q), atol=1e-2)
+
+
+@settings(max_examples=40, deadline=None)
+@given(floating, seeds)
+def test_centroidal_momentum_changes_by_gravity_and_contact_alone(name, seed):
+    model, rng = robot(name), np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    frames = [str(f) for f in rng.choice(links(model), 2, replace=False)]
+    force = np.zeros(model.nv)
+    force[6:] = 30.0 * rng.normal(size=model.nv - 6)
+    contacts = [SurfaceContact(frame=frames[0]), PointContact(frame=frames[1], offset=np.array([0.1, 0.0, 0.0]))]
+    equation = constraint_equation(contacts, Kinematics(model, q, v))
+    if np.linalg.cond(equation.A) > 1e6:
+        return
+    motion = constrained_dynamics(model, q, v, force, contacts)
+    wrenches = [
+        ExternalWrench(frames[0], motion.multipliers[:6], "LOCAL"),
+        ExternalWrench(
+            frames[1],
+            np.concatenate([motion.multipliers[6:], np.zeros(3)]),
+            "LOCAL_WORLD_ALIGNED",
+            Kinematics(model, q, v).placement(frames[1]).rotation @ [0.1, 0.0, 0.0],
+        ),
+    ]
+    rate = centroidal_momentum_rate(model, q, v, motion.v_dot)
+    expected = centroidal_wrench(model, q, wrenches)
+    assert np.allclose(rate, expected, atol=1e-8 * max(1.0, np.abs(motion.multipliers).max()))
+    assert np.allclose(generalized_force(model, q, wrenches), motion.constraint_force, atol=1e-7 * np.abs(rate).max())
+    eps = 1e-6
+    ends = [centroidal_momentum(model, pin.integrate(model, q, s * v), v + s * motion.v_dot) for s in (eps, -eps)]
+    assert np.allclose((ends[0] - ends[1]) / (2 * eps), rate, rtol=1e-4, atol=1e-3 * max(1.0, np.abs(rate).max()))

@@ -1,0 +1,267 @@
+"""Gauss's principle: acceptance 1. Against Udwadia–Kalaba, against Pinocchio, and against its own definition."""
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import event, given, note, settings
+from hypothesis import strategies as st
+from mechanisms import ROBOTS, box, random_constraints, random_state, robot
+
+from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.mechanics import (
+    JointCoupling,
+    Kinematics,
+    PointContact,
+    SurfaceContact,
+    admissible_directions,
+    bias_force,
+    constrained_dynamics,
+    constraint_equation,
+    contact_dynamics_equations,
+    forward_dynamics,
+    gauss,
+    gauss_functional,
+    gauss_unilateral,
+    mass_matrix,
+    udwadia_kalaba,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+names = st.sampled_from(sorted(ROBOTS))
+#: Condition number of A above which answers are compared to 1e-6 instead of 1e-8.
+ILL_CONDITIONED = 1.0e3
+
+
+def relative(a, b):
+    return np.linalg.norm(np.asarray(a) - np.asarray(b)) / max(1.0, np.linalg.norm(b))
+
+
+def problem(name, seed):
+    """M, v̇ᵤ, A, b of a random robot, state, torque and set of constraints that agree with each other."""
+    model, rng = robot(name), np.random.default_rng(seed)
+    np.random.seed(seed % 2**32)  # pin.SE3.Random
+    pin.seed(seed % 2**31)
+    q, v = random_state(model, rng)
+    force = 20.0 * rng.normal(size=model.nv)
+    equation = constraint_equation(random_constraints(model, rng), Kinematics(model, q, v, rng.uniform(0, 2)))
+    A, b = equation.A, equation.b
+    # Constraints drawn at random may ask for what cannot be, such as one link in two places.
+    N = np.linalg.svd(A)
+    rank = int(np.sum(N[1] > 1e-10 * N[1][0]))
+    b = N[0][:, :rank] @ (N[0][:, :rank].T @ b)
+    return mass_matrix(model, q), forward_dynamics(model, q, v, force), A, b, rng
+
+
+@settings(max_examples=120, deadline=None)
+@given(names, seeds)
+def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
+    M, free, A, b, _ = problem(name, seed)
+    motion = gauss(M, free, A, b)
+    note(f"{name}: condition number of A {motion.condition:.3g}, rank {motion.rank} of {len(A)} rows")
+    event("ill-conditioned" if motion.condition > ILL_CONDITIONED else "well-conditioned")
+    event("redundant" if motion.rank < len(A) else "full rank")
+    tolerance = 1e-6 if motion.condition > ILL_CONDITIONED else 1e-8
+    assert relative(udwadia_kalaba(M, free, A, b), motion.v_dot) < tolerance, f"condition {motion.condition:.3g}"
+    if motion.rank == len(A):
+        model = robot(name)
+        data = model.createData()
+        data.M[:] = M
+        q, v = random_state(model, np.random.default_rng(seed))
+        force = M @ free + bias_force(model, q, v)
+        theirs = pin.forwardDynamics(model, data, q, v, force, A, -b, 0.0)
+        assert relative(theirs, motion.v_dot) < tolerance, f"condition {motion.condition:.3g}"
+        assert relative(data.lambda_c, motion.multipliers) < tolerance, f"condition {motion.condition:.3g}"
+
+
+@settings(max_examples=120, deadline=None)
+@given(names, seeds)
+def test_constraints_hold_and_their_forces_do_no_work(name, seed):
+    M, free, A, b, rng = problem(name, seed)
+    motion = gauss(M, free, A, b)
+    scale = max(1.0, np.abs(b).max(), np.abs(motion.v_dot).max())
+    assert np.abs(A @ motion.v_dot - b).max() < 1e-9 * scale
+    N = admissible_directions(A)
+    assert np.abs(A @ N).max(initial=0.0) < 1e-12 * max(1.0, np.abs(A).max())
+    if N.shape[1]:
+        directions = N @ rng.normal(size=(N.shape[1], 20))
+        directions /= np.linalg.norm(directions, axis=0)
+        size = max(1.0, np.linalg.norm(motion.constraint_force))
+        assert np.abs(motion.constraint_force @ directions).max() < 1e-10 * size
+    assert relative(M @ motion.v_dot, M @ free + motion.constraint_force) < 1e-9
+
+
+@settings(max_examples=80, deadline=None)
+@given(names, seeds)
+def test_no_feasible_perturbation_lowers_the_functional(name, seed):
+    M, free, A, b, rng = problem(name, seed)
+    motion = gauss(M, free, A, b)
+    N = admissible_directions(A)
+    least = gauss_functional(M, motion.v_dot, free)
+    for size in (1e-3, 1e-1, 10.0):
+        other = motion.v_dot + size * N @ rng.normal(size=N.shape[1])
+        assert gauss_functional(M, other, free) >= least * (1.0 - 1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(names, seeds)
+def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, seed):
+    M, free, A, b, rng = problem(name, seed)
+    once = gauss(M, free, A, b)
+    mix = rng.normal(size=(3, len(A)))
+    more = gauss(M, free, np.vstack([A, mix @ A, A[:1]]), np.concatenate([b, mix @ b, b[:1]]))
+    tolerance = 1e-6 if once.condition > ILL_CONDITIONED else 1e-8
+    assert more.rank == once.rank
+    assert relative(more.v_dot, once.v_dot) < tolerance
+    assert relative(more.constraint_force, once.constraint_force) < tolerance
+    shortest = np.linalg.pinv(np.vstack([A, mix @ A, A[:1]]).T, rcond=1e-9) @ (M @ (more.v_dot - free))
+    assert relative(more.multipliers, shortest) < tolerance
+
+
+def test_pinocchios_contacts_give_the_same_wrenches():
+    worst = {}
+    for name, (left, right) in {
+        "g1": ("left_ankle_roll_link", "right_ankle_roll_link"),
+        "talos": ("left_sole_link", "right_sole_link"),
+        "romeo": ("l_sole", "r_sole"),
+        "icub": ("l_foot", "r_foot"),
+        "simple_humanoid": ("l_ankle", "r_ankle"),
+    }.items():
+        model, rng = robot(name), np.random.default_rng(3)
+        q, v = random_state(model, rng)
+        force = 20.0 * rng.normal(size=model.nv)
+        contacts = []
+        for frame in (left, right):
+            f = model.frames[model.getFrameId(frame)]
+            contacts.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_6D, model, f.parentJoint, f.placement, pin.LOCAL))
+        memory = [contact.createData() for contact in contacts]
+        data = model.createData()
+        pin.initConstraintDynamics(model, data, contacts, memory)
+        exact = pin.ProximalSettings(1e-14, 1e-14, 0.0, 50)
+        theirs = pin.constraintDynamics(model, data, q, v, force, contacts, memory, exact)
+        ours = constrained_dynamics(model, q, v, force, [SurfaceContact(frame=left), SurfaceContact(frame=right)])
+        wrenches = np.concatenate([contact.contact_force.vector for contact in memory])
+        worst[name] = (relative(theirs, ours.v_dot), relative(wrenches, ours.multipliers))
+    assert max(max(pair) for pair in worst.values()) < 1e-8, worst
+
+
+def test_the_same_answer_solves_the_equations_that_a_program_gets():
+    model, rng = robot("talos"), np.random.default_rng(5)
+    q, v = random_state(model, rng)
+    tau = rng.normal(size=model.nv - 6)
+    S = np.eye(model.nv)[6:]
+    contacts = [SurfaceContact(frame="left_sole_link"), PointContact(frame="right_sole_link")]
+    motion = constrained_dynamics(model, q, v, S.T @ tau, contacts)
+    equation = constraint_equation(contacts, Kinematics(model, q, v))
+    E, e = contact_dynamics_equations(mass_matrix(model, q), bias_force(model, q, v), S, equation.A, equation.b)
+    x = np.concatenate([motion.v_dot, tau, motion.multipliers])
+    assert np.abs(E @ x - e).max() < 1e-8 * max(1.0, np.abs(x).max())
+
+
+def test_contradicting_constraints_are_named():
+    A = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    with pytest.raises(NoSolution, match=r"row \d asks for .* and gets 0\.5 at best") as caught:
+        gauss(np.eye(3), np.zeros(3), A, np.array([0.0, 1.0]))
+    assert caught.value.problem[0] is not None
+    with pytest.raises(NoSolution):
+        gauss_unilateral(
+            np.eye(2), np.zeros(2), np.zeros((0, 2)), np.zeros(0), np.array([[1.0, 0], [-1.0, 0]]), np.array([1.0, 1.0])
+        )
+
+
+def test_what_is_no_problem_is_refused():
+    good = (np.eye(2), np.zeros(2), np.ones((1, 2)), np.zeros(1))
+    for index, bad, words in (
+        (1, np.array([0.0, np.nan]), "v_dot_u is not finite at"),
+        (2, np.ones((1, 3)), r"A has the shape \(1, 3\); expected \(1, 2\)"),
+        (0, -np.eye(2), "not positive definite"),
+    ):
+        arguments = list(good)
+        arguments[index] = bad
+        with pytest.raises(InputRefused, match=words):
+            gauss(*arguments)
+
+
+def test_without_constraints_motion_is_free_and_with_all_of_them_it_is_given():
+    free = np.array([1.0, 2.0])
+    assert np.allclose(gauss(np.eye(2), free, np.zeros((0, 2)), np.zeros(0)).v_dot, free)
+    assert np.allclose(gauss(np.eye(2), free, np.eye(2), np.array([3.0, 4.0])).v_dot, [3.0, 4.0])
+
+
+# --- contacts that only push --------------------------------------------------------------------------------------
+
+
+def by_enumeration(M, free, A, b, C, d):
+    """Try every set of contacts that hold; the right one pushes everywhere and breaks nothing."""
+    for count in range(len(d) + 1):
+        for held in itertools.combinations(range(len(d)), count):
+            rows = list(held)
+            try:
+                motion = gauss(M, free, np.vstack([A, C[rows]]), np.concatenate([b, d[rows]]))
+            except NoSolution:
+                continue
+            if (motion.multipliers[len(A) :] >= -1e-7).all() and (C @ motion.v_dot - d >= -1e-7).all():
+                return motion.v_dot
+    return None
+
+
+@settings(max_examples=60, deadline=None)
+@given(names, seeds)
+def test_pushing_contacts_are_least_constraint_too(name, seed):
+    M, free, A, b, rng = problem(name, seed)
+    N = admissible_directions(A)
+    if N.shape[1] < 6:
+        return
+    C = rng.normal(size=(4, len(M)))
+    C[3] = C[0]  # one of them twice
+    d = 5.0 * rng.normal(size=4)
+    d[3] = d[0]
+    motion = gauss_unilateral(M, free, A, b, C, d)
+    gap = C @ motion.v_dot - d
+    scale = max(1.0, np.abs(motion.v_dot).max(), np.abs(d).max())
+    assert (motion.push >= 0.0).all()
+    assert gap.min() > -1e-8 * scale
+    assert np.abs(motion.push * gap).max() < 1e-7 * scale * max(1.0, motion.push.max())
+    assert np.abs(A @ motion.v_dot - b).max() < 1e-8 * scale
+    assert relative(M @ (motion.v_dot - free), motion.constraint_force + motion.push_force) < 1e-8
+    expected = by_enumeration(M, free, A, b, C, d)
+    assert expected is not None
+    assert relative(motion.v_dot, expected) < 1e-6
+
+
+def resting(extra):
+    model, corners = box()
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    return constrained_dynamics(model, q, v, np.array(extra, dtype=float), pushing=corners)
+
+
+def test_a_box_rests_lifts_and_tips():
+    weight = 10.0 * 9.81
+    rest = resting([0, 0, 0, 0, 0, 0])
+    assert np.abs(rest.v_dot).max() < 1e-9
+    assert rest.push.sum() == pytest.approx(weight)
+    lifted = resting([0, 0, weight + 20.0, 0, 0, 0])  # pulled harder than it weighs: the floor does not hold it down
+    assert lifted.v_dot[2] == pytest.approx(2.0)
+    assert np.abs(lifted.push).max() < 1e-9
+    # Half of the base is 0.15 m along y: up to that moment it stands, over it, it turns about one edge.
+    standing = resting([0, 0, 0, 0.9 * weight * 0.15, 0, 0])
+    assert np.abs(standing.v_dot).max() < 1e-9
+    tipping = resting([0, 0, 0, 1.5 * weight * 0.15, 0, 0])
+    assert tipping.v_dot[3] > 0.1
+    assert np.sum(tipping.push > 1e-6) <= 2
+    assert tipping.push[[0, 2]].max() < 1e-9  # a positive roll lifts the corners at positive y
+
+
+def test_a_two_sided_constraint_and_a_pushing_one_together():
+    model = robot("panda")
+    q, v = random_state(model, np.random.default_rng(0))
+    coupling = JointCoupling(coefficients={"panda_joint1": 1.0, "panda_joint2": 1.0}, offset=float(q[0] + q[1]))
+    stop = JointCoupling(coefficients={"panda_joint4": 1.0}, offset=float(q[3]))
+    push = np.zeros(model.nv)
+    for sign, held in ((-200.0, True), (200.0, False)):
+        push[3] = sign
+        motion = constrained_dynamics(model, q, 0.0 * v, push, [coupling], pushing=[stop])
+        assert motion.v_dot[0] == pytest.approx(-motion.v_dot[1])
+        assert (abs(motion.v_dot[3]) < 1e-9) == held
+        assert (motion.push[0] > 1.0) == held
