@@ -1,0 +1,155 @@
+"""Conservation over long motions: acceptance 3. What free flight, a closed loop and rolling keep, and how well."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from mechanisms import FLOATING, WHEEL_RADIUS, four_bar, robot, wheel_with_pendulum
+
+from wbc_controller.mechanics import (
+    Kinematics,
+    Rolling,
+    admissible_directions,
+    centroidal_momentum,
+    constrained_dynamics,
+    constraint_equation,
+    forward_dynamics,
+    hamiltonian,
+    kinetic_energy,
+    simulate,
+)
+
+
+def tumbling(name):
+    """A robot thrown into the air, its joints free."""
+    model, rng = robot(name), np.random.default_rng(1)
+    q = pin.neutral(model)
+    q[3:7] = pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()
+    v = np.concatenate([rng.normal(size=3), 2.0 * rng.normal(size=3), 0.5 * rng.normal(size=model.nv - 6)])
+    return model, q, v
+
+
+def free_flight(model, q, v, step, duration):
+    zero, data = np.zeros(model.nv), model.createData()
+    qs, vs = simulate(
+        model, lambda q, v, t: forward_dynamics(model, q, v, zero, data=data), q, v, step, round(duration / step)
+    )
+    return qs[-1], vs[-1]
+
+
+def drifts(model, q, v, step, duration):
+    """Relative drift of energy, linear and angular momentum; gravity accounted for."""
+    q1, v1 = free_flight(model, q, v, step, duration)
+    before, after = centroidal_momentum(model, q, v), centroidal_momentum(model, q1, v1)
+    fall = pin.computeTotalMass(model) * np.array(model.gravity.linear) * duration
+    return np.array(
+        [
+            abs(hamiltonian(model, q1, v1) - hamiltonian(model, q, v)) / kinetic_energy(model, q, v),
+            np.linalg.norm(after[:3] - fall - before[:3]) / np.linalg.norm(before[:3]),
+            np.linalg.norm(after[3:] - before[3:]) / np.linalg.norm(before[3:]),
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", ["g1", "simple_humanoid"])
+def test_a_tumbling_humanoid_keeps_momentum_and_energy_for_ten_seconds(name):
+    model, q, v = tumbling(name)
+    drift = drifts(model, q, v, 2e-3, 10.0)
+    assert drift.max() < 1e-6, drift
+
+
+@pytest.mark.parametrize("name", FLOATING)
+def test_the_drift_falls_at_the_order_of_the_integrator(name):
+    model, q, v = tumbling(name)
+    coarse, fine = drifts(model, q, v, 8e-3, 0.4), drifts(model, q, v, 4e-3, 0.4)
+    order = np.log2(coarse / fine)
+    assert (order > 3.5).all(), (coarse, fine, order)
+    # The motion itself, too, and not its invariants alone.
+    ends = [free_flight(model, q, v, step, 0.4) for step in (8e-3, 4e-3, 2e-3)]
+    errors = [
+        np.linalg.norm(pin.difference(model, end[0], ends[2][0])) + np.linalg.norm(end[1] - ends[2][1])
+        for end in ends[:2]
+    ]
+    assert np.log2(errors[0] / errors[1]) > 3.5, errors
+
+
+def follow(model, constraints, q, v, step, duration):
+    """Worst position error, velocity error, and change of energy relative to the kinetic one."""
+    zero, data = np.zeros(model.nv), model.createData()
+    qs, vs = simulate(
+        model,
+        lambda q, v, t: constrained_dynamics(model, q, v, zero, constraints, t=t, data=data).v_dot,
+        q,
+        v,
+        step,
+        round(duration / step),
+    )
+    sampled = list(zip(qs[::10], vs[::10], strict=True))
+    errors = [constraint_equation(constraints, Kinematics(model, *state)) for state in sampled]
+    energies = [hamiltonian(model, *state) for state in sampled]
+    return (
+        max(np.abs(e.position).max() for e in errors),
+        max(np.abs(e.velocity).max() for e in errors),
+        (max(energies) - min(energies)) / max(kinetic_energy(model, *state) for state in sampled),
+        qs,
+        vs,
+    )
+
+
+def test_a_four_bar_stays_closed_for_thirty_seconds():
+    model, loop, q = four_bar()
+    A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
+    free = admissible_directions(A)
+    assert free.shape == (3, 1)  # three rows, two of them independent: the plane is there twice
+    v = free[:, 0] * 5.0 / free[0, 0]
+    position, velocity, energy, qs, _ = follow(model, loop, q, v, 5e-3, 30.0)
+    assert position < 1e-6, position
+    assert velocity < 1e-6, velocity
+    assert energy < 1e-6, energy
+    assert qs[-1, 0] > 10.0 * 2.0 * np.pi  # it went round and round
+
+
+def rolling_start(lean=0.03, speed=6.0, yaw_rate=0.15, swing=0.5):
+    model, rolling = wheel_with_pendulum()
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    q[3:7] = pin.Quaternion(pin.exp3(np.array([lean, 0.0, 0.0]))).coeffs()
+    q[2], q[7] = WHEEL_RADIUS * np.cos(lean), swing
+    v[4], v[5], v[6] = speed, yaw_rate, -speed
+    A = constraint_equation(rolling, Kinematics(model, q, v)).A
+    v[:3] = -np.linalg.solve(A[:, :3], A @ v)
+    return model, rolling, q, v
+
+
+def test_a_pendulum_on_a_rolling_wheel_rolls_for_thirty_seconds():
+    model, rolling, q, v = rolling_start()
+    position, velocity, energy, qs, _ = follow(model, rolling, q, v, 5e-3, 30.0)
+    assert position < 1e-6, position
+    assert velocity < 1e-6, velocity
+    assert energy < 1e-6, energy
+    # It went somewhere, and along a curve: what it did not do is slide.
+    assert np.linalg.norm(qs[-1, :2]) > 1.0
+    assert np.abs(qs[:, 1]).max() > 0.1
+
+
+def test_rolling_leaves_every_place_and_heading_open():
+    """Non-holonomic: three rows, but only the height is a function of q."""
+    model, rolling, q, v = rolling_start()
+    terms = rolling[0].terms(Kinematics(model, q, v))
+    assert terms.holonomic.tolist() == [False, False, True]
+    moved = q.copy()
+    moved[:2] += [3.0, -7.0]
+    assert np.allclose(rolling[0].terms(Kinematics(model, moved, v)).position, 0.0, atol=1e-12)
+
+
+def test_a_ball_rolls_down_a_slope_at_five_sevenths():
+    ball = pin.Model()
+    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
+    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
+    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
+    angle = 0.3
+    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    rolling = Rolling(frame="ball_link", radius=0.1, normal=normal, height=-0.1)
+    motion = constrained_dynamics(ball, pin.neutral(ball), np.zeros(6), np.zeros(6), [rolling])
+    assert np.linalg.norm(motion.v_dot[:3]) == pytest.approx(5 / 7 * 9.81 * np.sin(angle))
+    weight = 2.0 * 9.81
+    assert motion.multipliers[2] == pytest.approx(weight * np.cos(angle))
+    assert np.linalg.norm(motion.multipliers[:2]) == pytest.approx(2 / 7 * weight * np.sin(angle))

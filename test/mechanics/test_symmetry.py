@@ -1,0 +1,114 @@
+"""Symmetries and what they conserve: equations (23) to (28)."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mechanisms import FLOATING, random_state, robot
+
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.mechanics import (
+    centroidal_momentum,
+    check_symmetry,
+    conserved_quantity,
+    forward_dynamics,
+    joint_shift,
+    lagrangian_variation,
+    rotation,
+    simulate,
+    translation,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@pytest.mark.parametrize("name", FLOATING)
+def test_space_is_symmetric_but_for_gravity(name):
+    model, rng = robot(name), np.random.default_rng(4)
+    states = [random_state(model, rng) for _ in range(5)]
+    point = np.array([0.3, -0.2, 0.5])
+    x, y, z = np.eye(3)
+    for symmetric in (translation(model, x), translation(model, y), rotation(model, z, point)):
+        report = check_symmetry(model, states, symmetric)
+        assert report.invariant, report.variation
+        assert report.variation < 1e-8
+    for broken in (translation(model, z), rotation(model, x, point), rotation(model, y, point)):
+        report = check_symmetry(model, states, broken)
+        assert not report.invariant, report.variation
+    # Without gravity all of space is alike.
+    weightless = model.copy()
+    weightless.gravity = pin.Motion.Zero()
+    for symmetric in (translation(weightless, z), rotation(weightless, x, point), rotation(weightless, y, point)):
+        assert check_symmetry(weightless, states, symmetric).invariant
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from(FLOATING), seeds)
+def test_the_conserved_quantities_are_the_momenta(name, seed):
+    model, rng = robot(name), np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    data = model.createData()
+    com = np.array(pin.centerOfMass(model, data, q))
+    # Rotors (armature) turn with their joints alone: they have no part in the momentum of space.
+    momentum = centroidal_momentum(model, q, v)
+    scale = max(1.0, np.abs(momentum).max())
+    for axis in range(3):
+        along = conserved_quantity(model, q, v, translation(model, np.eye(3)[axis]))
+        about = conserved_quantity(model, q, v, rotation(model, np.eye(3)[axis], com))
+        assert along == pytest.approx(momentum[axis], abs=1e-9 * scale)
+        assert about == pytest.approx(momentum[3 + axis], abs=1e-9 * scale)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from((*FLOATING, "panda")), seeds)
+def test_momentum_changes_by_the_broken_symmetry_and_by_forces(name, seed):
+    """d/dt(pᵀδq) = δL + δqᵀf for any field δq(q): (27) with a force. Only with δL and f zero is it conserved."""
+    model, rng = robot(name), np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    force = 5.0 * rng.normal(size=model.nv)
+    v_dot = forward_dynamics(model, q, v, force)
+    constant, mix = rng.normal(size=model.nv), rng.normal(size=(model.nv, model.nq)) / model.nq
+
+    def field(at):
+        return constant + mix @ np.sin(at)
+
+    eps = 1e-6
+    ends = [
+        conserved_quantity(model, pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot, field)
+        for s in (eps, -eps)
+    ]
+    rate = (ends[0] - ends[1]) / (2 * eps)
+    expected = lagrangian_variation(model, q, v, field) + field(q) @ force
+    assert rate == pytest.approx(expected, abs=1e-3 * max(1.0, abs(rate), np.abs(v_dot).max()))
+
+
+def test_what_a_symmetry_conserves_stays_along_the_motion():
+    model, rng = robot("go2"), np.random.default_rng(7)
+    q, v = random_state(model, rng)
+    zero, data = np.zeros(model.nv), model.createData()
+    qs, vs = simulate(model, lambda q, v, t: forward_dynamics(model, q, v, zero, data=data), q, v, 1e-3, 500)
+    turn, shift, rise = rotation(model, [0, 0, 1]), translation(model, [1, 0, 0]), translation(model, [0, 0, 1])
+    for perturbation, kept in ((turn, True), (shift, True), (rise, False)):
+        values = [conserved_quantity(model, qs[k], vs[k], perturbation) for k in (0, 250, 500)]
+        assert (np.ptp(values) < 1e-6 * max(1.0, abs(values[0]))) == kept, values
+
+
+def test_an_arm_on_an_upright_axis_keeps_its_momentum():
+    model, rng = robot("panda"), np.random.default_rng(0)
+    states = [random_state(model, rng) for _ in range(4)]
+    assert check_symmetry(model, states, joint_shift(model, "panda_joint1")).invariant
+    assert not check_symmetry(model, states, joint_shift(model, "panda_joint2")).invariant
+
+
+def test_mistakes_are_named():
+    arm = robot("panda")
+    q, v = random_state(arm, np.random.default_rng(0))
+    with pytest.raises(ConfigurationError, match="a floating base"):
+        translation(arm, [1, 0, 0])
+    with pytest.raises(ConfigurationError, match="no joint 'panda_joint9'"):
+        joint_shift(arm, "panda_joint9")
+    with pytest.raises(InputRefused, match=r"δq\(q\) has the shape \(2,\)"):
+        lagrangian_variation(arm, q, v, lambda q: np.zeros(2))
+    with pytest.raises(InputRefused, match="axis is not finite"):
+        rotation(robot("go2"), [np.nan, 0, 0])
