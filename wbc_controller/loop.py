@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -21,6 +22,9 @@ from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.supervisor import Supervisor
 
 _log = logging.getLogger(__name__)
+
+#: Time for which a sentence that was logged is not logged again, s.
+_SILENCE = 1.0
 
 
 class ControlLoop:
@@ -72,6 +76,7 @@ class ControlLoop:
         self._cycle = 0
         self._deadlines_missed = 0
         self._activate_when_fresh = False
+        self._said: dict[str, float] = {}
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
@@ -106,12 +111,22 @@ class ControlLoop:
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, time.time_ns())
-        for sentence in refused:
-            _log.warning("refused %s", sentence)
+        self._say(report, now)
         for observer in self.observers:
             observer(report)
         self._cycle += 1
         return report
+
+    def _say(self, report: CycleReport, now: float) -> None:
+        """Log what was refused and why a mode was left; of what recurs in every cycle, one line per second."""
+        sentences = [f"refused {sentence}" for sentence in report.refused]
+        if report.fault is not None:
+            sentences.append(f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}")
+        for sentence in sentences:
+            topic = sentence[:60]  # the rest may hold figures that change from cycle to cycle
+            if not (now - self._said.get(topic, -math.inf) < _SILENCE):
+                self._said[topic] = now
+                _log.warning("%s", sentence)
 
     def _audited(self, report: CycleReport, state: RobotState | None) -> CycleReport:
         """Hold the motion against the model, when the robot has its torques already."""
@@ -173,7 +188,6 @@ class ControlLoop:
             references = self._board.sample(seconds(state))
             return self._controller.solve(state, references, self.supervisor.torques_before(now))
         except NoSolution as failure:
-            _log.warning("%s", failure)
             return failure
         except Exception as error:
             # A defect must end in damping with a reason, never in a process that dies with torques applied.

@@ -32,8 +32,8 @@ NonNegative = Annotated[Finite, Field(ge=0.0)]
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 #: Gains of at most this size are accepted: more is a mistaken unit.
 Gain = Annotated[NonNegative, Field(le=1.0e5)]
-#: Lengths of a robot in metres: more than this were probably meant in millimetres.
-Length = Annotated[Positive, Field(le=10.0)]
+#: Half sides and radii of a contact, in metres: more than this was probably meant in centimetres or millimetres.
+Length = Annotated[Positive, Field(le=1.0)]
 
 
 class _Section(BaseModel):
@@ -113,7 +113,7 @@ class LimitSettings(_Section):
     velocity: bool = Field(True, description="Hold the URDF's joint velocity limits.")
     velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Share of them that may be used.")
     acceleration: Positive = Field(
-        500.0, le=1.0e5, description="Largest joint acceleration that a position or velocity limit may ask for, rad/s²."
+        500.0, le=1.0e5, description="Largest joint acceleration, with or without the other limits, rad/s²."
     )
     torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
 

@@ -20,8 +20,7 @@ from wbc_controller.records import Array, References, RobotState, Solution, froz
 ROTATION_LENGTH = 0.1
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
-#: Largest contact motion, in m/s² or rad/s², and force, in N or N·m, by which an answer may miss the equations.
-_RESIDUAL = 1.0e-2
+
 
 
 class Controller:
@@ -323,7 +322,7 @@ def _usable(x: Array | None, problem: QuadraticProgram, solver: Solver) -> bool:
     """Whether an answer is one: there, finite, and within tolerance of every constraint."""
     if x is None:
         return False
-    return bool(problem.violation(x) <= max(solver.tolerance, _RESIDUAL))  # False for NaN
+    return bool(problem.violation(x) <= solver.tolerance)  # False for NaN
 
 
 def _at(value: Array, bound: Array) -> np.ndarray:

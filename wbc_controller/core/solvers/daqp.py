@@ -30,7 +30,7 @@ class DaqpSolver(Solver):
     updates" (IEEE Transactions on Automatic Control, 2022).
     """
 
-    tolerance = 1.0e-6
+    tolerance = 1.0e-5
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         rows = equalities + inequalities
