@@ -140,7 +140,9 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
         coefficients={"panda_joint2": 1.0, "panda_joint4": 2.0}, offset=float(q[1] + 2 * q[3] - g0), time_constant=T
     )
     zero = np.zeros(model.nv)
-    qs, _ = simulate(model, lambda q, v, t: constrained_dynamics(model, q, v, zero, [coupling]).v_dot, q, zero, 2e-3, 200)
+    qs, _ = simulate(
+        model, lambda q, v, t: constrained_dynamics(model, q, v, zero, [coupling]).v_dot, q, zero, 2e-3, 200
+    )
     errors = qs[:, 1] + 2 * qs[:, 3] - coupling.offset
     times = 2e-3 * np.arange(201)
     assert np.allclose(errors, g0 * (1 + times / T) * np.exp(-times / T), atol=1e-7)
@@ -185,7 +187,9 @@ def test_a_moving_support_carries_what_stands_on_it():
     plain = pendulum(length)
 
     def swing(q, v, t):  # a positive turn about y carries the bob to negative x
-        return np.array([(-9.81 * math.sin(q[0]) - amplitude * omega**2 * math.sin(omega * t) * math.cos(q[0])) / length])
+        return np.array(
+            [(-9.81 * math.sin(q[0]) - amplitude * omega**2 * math.sin(omega * t) * math.cos(q[0])) / length]
+        )
 
     expected, _ = simulate(plain, swing, np.array([0.4]), np.zeros(1), step, steps)
     assert np.abs(qs[:, 7] - expected[:, 0]).max() < 1e-6

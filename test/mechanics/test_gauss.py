@@ -134,7 +134,9 @@ def test_pinocchios_contacts_give_the_same_wrenches():
         contacts = []
         for frame in (left, right):
             f = model.frames[model.getFrameId(frame)]
-            contacts.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_6D, model, f.parentJoint, f.placement, pin.LOCAL))
+            contacts.append(
+                pin.RigidConstraintModel(pin.ContactType.CONTACT_6D, model, f.parentJoint, f.placement, pin.LOCAL)
+            )
         memory = [contact.createData() for contact in contacts]
         data = model.createData()
         pin.initConstraintDynamics(model, data, contacts, memory)

@@ -523,7 +523,7 @@ def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematic
         kinematics: the state, with nv velocities.
 
     Returns:
-        A (k, nv), b (k,), the errors, and which rows belong to which constraint.
+        A (k, nv), b (k,) in m/s² and rad/s², the errors, and which rows belong to which constraint.
 
     Raises:
         ConfigurationError: where the model has no such frame or joint.

@@ -71,10 +71,10 @@ def contact_dynamics_equations(M: Array, h: Array, S: Array, A: Array, b: Array)
         h: bias force less external generalized forces, (nv,).
         S: actuation matrix, (na, nv); the generalized force of the torques is Sᵀτ (34).
         A: constraint matrix, (k, nv).
-        b: right side of (30), (k,).
+        b: right side of (30), (k,) in m/s² and rad/s².
 
     Returns:
-        E, (nv + k, nv + na + k), and e, (nv + k,).
+        E, (nv + k, nv + na + k), and e, (nv + k,): rows of forces in N and N·m, then rows of accelerations.
     """
     (k, nv), na = A.shape, len(S)
     E = np.zeros((nv + k, nv + na + k))

@@ -109,7 +109,7 @@ def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
         joints: actuated joints with one degree of freedom, in the order of τ.
 
     Returns:
-        S, (na, nv), of zeros and ones.
+        S, (na, nv), of zeros and ones, without units: τ in N·m (N for a slide).
 
     Raises:
         ConfigurationError: where a joint is unknown or has not one degree of freedom.

@@ -151,7 +151,7 @@ def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
         b: right side, (k,).
 
     Returns:
-        Constrained acceleration, (nv,).
+        Constrained acceleration, (nv,) in m/s² and rad/s².
 
     Raises:
         InputRefused: where shapes do not fit or a value is not finite.

@@ -139,7 +139,7 @@ def recoordinate(
         shuffle: seed to renumber the joints by; by default they keep their order as far as the tree allows.
 
     Returns:
-        The new model (nq and nv as before), and the maps to it.
+        The new model (nq and nv as before), and the maps to it; units stay what they are.
 
     Raises:
         ConfigurationError: where a joint is unknown or of another kind, or a fixed base should move.

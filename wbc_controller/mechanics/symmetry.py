@@ -108,7 +108,7 @@ def check_symmetry(
         tolerance: largest relative |δL| that counts as none.
 
     Returns:
-        The verdict, with the conserved quantity at each state.
+        The verdict, with the conserved quantity at each state, (k,) in N·s or N·m·s.
 
     Raises:
         InputRefused: where the perturbation has another shape than (nv,), or is not finite.

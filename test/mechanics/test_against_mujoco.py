@@ -1,0 +1,253 @@
+"""The same motions in MuJoCo, constraint forces included: acceptance 4.
+
+MuJoCo's constraints are soft: it enforces a share of them (the impedance, up to 0.9999) and pulls errors out with a time
+constant. What agreement that allows is stated at each case.
+"""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from mechanisms import four_bar, random_state
+
+from wbc_controller.build import make_model
+from wbc_controller.mechanics import (
+    Kinematics,
+    PlaneContact,
+    Rolling,
+    SurfaceContact,
+    actuation_matrix,
+    admissible_directions,
+    constrained_dynamics,
+    constraint_equation,
+    forward_dynamics,
+    simulate,
+)
+from wbc_controller.mock.plant import Plant
+from wbc_controller.settings import SurfaceContact as SurfaceSettings
+from wbc_controller.settings import find_configuration, load_settings
+
+STIFF = 'solref="0.01 1" solimp="0.9999 0.9999 0.001"'
+
+
+def shipped(name):
+    settings = load_settings(find_configuration(name))
+    model = make_model(settings)
+    return settings, model, Plant(model, settings)
+
+
+@pytest.mark.parametrize("name", ["go2", "g1", "talos"])
+def test_free_flight_agrees_to_rounding(name):
+    """No constraint, so nothing is soft: accelerations to 1e-8 of the largest, for random torques."""
+    _, model, plant = shipped(name)
+    plant.hold(False, 0.0)
+    rng = np.random.default_rng(0)
+    S = actuation_matrix(model.pinocchio, model.joints)
+    for _ in range(5):
+        q, v = random_state(model.pinocchio, rng, speed=0.5)
+        # Within the joints' limits, and high over the floor: MuJoCo has springs for both.
+        middle = 0.5 * (model.position_lower + model.position_upper)
+        q[model.q_index] = middle + 0.2 * (model.position_upper - middle) * rng.uniform(-1, 1, model.na)
+        q[2] += 10.0
+        tau = 0.1 * plant.effort_limits * rng.uniform(-1, 1, model.na)
+        plant.set_state(q, v)
+        plant.apply(tau)
+        plant.forward()
+        expected = forward_dynamics(model.pinocchio, q, v, S.T @ tau)
+        assert np.abs(plant.acceleration() - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def standing(name, seconds=1.0):
+    """A robot that has come to rest on its feet, held by springs at its joints."""
+    settings, model, plant = shipped(name)
+    inertia = pin.crba(model.pinocchio, model.pinocchio.createData(), plant.state()[0]).diagonal()[model.v_index]
+    stiffness = np.full(model.na, 12.0 * model.mass)
+    plant.hold(False, 0.0)
+    for _ in range(round(seconds / plant.step_seconds)):
+        q, v = plant.state()
+        gain = stiffness * np.clip(inertia / inertia.max(), 0.05, 1.0)
+        plant.apply(gain * (model.posture - q[model.q_index]) - 0.03 * gain * v[model.v_index])
+        plant.step()
+    return settings, model, plant
+
+
+def feet(settings, model, q):
+    """The contacts of the configuration as constraints, where they are now."""
+    data = model.pinocchio.createData()
+    pin.framesForwardKinematics(model.pinocchio, data, q)
+    made = []
+    for contact in settings.contacts.values():
+        if isinstance(contact, SurfaceSettings):
+            placement = pin.SE3(pin.rpy.rpyToMatrix(*contact.rpy), np.array(contact.translation))
+            now = data.oMf[model.pinocchio.getFrameId(contact.frame)] * placement
+            made.append(SurfaceContact(frame=contact.frame, placement=placement, target=now))
+        else:
+            made.append(Rolling(frame=contact.frame, radius=contact.radius, centre=np.array(contact.translation)))
+    return made
+
+
+def test_a_standing_quadruped_has_the_same_contact_forces():
+    """Impedance 0.98 in the mock robot: each foot's force to 3 % of the weight on it, their sum to 1 %."""
+    settings, model, plant = standing("go2")
+    q, v = plant.state()
+    assert np.abs(v).max() < 0.05
+    force = actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
+    motion = constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
+    theirs = plant.contact_wrenches()
+    weight = model.mass * model.gravity
+    ours = motion.multipliers.reshape(4, 3)
+    for index, name in enumerate(settings.contacts):
+        assert np.abs(ours[index] - theirs[name]).max() < 0.03 * weight / 4, (name, ours[index], theirs[name])
+    assert np.allclose(ours.sum(axis=0), sum(theirs.values()), atol=0.01 * weight)
+
+
+@pytest.mark.parametrize("torque", [-1.0, 1.0])
+def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
+    """The same robot at the instant of a torque step: forces to 1 % of the weight.
+
+    Accelerations to 10 % of the largest: the 2 % of the feet's motion that the impedance leaves moves the light calves.
+    """
+    settings, model, plant = standing("go2")
+    q, v = plant.state()
+    tau = plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4)
+    plant.apply(tau)
+    plant.forward()
+    force = actuation_matrix(model.pinocchio, model.joints).T @ tau
+    motion = constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
+    theirs = np.array(list(plant.contact_wrenches().values()))
+    weight = model.mass * model.gravity
+    ours = motion.multipliers.reshape(4, 3)
+    assert (np.linalg.norm(ours[:, :2], axis=1) < 0.6 * ours[:, 2]).all()  # else MuJoCo's feet slide, and ours do not
+    assert np.abs(ours - theirs).max() < 0.01 * weight
+    assert np.abs(motion.v_dot - plant.acceleration()).max() < 0.1 * np.abs(motion.v_dot).max()
+
+
+FOUR_BAR = f"""
+<mujoco><option timestep="0.0005" integrator="RK4" tolerance="1e-14" iterations="200"/>
+<worldbody>
+  <body name="crank"><joint name="crank" axis="0 1 0"/>CRANK
+    <body name="coupler" pos="0.2 0 0"><joint name="coupler" axis="0 1 0"/>COUPLER</body></body>
+  <body name="rocker" pos="0.5 0 0"><joint name="rocker" axis="0 1 0"/>ROCKER</body>
+</worldbody>
+<equality><connect name="loop" body1="coupler" body2="rocker" anchor="0.5 0 0" {STIFF}/></equality></mujoco>
+"""
+
+
+def mujoco_four_bar(model):
+    xml = FOUR_BAR
+    for joint, tag in ((1, "CRANK"), (2, "COUPLER"), (3, "ROCKER")):
+        inertia = model.inertias[joint]
+        diagonal = np.diag(inertia.inertia)
+        xml = xml.replace(
+            tag,
+            f'<inertial mass="{inertia.mass:.17g}" pos="{inertia.lever[0]:.17g} 0 0" '
+            f'diaginertia="{diagonal[0]:.17g} {diagonal[1]:.17g} {diagonal[2]:.17g}"/>',
+        )
+    return xml
+
+
+def test_a_four_bar_moves_and_strains_alike():
+    """Impedance 0.9999: angles over one second to 1e-3 rad, the pin's force along the way to 1 % of its largest."""
+    model, loop, q = four_bar()
+    A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
+    v = admissible_directions(A)[:, 0]
+    v = v * 5.0 / v[0]
+    zero = np.zeros(3)
+    step, steps = 2e-3, 500
+    qs, vs = simulate(model, lambda q, v, t: constrained_dynamics(model, q, v, zero, loop).v_dot, q, v, step, steps)
+
+    theirs = mujoco.MjModel.from_xml_string(mujoco_four_bar(model))
+    data = mujoco.MjData(theirs)
+    # The anchor is taken where the bodies are at qpos0; put the second one where the loop closes.
+    theirs.eq_data[0, 3:6] = [0.4, 0.0, 0.0]
+    data.qpos[:], data.qvel[:] = q, v
+    worst_angle, forces = 0.0, []
+    for k in range(steps + 1):
+        worst_angle = max(worst_angle, np.abs(data.qpos - qs[k]).max())
+        if k % 10 == 0:
+            # The force where our own motion is, and without the pull that takes out what little error there is.
+            probe = mujoco.MjData(theirs)
+            probe.qpos[:], probe.qvel[:] = qs[k], vs[k]
+            mujoco.mj_forward(theirs, probe)
+            motion = constrained_dynamics(model, qs[k], vs[k], zero, loop)
+            forces.append((motion.multipliers, probe.efc_force[:3].copy()))
+        for _ in range(4):
+            mujoco.mj_step(theirs, data)
+    ours, others = (np.array(column) for column in zip(*forces, strict=True))
+    assert worst_angle < 1e-3, worst_angle
+    assert np.abs(ours).max() > 5.0
+    assert np.abs(ours - others).max() < 0.01 * np.abs(ours).max(), np.abs(ours - others).max()
+
+
+def test_a_ball_rolls_down_a_slope_alike():
+    """A soft contact sinks in and settles; then speed after 0.5 s to 1 %, friction and normal force to 1 %."""
+    angle = 0.3
+    xml = f"""
+    <mujoco><option timestep="0.0005" gravity="{9.81 * np.sin(angle)} 0 {-9.81 * np.cos(angle)}" cone="elliptic"
+      impratio="10" tolerance="1e-14"/>
+    <worldbody><geom type="plane" size="0 0 1" friction="2 0 0" {STIFF}/>
+      <body pos="0 0 0.1"><freejoint/><geom type="sphere" size="0.1" mass="2" friction="2 0 0" {STIFF}/></body>
+    </worldbody></mujoco>"""
+    theirs = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(theirs)
+    for _ in range(1000):
+        mujoco.mj_step(theirs, data)
+    local = np.zeros(6)
+    mujoco.mj_contactForce(theirs, data, 0, local)
+
+    ball = pin.Model()
+    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
+    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
+    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
+    ball.gravity = pin.Motion(np.array([9.81 * np.sin(angle), 0, -9.81 * np.cos(angle), 0, 0, 0]))
+    rolling = [Rolling(frame="ball_link", radius=0.1, height=-0.1)]
+    q, zero = pin.neutral(ball), np.zeros(6)
+    motion = constrained_dynamics(ball, q, zero, zero, rolling)
+    _, vs = simulate(ball, lambda q, v, t: constrained_dynamics(ball, q, v, zero, rolling).v_dot, q, zero, 0.01, 50)
+    assert data.qvel[0] == pytest.approx(np.linalg.norm(vs[-1][:3]), rel=0.01)
+    assert data.qvel[4] == pytest.approx(vs[-1][4], rel=0.01)
+    assert local[0] == pytest.approx(motion.multipliers[2], rel=0.01)
+    assert np.linalg.norm(local[1:3]) == pytest.approx(np.linalg.norm(motion.multipliers[:2]), rel=0.01)
+
+
+@pytest.mark.parametrize("moment", [0.0, 8.0, 22.0])
+def test_a_box_stands_or_tips_alike(moment):
+    """One-sided contacts: at rest, unevenly loaded and tipping; which corners push, and with what, to 2 % of the weight.
+
+    Over four corners the share of each is open (redundant rows): the two on each side are compared together.
+    """
+    size, mass = (0.4, 0.3, 0.5), 10.0
+    corners = [np.array([sx * size[0] / 2, sy * size[1] / 2, -size[2] / 2]) for sx in (1, -1) for sy in (1, -1)]
+    balls = "".join(
+        f'<geom type="sphere" size="0.001" pos="{c[0]} {c[1]} {c[2] + 0.001}" mass="0" condim="1" {STIFF}/>'
+        for c in corners
+    )
+    inertia = pin.Inertia.FromBox(mass, *size)
+    diagonal = " ".join(f"{x:.17g}" for x in np.diag(inertia.inertia))
+    xml = f"""
+    <mujoco><option timestep="0.0005" tolerance="1e-14"/><worldbody><geom type="plane" size="0 0 1" condim="1" {STIFF}/>
+      <body pos="0 0 {size[2] / 2}"><freejoint/><inertial pos="0 0 0" mass="{mass}" diaginertia="{diagonal}"/>{balls}
+      </body></worldbody></mujoco>"""
+    theirs = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(theirs)
+    for _ in range(200):
+        mujoco.mj_step(theirs, data)  # settle
+    data.xfrc_applied[1, 3] = moment
+    mujoco.mj_forward(theirs, data)
+    local, sides = np.zeros(6), np.zeros(2)
+    for index in range(data.ncon):
+        mujoco.mj_contactForce(theirs, data, index, local)
+        sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
+
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "box")
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame("box_link", joint, 0, pin.SE3.Identity(), pin.BODY))
+    floor = [PlaneContact(frame="box_link", offset=c, height=-size[2] / 2) for c in corners]
+    force = np.array([0, 0, 0, moment, 0, 0])
+    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, pushing=floor)
+    ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])
+    weight = mass * 9.81
+    assert np.abs(ours - sides).max() < 0.02 * weight, (ours, sides)
+    assert data.qacc[3] == pytest.approx(motion.v_dot[3], abs=0.02 * 9.81)
+    assert (ours[0] == 0.0) == (moment > 0.15 * weight)

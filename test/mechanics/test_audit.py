@@ -1,0 +1,138 @@
+"""The balances of energy and momentum between two states, on the simulated robot: right, and with what is wrong."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.build import make_model
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.mechanics import ExternalWrench, actuation_matrix, energy_residual, momentum_residual
+from wbc_controller.mock.plant import Plant
+from wbc_controller.records import RobotState
+from wbc_controller.settings import find_configuration, load_settings
+
+#: Steps of the physics over which a residual is averaged: 0.1 s.
+WINDOW = 100
+PUSH = np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@cache
+def squatting():
+    """Two seconds of a Go2 that squats on the floor, a push in the last half second: model, and what each step did."""
+    settings = load_settings(find_configuration("go2"))
+    model = make_model(settings)
+    plant = Plant(model, settings)
+    plant.hold(False, 0.0)
+    S = actuation_matrix(model.pinocchio, model.joints)
+    steps = []
+
+    def contacts():
+        return [
+            ExternalWrench(
+                settings.contacts[name].frame,
+                np.concatenate([force, np.zeros(3)]),
+                "LOCAL_WORLD_ALIGNED",
+                np.array([0.0, 0.0, -settings.contacts[name].radius]),
+            )
+            for name, force in plant.contact_wrenches().items()
+        ]
+
+    for k in range(round(2.0 / (plant.step_seconds * plant.steps_per_period))):
+        q, v = plant.state()
+        wanted = model.posture + 0.25 * np.sin(3.0 * np.pi * plant.time) * np.tile([0.0, 1.0, -2.0], 4)
+        plant.apply(100.0 * (wanted - q[model.q_index]) - 3.0 * v[model.v_index])
+        if k == round(1.5 / (plant.step_seconds * plant.steps_per_period)):
+            plant.push("base", PUSH, 1.0)
+        for _ in range(plant.steps_per_period):
+            before, force = RobotState(plant.stamp, *plant.state()), S.T @ plant.applied_torques
+            plant.forward()
+            wrenches = contacts()
+            plant.step()
+            steps.append((before, RobotState(plant.stamp, *plant.state()), force, wrenches))
+    return model.pinocchio, steps
+
+
+def heavier(model, frame, scale):
+    """The same robot, one link's mass wrong."""
+    changed = model.copy()
+    joint = model.frames[model.getFrameId(frame)].parentJoint
+    inertia = model.inertias[joint]
+    changed.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
+    return changed
+
+
+def windows(values):
+    """Means over windows of 0.1 s; (n, k)."""
+    array = np.array(values)
+    return array[: len(array) // WINDOW * WINDOW].reshape(-1, WINDOW, array.shape[1]).mean(axis=1)
+
+
+def energy(model, steps, flip=None):
+    data = model.createData()
+    rows = []
+    for before, after, force, wrenches in steps:
+        applied = force if flip is None else np.where(np.arange(len(force)) == flip, -force, force)
+        balance = energy_residual(model, before, after, applied, wrenches, data=data)
+        rows.append((balance.residual, balance.throughput))
+    return windows(rows)
+
+
+def momentum(model, steps):
+    data = model.createData()
+    return windows([momentum_residual(model, b, a, wrenches, data=data).residual for b, a, _, wrenches in steps])
+
+
+def test_energy_is_accounted_for_with_the_right_model():
+    model, steps = squatting()
+    figures = energy(model, steps[400:1500])
+    share = np.abs(figures[:, 0]) / figures[:, 1].mean()
+    assert share.max() < 0.02, share
+
+
+def test_energy_shows_a_wrong_mass_and_a_wrong_torque_sign():
+    model, steps = squatting()
+    right = energy(model, steps[400:1500])
+    throughput = right[:, 1].mean()
+    wrong_mass = energy(heavier(model, "base", 1.2), steps[400:1500])
+    knee = model.joints[model.getJointId("FL_calf_joint")].idx_v
+    wrong_sign = energy(model, steps[400:1500], flip=knee)
+    assert np.abs(wrong_mass[:, 0]).max() > 0.05 * throughput
+    assert np.abs(wrong_sign[:, 0]).max() > 0.05 * throughput
+    assert np.abs(wrong_mass[:, 0]).max() > 4.0 * np.abs(right[:, 0]).max()
+    assert np.abs(wrong_sign[:, 0]).max() > 4.0 * np.abs(right[:, 0]).max()
+
+
+def test_momentum_shows_a_wrong_mass_and_an_unknown_push():
+    model, steps = squatting()
+    weight = pin.computeTotalMass(model) * 9.81
+    assert np.abs(momentum(model, steps[400:1500])).max() < 0.005 * weight
+    wrong_mass = momentum(heavier(model, "base", 1.2), steps[400:1500])
+    missing = 0.2 * model.inertias[1].mass * 9.81
+    assert np.abs(wrong_mass[:, 2]).mean() == pytest.approx(missing, rel=0.2)  # the robot accelerates, too
+    pushed = momentum(model, steps[1600:])
+    assert np.allclose(pushed[:, :3], PUSH[:3], atol=0.005 * weight)
+
+
+def test_a_momentum_balance_does_not_see_torques():
+    """They are internal: which is why both balances are needed."""
+    model, steps = squatting()
+    before, after, force, wrenches = steps[500]
+    assert momentum_residual(model, before, after, wrenches).residual.shape == (6,)
+    assert energy_residual(model, before, after, -force, wrenches).residual != pytest.approx(
+        energy_residual(model, before, after, force, wrenches).residual
+    )
+
+
+def test_states_in_the_wrong_order_are_refused():
+    model, steps = squatting()
+    before, after, force, _ = steps[0]
+    with pytest.raises(InputRefused, match="expected a later stamp"):
+        energy_residual(model, after, before, force)
+    with pytest.raises(InputRefused, match="expected a later stamp"):
+        momentum_residual(model, before, before)
+    with pytest.raises(InputRefused, match=r"force has the shape \(3,\)"):
+        energy_residual(model, before, after, np.zeros(3))
+    with pytest.raises(ConfigurationError, match="no frame"):
+        momentum_residual(model, before, after, [ExternalWrench("nowhere", np.zeros(6))])

@@ -1,0 +1,108 @@
+"""The docstrings say what a reader of the note needs, and every snippet of the docs page runs."""
+
+import ast
+import dataclasses
+import inspect
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from wbc_controller import mechanics
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "mechanics.md"
+#: A reference to the note: an equation number, or a section.
+REFERENCE = re.compile(r"\(\d{1,2}\)|equations? \(\d|section \d|Lemma 1|\(S\d+\)")
+SHAPE = re.compile(r"\((?:\d|n|k|m|nv|nq|na|rods)[^()]*,[^()]*\)")
+UNIT = re.compile(r"\b(m|kg|s|N|J|W|rad|m/s|m/s²|rad/s|N·m|N·s|N·m·s|units)\b")
+#: Functions that raise on behalf of who calls them.
+RAISING = {"as_array", "frame_index", "joint_index", "single_joint", "duration", "_unit", "_check", "_consistent"}
+
+functions = sorted(name for name in mechanics.__all__ if inspect.isfunction(getattr(mechanics, name)))
+classes = sorted(name for name in mechanics.__all__ if inspect.isclass(getattr(mechanics, name)))
+methods = sorted(
+    f"{name}.{member}"
+    for name in classes
+    for member, value in vars(getattr(mechanics, name)).items()
+    if not member.startswith("_") and inspect.isfunction(value)
+)
+
+
+def the(name):
+    item = mechanics
+    for part in name.split("."):
+        item = getattr(item, part)
+    return item
+
+
+def raises_itself(function):
+    """Whether the body raises, or calls one of the small functions that do."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    calls = {
+        getattr(node.func, "id", getattr(node.func, "attr", ""))
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+    }
+    return any(isinstance(node, ast.Raise) for node in ast.walk(tree)) or bool(calls & RAISING)
+
+
+def test_what_is_exported_is_what_is_there():
+    assert mechanics.__all__ == sorted(mechanics.__all__)
+    assert len(functions) > 40
+    public = {name for name in vars(mechanics) if not name.startswith("_") and not inspect.ismodule(the(name))}
+    assert public == set(mechanics.__all__)
+
+
+@pytest.mark.parametrize("name", functions)
+def test_functions_name_the_equation_shapes_units_and_errors(name):
+    function, text = the(name), inspect.getdoc(the(name))
+    assert REFERENCE.search(text), "no equation of the note"
+    assert "Returns:" in text
+    documented = set(re.findall(r"^    (\w+): ", text, re.MULTILINE))
+    assert set(inspect.signature(function).parameters) <= documented, "an argument is not described"
+    annotations = str(inspect.signature(function))
+    if "Array" in annotations:
+        assert SHAPE.search(text), "no shape"
+    assert UNIT.search(text), "no unit"
+    assert ("Raises:" in text) or not raises_itself(function)
+
+
+@pytest.mark.parametrize("name", classes)
+def test_classes_name_what_they_hold(name):
+    item, text = the(name), inspect.getdoc(the(name))
+    for field in dataclasses.fields(item) if dataclasses.is_dataclass(item) else ():
+        own = field.name in vars(item).get("__annotations__", {})
+        assert not own or f"{field.name}: " in text, f"{field.name} is not described"
+    if "__post_init__" in vars(item) and name != "JointCoupling":
+        assert "Raises:" in text
+
+
+@pytest.mark.parametrize("name", methods)
+def test_methods_have_docstrings(name):
+    assert inspect.getdoc(the(name))
+
+
+def snippets():
+    return re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def test_the_page_runs():
+    """From top to bottom in one namespace, as a reader would; its assertions are its promises."""
+    namespace = {}
+    found = snippets()
+    assert len(found) >= 10
+    for number, snippet in enumerate(found):
+        exec(compile(snippet, f"{PAGE.name}, snippet {number}", "exec"), namespace)  # noqa: S102
+
+
+def test_the_page_names_every_function_and_shows_pictures_that_exist():
+    text = PAGE.read_text(encoding="utf-8")
+    missing = [name for name in mechanics.__all__ if f"`{name}`" not in text and f"{name}(" not in text]
+    assert missing == []
+    for image in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
+        file = PAGE.parent / image
+        assert file.is_file(), image
+        assert file.stat().st_size < 60_000, image
+    assert len(re.findall(r"!\[", text)) >= 6

@@ -1,0 +1,183 @@
+"""Structural reduction: particles on rods in one stage, in two, and in generalized coordinates (S9)."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.mechanics import (
+    ParticleSystem,
+    Rod,
+    bias_force,
+    forward_dynamics,
+    gauss,
+    mass_matrix,
+    particle_mass_matrix,
+    reduce_structure,
+    rod_constraints,
+    simulate,
+    solve_in_one_stage,
+    solve_in_two_stages,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+NOTHING = (np.zeros((0, 6)), np.zeros(0))
+
+
+def double_pendulum(masses=(1.2, 0.7), lengths=(0.5, 0.8)):
+    """The same double pendulum as particles on rods, kept in the plane y = 0, and as a model in joint angles."""
+    system = ParticleSystem(np.array(masses), [Rod(0, np.zeros(3), lengths[0]), Rod(1, 0, lengths[1])])
+    model = pin.Model()
+    parent, before = 0, 0.0
+    for index, (mass, length) in enumerate(zip(masses, lengths, strict=True)):
+        placement = pin.SE3(np.eye(3), np.array([0.0, 0.0, -before]))
+        parent = model.addJoint(parent, pin.JointModelRY(), placement, f"joint{index}")
+        bob = pin.Inertia(mass, np.array([0.0, 0.0, -length]), np.zeros((3, 3)))
+        model.appendBodyToJoint(parent, bob, pin.SE3.Identity())
+        tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, -length]))
+        model.addFrame(pin.Frame(f"bob{index}", parent, 0, tip, pin.BODY))
+        before = length
+    return system, model
+
+
+def positions(model, q, v):
+    """φ(q), ẋ, ∂φ/∂q and its rate times v, for all particles: (2, 3), (2, 3), (6, 2), (6,)."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v, np.zeros(2))
+    pin.computeJointJacobians(model, data)
+    pin.updateFramePlacements(model, data)
+    frames = [model.getFrameId(f"bob{i}") for i in range(2)]
+    axes = pin.LOCAL_WORLD_ALIGNED
+    J = np.vstack([pin.getFrameJacobian(model, data, f, axes)[:3] for f in frames])
+    drift = np.concatenate([pin.getFrameClassicalAcceleration(model, data, f, axes).linear for f in frames])
+    return np.array([data.oMf[f].translation for f in frames]), (J @ v).reshape(2, 3), J, drift
+
+
+def in_the_plane(system, x, x_dot):
+    """The rods, and the plane y = 0."""
+    A, b = rod_constraints(system, x, x_dot)
+    plane = np.zeros((2, 6))
+    plane[0, 1] = plane[1, 4] = 1.0
+    return np.vstack([A, plane]), np.concatenate([b, np.zeros(2)])
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds)
+def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
+    rng = np.random.default_rng(seed)
+    system, model = double_pendulum(rng.uniform(0.3, 2.0, 2), rng.uniform(0.3, 1.0, 2))
+    q, v = rng.uniform(-3, 3, 2), rng.normal(size=2)
+    x, x_dot, J, drift = positions(model, q, v)
+    structure = in_the_plane(system, x, x_dot)
+    forces = 3.0 * rng.normal(size=(2, 3))
+    forces[:, 1] = 0.0
+    # The last bob slides along a line in the plane: a contact.
+    normal = np.concatenate([np.zeros(3), [np.cos(0.4), 0.0, np.sin(0.4)]])[None, :]
+    for contact in (NOTHING, (normal, np.array([0.7]))):
+        one = solve_in_one_stage(system, structure, contact, forces)
+        two = solve_in_two_stages(system, structure, contact, forces)
+        scale = max(1.0, np.abs(one.v_dot).max())
+        assert np.abs(one.v_dot - two.v_dot).max() < 1e-8 * scale
+        assert np.allclose(one.multipliers[4:], two.multipliers, atol=1e-8 * max(1.0, np.abs(one.multipliers).max()))
+        M = mass_matrix(model, q)
+        free = forward_dynamics(model, q, v, J.T @ forces.reshape(-1))
+        joint = gauss(M, free, contact[0] @ J, contact[1] - contact[0] @ drift)
+        assert np.abs(J @ joint.v_dot + drift - one.v_dot).max() < 1e-7 * scale
+        assert np.allclose(joint.multipliers, two.multipliers, atol=1e-7 * max(1.0, np.abs(one.multipliers).max()))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seeds)
+def test_with_the_generalized_basis_the_reduction_is_the_equations_of_motion(seed):
+    """M = (∂φ/∂q)ᵀ M_x ∂φ/∂q, and the structure's forces are gone from it: (19) and section 4.2.1."""
+    rng = np.random.default_rng(seed)
+    system, model = double_pendulum()
+    q, v = rng.uniform(-3, 3, 2), rng.normal(size=2)
+    x, x_dot, J, drift = positions(model, q, v)
+    reduced = reduce_structure(system, in_the_plane(system, x, x_dot), basis=J)
+    assert np.allclose(reduced.M, mass_matrix(model, q), atol=1e-10)
+    assert np.allclose(J.T @ particle_mass_matrix(system) @ J, reduced.M, atol=1e-12)
+    # ẍ = J q̈ + J̇ q̇ = particular + J a: the same acceleration, once the particular part is taken to J's coordinates.
+    q_ddot = np.linalg.solve(mass_matrix(model, q), -bias_force(model, q, v))
+    assert np.allclose(reduced.particular + J @ reduced.a_u, J @ q_ddot + drift, atol=1e-7)
+
+
+def test_the_motion_is_the_same_over_time():
+    """Integrated as particles and as joint angles, two seconds."""
+    system, model = double_pendulum()
+    q, v = np.array([0.9, -0.4]), np.array([0.3, 1.0])
+    x, x_dot, _, _ = positions(model, q, v)
+    zero = np.zeros(2)
+    step, steps = 2.5e-3, 800
+    qs, vs = simulate(model, lambda q, v, t: forward_dynamics(model, q, v, zero), q, v, step, steps)
+    expected = positions(model, qs[-1], vs[-1])[0]
+
+    def follow(solve):
+        def rates(state):
+            A, b = rod_constraints(system, state[0], state[1], time_constant=0.1)
+            return np.array([state[1], solve(system, (A, b), NOTHING).v_dot.reshape(2, 3)])
+
+        state = np.array([x, x_dot])
+        for _ in range(steps):
+            k1 = rates(state)
+            k2 = rates(state + 0.5 * step * k1)
+            k3 = rates(state + 0.5 * step * k2)
+            state = state + step / 6.0 * (k1 + 2 * k2 + 2 * k3 + rates(state + step * k3))
+        return state[0]
+
+    one, two = follow(solve_in_one_stage), follow(solve_in_two_stages)
+    assert np.abs(one - two).max() < 1e-9
+    assert np.abs(one - expected).max() < 1e-6
+
+
+def test_a_single_pendulum_has_the_textbook_pull():
+    theta, speed, length, mass = 0.6, 2.0, 0.7, 1.5
+    system = ParticleSystem(np.array([mass]), [Rod(0, np.zeros(3), length)])
+    x = length * np.array([[np.sin(theta), 0.0, -np.cos(theta)]])
+    x_dot = length * speed * np.array([[np.cos(theta), 0.0, np.sin(theta)]])
+    motion = solve_in_one_stage(system, rod_constraints(system, x, x_dot), (np.zeros((0, 3)), np.zeros(0)))
+    pull = np.linalg.norm(motion.constraint_force)
+    assert pull == pytest.approx(mass * (9.81 * np.cos(theta) + length * speed**2))
+    swing = motion.v_dot @ np.array([np.cos(theta), 0.0, np.sin(theta)]) / length
+    assert swing == pytest.approx(-9.81 / length * np.sin(theta))
+
+
+def test_a_rigid_tetrahedron_is_a_rigid_body():
+    """Four particles, six rods: twelve coordinates less six, as a rigid body has. Weightless, it keeps its momentum."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    rods = [Rod(i, j, float(np.linalg.norm(corners[i] - corners[j]))) for i in range(4) for j in range(i)]
+    system = ParticleSystem(np.array([1.0, 2.0, 3.0, 4.0]), rods, np.zeros(3))
+    omega, velocity = np.array([0.3, -0.5, 0.8]), np.array([0.1, 0.2, 0.3])
+    x_dot = velocity + np.cross(omega, corners)
+    structure = rod_constraints(system, corners, x_dot)
+    reduced = reduce_structure(system, structure)
+    assert reduced.M.shape == (6, 6)
+    x_ddot = solve_in_one_stage(system, structure, (np.zeros((0, 12)), np.zeros(0))).v_dot.reshape(4, 3)
+    assert np.allclose(system.masses @ x_ddot, 0.0, atol=1e-10)
+    assert np.allclose((system.masses[:, None] * np.cross(corners, x_ddot)).sum(axis=0), 0.0, atol=1e-10)
+    com = system.masses @ corners / system.masses.sum()
+    r = corners - com
+    inertia = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(system.masses, r, strict=True))
+    alpha = np.linalg.solve(inertia, -np.cross(omega, inertia @ omega))  # Euler's equation
+    expected = np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
+    assert np.allclose(x_ddot, expected, atol=1e-9)
+
+
+def test_mistakes_are_named():
+    with pytest.raises(ConfigurationError, match="all must be positive"):
+        ParticleSystem(np.array([1.0, np.nan]), [])
+    with pytest.raises(ConfigurationError, match="particle 2; valid: 0 to 1"):
+        ParticleSystem(np.ones(2), [Rod(0, 2, 1.0)])
+    with pytest.raises(ConfigurationError, match="length 0"):
+        ParticleSystem(np.ones(2), [Rod(0, 1, 0.0)])
+    system = ParticleSystem(np.ones(2), [Rod(0, 1, 1.0)])
+    x = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    structure = rod_constraints(system, x, 0 * x)
+    with pytest.raises(ConfigurationError, match="breaks the structure"):
+        reduce_structure(system, structure, basis=np.eye(6))
+    with pytest.raises(InputRefused, match="forces has the shape"):
+        solve_in_one_stage(system, structure, NOTHING, np.zeros(6))
+    with pytest.raises(InputRefused, match="x has the shape"):
+        rod_constraints(system, x[0], x)
