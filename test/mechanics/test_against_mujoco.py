@@ -1,7 +1,7 @@
 """The same motions in MuJoCo, constraint forces included: acceptance 4.
 
-MuJoCo's constraints are soft: it enforces a share of them (the impedance, up to 0.9999) and pulls errors out with a time
-constant. What agreement that allows is stated at each case.
+MuJoCo's constraints are soft: it enforces a share of them (the impedance, up to 0.9999) and pulls errors out with a
+time constant. What agreement that allows is stated at each case.
 """
 
 import mujoco
@@ -212,7 +212,7 @@ def test_a_ball_rolls_down_a_slope_alike():
 
 @pytest.mark.parametrize("moment", [0.0, 8.0, 22.0])
 def test_a_box_stands_or_tips_alike(moment):
-    """One-sided contacts: at rest, unevenly loaded and tipping; which corners push, and with what, to 2 % of the weight.
+    """One-sided contacts at rest, unevenly loaded and tipping: which corners push, and how much, to 2 % of the weight.
 
     Over four corners the share of each is open (redundant rows): the two on each side are compared together.
     """

@@ -1,4 +1,4 @@
-"""Equations of motion, external wrenches, energy and momentum: every figure against finite differences or another way."""
+"""Equations of motion, external wrenches, energy and momentum, against finite differences or another way."""
 
 import numpy as np
 import pinocchio as pin
