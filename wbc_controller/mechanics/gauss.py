@@ -18,6 +18,8 @@ from wbc_controller.records import Array
 
 #: Singular values of A below this share of the largest count as zero: such rows repeat others.
 RANK_TOLERANCE = 1.0e-10
+#: And below this, in SI units: such rows are the rounding of a constraint that no motion enters (a link on itself).
+ZERO = 1.0e-12
 #: Largest part of b that may lie outside what A can reach, relative to b's size.
 CONSISTENCY_TOLERANCE = 1.0e-6
 
@@ -65,7 +67,7 @@ def _split(A: Array) -> _Split:
     if not A.shape[0]:
         return _Split(np.zeros((0, 0)), np.zeros(0), np.zeros((n, 0)), np.eye(n))
     U, s, Vt = np.linalg.svd(A)
-    rank = int(np.sum(s > RANK_TOLERANCE * s[0])) if s[0] > 0.0 else 0
+    rank = int(np.sum(s > max(RANK_TOLERANCE * s[0], ZERO)))
     return _Split(U[:, :rank], s[:rank], Vt[:rank].T, Vt[rank:].T)
 
 
@@ -159,7 +161,10 @@ def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     values, vectors = np.linalg.eigh(M)
     root = (vectors / np.sqrt(values)) @ vectors.T  # M^-½
-    return np.asarray(v_dot_u + root @ (np.linalg.pinv(A @ root, rcond=RANK_TOLERANCE) @ (b - A @ v_dot_u)))
+    U, s, Vt = np.linalg.svd(A @ root, full_matrices=False)
+    kept = s > max(RANK_TOLERANCE * float(np.max(s, initial=0.0)), ZERO / float(np.sqrt(values[0])))
+    pseudoinverse = (Vt[kept].T / s[kept]) @ U[:, kept].T
+    return np.asarray(v_dot_u + root @ (pseudoinverse @ (b - A @ v_dot_u)))
 
 
 def gauss_functional(M: Array, v_dot: Array, v_dot_u: Array) -> float:
