@@ -111,6 +111,8 @@ def test_no_feasible_perturbation_lowers_the_functional(name, seed):
 def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, seed):
     M, free, A, b, rng = problem(name, seed)
     once = gauss(M, free, A, b)
+    if not once.rank:
+        return  # a link welded to itself: nothing but rounding, of which there is no shortest multiplier
     mix = rng.normal(size=(3, len(A)))
     more = gauss(M, free, np.vstack([A, mix @ A, A[:1]]), np.concatenate([b, mix @ b, b[:1]]))
     tolerance = 1e-6 if once.condition > ILL_CONDITIONED else 1e-8
@@ -123,7 +125,8 @@ def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, see
 
 def exactly(M, free, A, b):
     """The accelerations that solve (32), with sixty digits."""
-    with decimal.localcontext(prec=60):
+    with decimal.localcontext() as context:
+        context.prec = 60
         n, k = len(M), len(A)
         K = np.block([[M, -A.T], [A, np.zeros((k, k))]])
         rows = [[decimal.Decimal(float(x)) for x in row] for row in K]
