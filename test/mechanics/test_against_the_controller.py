@@ -76,7 +76,7 @@ def test_a_solution_is_a_motion_of_gauss(name):
     controller.dynamics.update(q, v)
     references = {task: each.rest(controller.dynamics) for task, each in controller.tasks.items()}
     there = references["com"]
-    references["com"] = Reference(there.position + [0.01, 0.005, -0.01], there.velocity, there.acceleration)
+    references["com"] = Reference(there.position + np.array([0.01, 0.005, -0.01]), there.velocity, there.acceleration)
     asked = References(references, dict.fromkeys(references, 1.0), dict.fromkeys(made, 1.0))
     solution = controller.solve(RobotState(0, q, v), asked)
     dynamics = controller.dynamics

@@ -92,6 +92,7 @@ def test_constraints_hold_and_their_forces_do_no_work(name, seed):
         size = max(1.0, np.linalg.norm(motion.constraint_force))
         assert np.abs(motion.constraint_force @ directions).max() < 1e-10 * size
     assert relative(M @ motion.v_dot, M @ free + motion.constraint_force) < 1e-9
+    assert relative(A.T @ motion.multipliers, motion.constraint_force) < 1e-9
 
 
 @settings(max_examples=80, deadline=None)

@@ -96,6 +96,12 @@ def _consistent(A: Array, b: Array, v_dot: Array) -> None:
         )
 
 
+def _multipliers(split: _Split, force: Array) -> tuple[Array, Array]:
+    """Shortest λ with Aᵀλ = force, and Aᵀλ itself, from coordinates along V: made of λ it would carry A's condition."""
+    along = split.V.T @ force
+    return split.U @ (along / split.s), split.V @ along
+
+
 def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     """Solve Gauss's problem (31), v̇* = argmin ½‖v̇ - v̇ᵤ‖²_M subject to A v̇ = b, through its conditions (32).
 
@@ -128,11 +134,11 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     z = np.linalg.solve(free @ split.N, free @ (v_dot_u - particular))
     v_dot = particular + split.N @ z
     _consistent(A, b, v_dot)
-    multipliers = split.U @ ((split.V.T @ (M @ (v_dot - v_dot_u))) / split.s)
+    multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u))
     return ConstrainedMotion(
         v_dot=v_dot,
         multipliers=multipliers,
-        constraint_force=A.T @ multipliers,
+        constraint_force=constraint_force,
         push=np.zeros(0),
         push_force=np.zeros(len(v_dot)),
         rank=len(split.s),
@@ -238,11 +244,11 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     v_dot = base.v_dot + W @ (G.T @ mu)
     push = mu / sizes
     split = _split(A)
-    multipliers = split.U @ ((split.V.T @ (M @ (v_dot - v_dot_u) - C.T @ push)) / split.s)
+    multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
     return ConstrainedMotion(
         v_dot=v_dot,
         multipliers=multipliers,
-        constraint_force=A.T @ multipliers,
+        constraint_force=constraint_force,
         push=push,
         push_force=C.T @ push,
         rank=base.rank,
