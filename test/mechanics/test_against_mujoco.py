@@ -212,7 +212,7 @@ def test_a_ball_rolls_down_a_slope_alike():
 
 @pytest.mark.parametrize("moment", [0.0, 8.0, 22.0])
 def test_a_box_stands_or_tips_alike(moment):
-    """One-sided contacts at rest, unevenly loaded and tipping: which corners push, and how much, to 0.1 % of the weight.
+    """One-sided contacts at rest, unevenly loaded, tipping: which corners push, and how much, to 0.1 % of the weight.
 
     Over four corners the share of each is open (redundant rows): the two on each side are compared together.
     """

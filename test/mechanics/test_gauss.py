@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import event, given, note, settings
+from hypothesis import assume, event, given, note, settings
 from hypothesis import strategies as st
 from mechanisms import ROBOTS, box, random_constraints, random_state, robot
 
@@ -33,6 +33,8 @@ seeds = st.integers(0, 2**32 - 1)
 names = st.sampled_from(sorted(ROBOTS))
 #: Condition number of A above which answers are compared to 1e-6 instead of 1e-8.
 ILL_CONDITIONED = 1.0e3
+#: And above which the rank itself is a matter of tolerance: there is nothing to compare.
+SINGULAR = 1.0e9
 
 
 def relative(a, b):
@@ -60,6 +62,7 @@ def problem(name, seed):
 def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
     M, free, A, b, _ = problem(name, seed)
     motion = gauss(M, free, A, b)
+    assume(motion.condition < SINGULAR)
     note(f"{name}: condition number of A {motion.condition:.3g}, rank {motion.rank} of {len(A)} rows")
     event("ill-conditioned" if motion.condition > ILL_CONDITIONED else "well-conditioned")
     event("redundant" if motion.rank < len(A) else "full rank")
@@ -114,6 +117,7 @@ def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, see
     once = gauss(M, free, A, b)
     if not once.rank:
         return  # a link welded to itself: nothing but rounding, of which there is no shortest multiplier
+    assume(once.condition < SINGULAR)
     mix = rng.normal(size=(3, len(A)))
     more = gauss(M, free, np.vstack([A, mix @ A, A[:1]]), np.concatenate([b, mix @ b, b[:1]]))
     tolerance = 1e-6 if once.condition > ILL_CONDITIONED else 1e-8
