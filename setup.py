@@ -44,6 +44,7 @@ setup(
             "mujoco-core>=4,<5; python_version >= '3.11'",
             "mujoco>=3.3,<4; python_version < '3.11'",
         ],
+        "test": ["pytest>=7.4"],  # by this, colcon test knows that the tests are pytest's
         "demo": ["wbc_controller[robots,mock]", "plotly>=7.1,<8", "rich>=13"],
     },
     entry_points={

@@ -11,11 +11,12 @@ from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import Endpoint, Qos
+from wbc_controller.interface import STATE_IN, Endpoint, Qos
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
 
@@ -23,6 +24,42 @@ _log = logging.getLogger(__name__)
 
 #: Longest time, at closing, in which all reliable readers may take what was published last, s.
 _LAST_WORDS = 0.5
+#: Longest time that a message which is no stream may wait in `StreamsFirstExecutor`, s.
+_OTHERS_PERIOD = 0.01
+
+
+class StreamGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
+    """The callbacks that the control loop waits for: the robot's state, and the commands to the supervisor."""
+
+
+class StreamsFirstExecutor(SingleThreadedExecutor):  # type: ignore[misc]
+    """An executor that a control loop can live with in one Python process.
+
+    rclpy builds its wait set anew before each callback. With the hundred entities of a controller's node that takes
+    longer than a control period leaves, and it holds the interpreter lock meanwhile. So this one waits for the
+    streams alone, and looks at all the others every `_OTHERS_PERIOD`.
+    """
+
+    def __init__(self, *, context: Any = None) -> None:
+        super().__init__(context=context)
+        self._everything = True
+        self._others_due = 0.0
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Do one callback; without a timeout, come back at the latest when the others are due."""
+        now = time.monotonic()
+        self._everything = now >= self._others_due
+        if self._everything:
+            self._others_due = now + _OTHERS_PERIOD
+        if timeout_sec is None or timeout_sec < 0.0:
+            timeout_sec = 0.0 if self._everything else self._others_due - now
+        super().spin_once(timeout_sec)
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether an entity is to be waited for now."""
+        if not (self._everything or isinstance(entity.callback_group, StreamGroup)):
+            return False
+        return bool(super().can_execute(entity))
 
 
 class Ros2Transport:
@@ -38,7 +75,7 @@ class Ros2Transport:
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._group = MutuallyExclusiveCallbackGroup()
+        self._streams, self._others = StreamGroup(), MutuallyExclusiveCallbackGroup()
         # Re-entrant, because a callback may publish, open topics, or close the transport.
         self._lock = threading.RLock()
         self._closed = False
@@ -83,13 +120,14 @@ class Ros2Transport:
 
         with self._lock:
             message_class = self._check(endpoint)
+            stream = endpoint.qos == STATE_IN or endpoint.key == "command"
             try:
                 subscription = self._node.create_subscription(
                     message_class,
                     endpoint.name,
                     deliver,
                     _profile(endpoint.qos),
-                    callback_group=self._group,
+                    callback_group=self._streams if stream else self._others,
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                     raw=True,
                 )

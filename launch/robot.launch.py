@@ -1,0 +1,53 @@
+"""The controller for a robot or simulator that is there: ``ros2 launch wbc_controller robot.launch.py config:=…``."""
+
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    arguments = [
+        DeclareLaunchArgument("config", description="Path of the robot's configuration."),
+        DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node."),
+        DeclareLaunchArgument(
+            "activate",
+            default_value="false",
+            choices=["true", "false"],
+            description="Activate the controller as soon as its inputs are fresh, without the command.",
+        ),
+        DeclareLaunchArgument(
+            "joint_states", default_value="joint_states", description="Topic of the robot's joint states."
+        ),
+        DeclareLaunchArgument(
+            "odom",
+            default_value="odom",
+            description="Topic of the base's pose and twist, of an estimator or simulator.",
+        ),
+        DeclareLaunchArgument(
+            "effort",
+            default_value="effort_controller/commands",
+            description="Topic of the torques: the commands of ros2_control's effort controller.",
+        ),
+    ]
+    controller = Node(
+        package="wbc_controller",
+        executable="wbc_controller",
+        name="wbc_controller",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[
+            {
+                "config": ParameterValue(LaunchConfiguration("config"), value_type=str),
+                "activate": ParameterValue(LaunchConfiguration("activate"), value_type=bool),
+            }
+        ],
+        remappings=[
+            ("joint_states", LaunchConfiguration("joint_states")),
+            ("odom", LaunchConfiguration("odom")),
+            ("effort_controller/commands", LaunchConfiguration("effort")),
+        ],
+        output="screen",
+    )
+    return LaunchDescription([*arguments, controller])

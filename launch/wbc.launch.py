@@ -1,0 +1,64 @@
+"""The controller and the mock robot: ``ros2 launch wbc_controller wbc.launch.py robot:=g1``."""
+
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import EqualsSubstitution, IfElseSubstitution, LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    arguments = [
+        DeclareLaunchArgument(
+            "robot",
+            default_value="g1",
+            choices=["g1", "talos", "go2"],
+            description="A robot that is shipped; without meaning where config:= names a file.",
+        ),
+        DeclareLaunchArgument(
+            "config", default_value="", description="Path of your robot's configuration, in place of robot:=."
+        ),
+        DeclareLaunchArgument(
+            "mock",
+            default_value="true",
+            choices=["true", "false"],
+            description="Start the mock robot too. It hangs until false is published on mock_robot/hold.",
+        ),
+        DeclareLaunchArgument("namespace", default_value="", description="Namespace of both nodes."),
+        DeclareLaunchArgument(
+            "activate",
+            default_value="false",
+            choices=["true", "false"],
+            description="Activate the controller as soon as its inputs are fresh, without the command.",
+        ),
+        DeclareLaunchArgument(
+            "real_time_factor", default_value="1.0", description="Simulated seconds per second of the mock robot."
+        ),
+    ]
+    robot, config = LaunchConfiguration("robot"), LaunchConfiguration("config")
+    which = {
+        "robot": ParameterValue(IfElseSubstitution(EqualsSubstitution(config, ""), robot, ""), value_type=str),
+        "config": ParameterValue(config, value_type=str),
+    }
+    controller = Node(
+        package="wbc_controller",
+        executable="wbc_controller",
+        name="wbc_controller",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[which | {"activate": ParameterValue(LaunchConfiguration("activate"), value_type=bool)}],
+        output="screen",
+    )
+    mock = Node(
+        package="wbc_controller",
+        executable="mock_robot",
+        name="mock_robot",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[
+            which | {"real_time_factor": ParameterValue(LaunchConfiguration("real_time_factor"), value_type=float)}
+        ],
+        condition=IfCondition(LaunchConfiguration("mock")),
+        output="screen",
+    )
+    return LaunchDescription([*arguments, mock, controller])

@@ -1,0 +1,142 @@
+"""The launch file, on its own processes: a robot stands, and everything ends as it should."""
+
+import itertools
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+try:
+    import rclpy
+    from geometry_msgs.msg import PointStamped, WrenchStamped
+    from nav_msgs.msg import Odometry
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Bool, Float64MultiArray, String
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
+
+from wbc_controller.build import make_model
+from wbc_controller.settings import find_configuration, load_settings
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def environment(tmp_path):
+    """An installation as colcon makes it, of this checkout; and a domain of its own."""
+    binaries, index = tmp_path / "lib/wbc_controller", tmp_path / "share/ament_index/resource_index/packages"
+    share = tmp_path / "share/wbc_controller"
+    for folder in (binaries, index, share):
+        folder.mkdir(parents=True)
+    (index / "wbc_controller").touch()
+    for name in ("config", "launch"):
+        shutil.copytree(ROOT / name, share / name)
+    for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main")):
+        (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
+        (binaries / name).chmod(0o755)
+    return os.environ | {
+        "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ.get('AMENT_PREFIX_PATH', '')}",
+        "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}",
+        "ROS_DOMAIN_ID": str(20 + os.getpid() % 80),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+    }
+
+
+@pytest.fixture
+def user(environment, monkeypatch):
+    """A node that commands and listens."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("user", context=context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def until(condition, seconds=20.0):
+        deadline = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < deadline, f"not within {seconds} s"
+            executor.spin_once(timeout_sec=0.05)
+
+    yield node, until
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def launch(environment, *arguments):
+    return subprocess.Popen(
+        ["ros2", "launch", "wbc_controller", "wbc.launch.py", *arguments],
+        env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
+    node, until = user
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    states, torques, forces, height = [], [], {}, {}
+    node.create_subscription(String, "/r1/wbc_controller/state", lambda message: states.append(message.data), latched)
+    node.create_subscription(Float64MultiArray, "/r1/effort_controller/commands", torques.append, 1)
+    node.create_subscription(Odometry, "/r1/odom", lambda m: height.update(base=m.pose.pose.position.z), 1)
+    for foot in ("left_foot", "right_foot"):
+        node.create_subscription(
+            WrenchStamped,
+            f"/r1/mock_robot/contacts/{foot}/wrench",
+            lambda message, foot=foot: forces.__setitem__(foot, message.wrench.force.z),
+            1,
+        )
+    command = node.create_publisher(String, "/r1/wbc_controller/command", 10)
+    hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
+    setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)
+
+    # Half of real time, so that a busy machine keeps up too.
+    process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5")
+    try:
+        until(lambda: command.get_subscription_count() and hold.get_subscription_count())
+        until(lambda: states == ["inactive"])
+        until(lambda: height)
+
+        def active():
+            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states have arrived
+                command.publish(String(data="activate"))
+            return states[-1] == "active"
+
+        tries = itertools.count()
+        until(active)
+        until(lambda: torques and max(map(abs, torques[-1].data)) > 1.0)
+        hold.publish(Bool(data=False))
+        model = make_model(load_settings(find_configuration("g1")))
+        weight = 9.81 * model.mass
+        until(lambda: sum(forces.values()) == pytest.approx(weight, rel=0.01))
+        stood = height["base"]
+        target = PointStamped()
+        target.header.frame_id = "world"
+        target.point.x, target.point.z = 0.03, 0.60
+        setpoint.publish(target)
+        until(lambda: height["base"] < stood - 0.05)
+        assert states[-1] == "active"
+    finally:
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=20)
+        print(states, output)  # shown by pytest where the test fails
+    until(lambda: states[-1] == "stopped", 5.0)
+    until(lambda: not any(torques[-1].data), 5.0)
+    assert process.returncode == 0, output
+    assert output.count("process has finished cleanly") == 2, output
+    assert "Traceback" not in output, output
+
+
+def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environment):
+    process = launch(environment, "config:=/nowhere/robot.yaml", "mock:=false")
+    output, _ = process.communicate(timeout=30)
+    assert "config = '/nowhere/robot.yaml': there is no such file" in output
+    assert "exit code 2" in output
+    assert "Traceback" not in output

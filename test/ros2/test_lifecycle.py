@@ -1,0 +1,261 @@
+"""The controller's node in this process: transitions, parameters, services."""
+
+import contextlib
+import itertools
+import logging
+import os
+import threading
+import time
+
+import pytest
+
+try:
+    import rclpy
+    from nav_msgs.msg import Odometry
+    from rclpy.executors import ExternalShutdownException, ShutdownException
+    from rclpy.lifecycle import TransitionCallbackReturn
+    from rclpy.parameter import Parameter
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray, String
+    from std_srvs.srv import Trigger
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+from wbc_controller.node import ControllerNode
+from wbc_controller.records import Mode
+from wbc_controller.transports.ros2 import StreamsFirstExecutor
+
+SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
+
+
+@pytest.fixture
+def context(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=20 + os.getpid() % 80)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def log():
+    """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
+    records, handler = [], logging.Handler()
+    handler.emit = records.append
+    logging.getLogger("wbc_controller.node").addHandler(handler)
+    yield records
+    logging.getLogger("wbc_controller.node").removeHandler(handler)
+
+
+def text_of(records):
+    return "\n".join(f"{record.getMessage()} {record.exc_info}" for record in records)
+
+
+@pytest.fixture
+def make_node(context):
+    nodes = []
+
+    def make_node(**overrides):
+        parameters = [Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()]
+        nodes.append(ControllerNode(arguments=[], context=context, parameter_overrides=parameters))
+        return nodes[-1]
+
+    yield make_node
+    for node in nodes:
+        node.finish()
+        node.destroy_node()
+
+
+@pytest.fixture
+def spin(context):
+    """Spin nodes on a thread, as the executable does."""
+    executor = StreamsFirstExecutor(context=context)
+
+    def run():
+        with contextlib.suppress(ExternalShutdownException, ShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=run)
+
+    def spin(*nodes):
+        for node in nodes:
+            executor.add_node(node)
+        thread.start()
+        return executor
+
+    yield spin
+    executor.shutdown()
+    if thread.ident is not None:
+        thread.join()
+
+
+def within(seconds, condition):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds} s"
+        time.sleep(0.01)
+
+
+def on_executor(executor, function):
+    task = executor.create_task(function)
+    within(20, task.done)
+    return task.result()
+
+
+def test_transitions_there_and_back_twice(make_node):
+    node = make_node(robot="g1")
+    for _ in range(2):
+        assert node.trigger_configure() == SUCCESS
+        for _ in range(2):
+            assert node.trigger_activate() == SUCCESS
+            assert node.trigger_deactivate() == SUCCESS
+        assert node.trigger_cleanup() == SUCCESS
+    assert not [thread for thread in threading.enumerate() if thread.name == "control loop"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ({"robot": "g1", "tasks__com__weight": -1.0}, "tasks.com.weight = -1.0: "),
+        ({"robot": "g1", "robot__posture": [0.0]}, "posture has 1 values for 29 joints"),
+        ({"robot": "g1", "tasks__torso__frame": "trunk"}, "trunk"),
+        ({}, "has no robot: give -p robot:="),
+    ],
+)
+def test_bad_parameters_fail_the_transition_with_the_reason_and_can_be_mended(make_node, log, overrides, said):
+    node = make_node(**overrides)
+    assert node.trigger_configure() == FAILURE
+    (record,) = [record for record in log if record.levelno == logging.ERROR]
+    assert said in record.getMessage()
+    assert record.exc_info is None
+    repaired = {"tasks.com.weight": 1.0, "tasks.torso.frame": "torso_link"}
+    node.set_parameters([Parameter("robot", value="g1"), *[Parameter(k, value=v) for k, v in repaired.items()]])
+    if "robot__posture" in overrides:
+        node.undeclare_parameter("robot.posture")
+    assert node.trigger_configure() == SUCCESS
+
+
+def test_the_robots_parameters_are_fixed_while_configured(make_node):
+    node = make_node(robot="g1", tasks__com__weight=3.0)
+    assert node.trigger_configure() == SUCCESS
+    (result,) = node.set_parameters([Parameter("tasks.com.weight", value=4.0)])
+    assert not result.successful
+    assert "tasks.com.weight" in result.reason
+    assert node.set_parameters([Parameter("activate", value=True)])[0].successful
+    assert node.trigger_cleanup() == SUCCESS
+    assert node.set_parameters([Parameter("tasks.com.weight", value=4.0)])[0].successful
+
+
+def test_a_command_sent_before_activation_is_not_obeyed_later(make_node, spin, context, log):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    said = []
+    publish = user.create_publisher(String, "/wbc_controller/command", 10)
+    user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
+    within(10, lambda: publish.get_subscription_count() == 1)
+    publish.publish(String(data="estop"))
+    within(10, lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log))
+    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    within(10, lambda: said)
+    publish.publish(String(data="estop"))
+    within(10, lambda: len(said) == 2)
+    assert said == ["inactive", "fault ESTOP: emergency stop by command"]
+
+
+def test_services_say_what_happened(make_node, spin, context):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    clients = {name: user.create_client(Trigger, f"/wbc_controller/{name}") for name in ("activate", "stop", "reset")}
+
+    def call(name):
+        assert clients[name].wait_for_service(10)
+        future = clients[name].call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().success, future.result().message
+
+    success, text = call("activate")
+    assert not success
+    assert "not active" in text
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    success, text = call("activate")
+    assert not success
+    assert "joint_states" in text
+    assert call("stop") == (True, "fault ESTOP: emergency stop by command")
+    assert call("activate") == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
+    assert call("reset") == (True, "inactive")
+
+
+def test_deactivating_in_mid_run_is_no_fault(make_node, spin, context):
+    node, robot = make_node(robot="g1"), rclpy.create_node("robot", context=context)
+    executor = spin(node, robot)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    loop, settings = node._loop, node._settings
+    joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
+    joints.velocity = [0.0] * len(joints.name)
+    base = Odometry(child_frame_id="pelvis")
+    base.pose.pose.position.z, base.pose.pose.orientation.w = 0.8, 1.0
+    odom, joint_states = (
+        robot.create_publisher(kind, name, 1) for kind, name in ((Odometry, "odom"), (JointState, "joint_states"))
+    )
+
+    def publish():
+        joints.header.stamp = robot.get_clock().now().to_msg()
+        odom.publish(base)
+        joint_states.publish(joints)
+
+    robot.create_timer(0.005, publish)
+    for _ in range(3):
+        within(10, lambda: joint_states.get_subscription_count() and odom.get_subscription_count())
+        tries = itertools.count()
+
+        def active():
+            if next(tries) % 20 == 0:  # noqa: B023  # called in this round only
+                node._gate.command("activate")
+            return loop.supervisor.mode is Mode.ACTIVE
+
+        within(10, active)
+        assert on_executor(executor, node.trigger_deactivate) == SUCCESS
+        assert (loop.supervisor.mode, loop.supervisor.fault) == (Mode.STOPPED, None)
+        assert on_executor(executor, node.trigger_activate) == SUCCESS
+
+
+def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):
+    node = make_node(robot="g1")
+    executor = spin(node)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    node._gate.command("estop")
+    supervisor = node._loop.supervisor
+    within(10, lambda: supervisor.mode is Mode.FAULT)
+    for transition in (node.trigger_deactivate, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    assert supervisor.fault.code == "ESTOP"
+    assert supervisor.mode is not Mode.INACTIVE
+
+
+def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(make_node, spin, context, log):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    torques = []
+    user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    loop = node._loop
+    within(10, lambda: node.count_subscribers("/effort_controller/commands"))
+    time.sleep(0.5)  # until the writer knows the reader too
+    loop.supervisor._tau = loop.supervisor._tau + 1.0  # as if torques were being sent
+
+    def broken():
+        raise OSError("broken on purpose")
+
+    loop.cycle = broken
+    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    within(10, lambda: "error processing" in text_of(log))
+    assert "broken on purpose" in text_of(log)
+    within(5, lambda: torques)
+    assert not any(torques[-1].data)
+    within(10, lambda: node._loop is None)
+    del loop.cycle
+    assert on_executor(executor, node.trigger_configure) == SUCCESS

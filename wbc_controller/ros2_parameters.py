@@ -1,0 +1,128 @@
+"""From the parameters of a ROS 2 node to a robot's settings. Knows their form, not rclpy."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.settings import (
+    NODE_NAME,
+    Settings,
+    find_configuration,
+    load_settings,
+    parse_settings,
+    shipped_configurations,
+)
+
+#: Parameters that ROS 2 itself gives to nodes, by the first part of their names.
+OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
+#: Parameters that name a whole configuration: a shipped robot, or a file.
+ROBOT, CONFIG = "robot", "config"
+
+
+def is_of_the_robot(name: str, own: Sequence[str] = ()) -> bool:
+    """Whether a parameter belongs to the robot's configuration.
+
+    Args:
+        name: dotted name of the parameter.
+        own: parameters of the node itself.
+    """
+    return name.partition(".")[0] not in OF_ROS2 and name not in (ROBOT, CONFIG, *own)
+
+
+def nest(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Turn dotted names into nested dictionaries, as they stood in the parameter file.
+
+    Args:
+        parameters: values by dotted name, such as ``tasks.com.weight``.
+
+    Raises:
+        ConfigurationError: where one name has both a value and names below it.
+    """
+    tree: dict[str, Any] = {}
+    for name, value in sorted(parameters.items()):
+        *sections, key = name.split(".")
+        branch = tree
+        for depth, section in enumerate(sections):
+            branch = branch.setdefault(section, {})
+            if not isinstance(branch, dict):
+                upper = ".".join(sections[: depth + 1])
+                raise ConfigurationError(f"parameter {upper} = {parameters[upper]!r}: there is a parameter {name} too")
+        # Arrays of a parameter are lists, tuples or array.array, depending on the way it was set.
+        listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+        branch[key] = list(value) if listed else value
+    return tree
+
+
+def settings_from(
+    parameters: Mapping[str, Any], node: str, arguments: Sequence[str], own: Sequence[str] = ()
+) -> tuple[Settings, str]:
+    """Validate what a node was given.
+
+    The parameter ``robot`` or ``config`` gives a whole file, and other parameters are put over it; without them the
+    parameters are the whole configuration. A node that was given none, because no section of the parameter file is
+    for its name, takes the file's section ``wbc_controller``: so the mock robot and a controller in a namespace are
+    started with the same file.
+
+    Args:
+        parameters: values by dotted name.
+        node: fully qualified name of the node, for messages.
+        arguments: the command line.
+        own: names of parameters that are the node's own, and not the robot's.
+
+    Returns:
+        The settings, and where they are from.
+
+    Raises:
+        ConfigurationError: with one line per problem.
+    """
+    given = {name: value for name, value in parameters.items() if is_of_the_robot(name, own)}
+    path = _named_file(parameters, node)
+    if path is None and not given:
+        files = parameter_files(arguments)
+        if not files:
+            raise ConfigurationError(
+                f"{node} has no robot: give -p robot:=<name> ({valid_choices('', shipped_configurations())}), "
+                f"-p config:=<file>, or --params-file <file> with the section {NODE_NAME!r}"
+            )
+        path = files[-1]
+    overrides = nest(given)
+    if path is None:
+        source = f"parameters of {node}"
+        return parse_settings(overrides, source), source
+    settings = load_settings(path)
+    if not overrides:
+        return settings, str(path)
+    source = f"{path} with the parameters of {node}"
+    return parse_settings(_merge(settings.model_dump(exclude_unset=True), overrides), source), source
+
+
+def parameter_files(arguments: Sequence[str]) -> list[Path]:
+    """The files of ``--params-file`` on a command line, in order."""
+    return [Path(path) for flag, path in itertools.pairwise(arguments) if flag == "--params-file"]
+
+
+def _named_file(parameters: Mapping[str, Any], node: str) -> Path | None:
+    named = {key: parameters[key] for key in (ROBOT, CONFIG) if parameters.get(key) not in (None, "")}
+    if len(named) == 2:
+        raise ConfigurationError(
+            f"{node}: robot = {named[ROBOT]!r} and config = {named[CONFIG]!r} both name a configuration; keep one"
+        )
+    for key, value in named.items():
+        if not isinstance(value, str):
+            raise ConfigurationError(f"{node}: {key} = {value!r}: must be a text")
+        if key == CONFIG and not Path(value).is_file():
+            raise ConfigurationError(f"{node}: config = {value!r}: there is no such file")
+        return Path(value) if key == CONFIG else find_configuration(value)
+    return None
+
+
+def _merge(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        merged[key] = _merge(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
