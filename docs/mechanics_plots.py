@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "test" / "mechanics")]
+sys.path[:0] = [str(ROOT), str(ROOT / "test" / "support")]
 
 mpl.use("svg")
 # The same file from the same numbers: no dates, no random names; letters as text keep it small.
