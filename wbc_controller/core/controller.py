@@ -22,7 +22,6 @@ ROTATION_LENGTH = 0.1
 _BINDING = 1.0e-5
 
 
-
 class Controller:
     """Solves one quadratic program per cycle (S10 as equality constraints, S12).
 
