@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from wbc_controller.build import make_controller
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import Settings, find_configuration, load_settings, parse_settings, shipped_configurations
@@ -188,6 +189,19 @@ def test_ranges(key, low, high):
         ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
         ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: point, surface"),
         ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (A frame of the URDF)"),
+        (
+            "tasks.com.stiffness",
+            [1.0, 2.0],
+            "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list with one for each of the "
+            "task's 3 axes",
+        ),
+        ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
+        (
+            "tasks.hand.damping",
+            [1.0] * 5 + [-1.0],
+            "tasks.hand.damping.5 = -1.0: input should be greater than or",
+        ),
+        ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
         ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
     ],
@@ -196,6 +210,21 @@ def test_each_error_names_the_whole_key_the_value_and_what_is_valid(key, value, 
     with pytest.raises(ConfigurationError) as error:
         parse_settings(_with(key, value), "file.yaml")
     assert str(error.value).startswith(f"file.yaml: {said}")
+
+
+@pytest.mark.parametrize(("task", "size"), [("com", 3), ("hand", 6), ("posture", 2)])
+def test_gains_are_one_number_or_one_for_each_axis(task, size):
+    for key in ("stiffness", "damping"):
+        for good in (7.0, [7.0] * size):
+            settings = parse_settings(_with(f"tasks.{task}.{key}", good), "f")
+            assert getattr(settings.tasks[task], key) == good
+
+
+def test_gains_of_all_joints_are_counted_when_the_robot_is_known(robot_of, changed):
+    settings, model = robot_of("go2")
+    assert make_controller(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 12}}}), model)
+    with pytest.raises(ConfigurationError, match=r"tasks\.posture\.stiffness has 2 values; .* of the task's 12 axes"):
+        make_controller(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 2}}}), model)
 
 
 def test_every_error_of_a_file_is_said_at_once():

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
+import types
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
@@ -85,22 +86,42 @@ def _kind(field: FieldInfo) -> str:
     choices = [value for value in get_args(annotation) if isinstance(value, str)]
     if choices:
         return " or ".join(f"`{choice}`" for choice in choices)
-    return f"{_name(annotation)}{_range(field)}"
+    return f"{_name(annotation)}{_range([*field.metadata, *_bounds(annotation)])}"
+
+
+def _members(annotation: Any) -> list[Any]:
+    """What a union may be, but for none; of anything else, itself."""
+    if get_origin(annotation) is Annotated:
+        return _members(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, types.UnionType):
+        return [member for member in get_args(annotation) if member is not type(None)]
+    return [annotation]
 
 
 def _name(annotation: Any) -> str:
-    if get_args(annotation) and annotation.__class__.__name__ != "GenericAlias":
-        members = [member for member in get_args(annotation) if member is not type(None)]
-        return _name(members[0]) if members else str(annotation)
+    members = _members(annotation)
+    if len(members) > 1 or members[0] is not annotation:
+        return " or ".join(map(_name, members))
     inner = get_args(annotation)
     if inner:
         return f"list of {_name(inner[0])}s"
     return {float: "number", str: "text", bool: "true or false", int: "whole number"}.get(annotation, str(annotation))
 
 
-def _range(field: FieldInfo) -> str:
+def _bounds(annotation: Any) -> Iterator[Any]:
+    """The bounds that stand in an annotation itself; of a union, those of its first member."""
+    if get_origin(annotation) is Annotated:
+        first, *metadata = get_args(annotation)
+        for part in metadata:
+            yield from part.metadata if isinstance(part, FieldInfo) else [part]
+        yield from _bounds(first)
+    elif _members(annotation)[0] is not annotation:
+        yield from _bounds(_members(annotation)[0])
+
+
+def _range(metadata: Iterable[Any]) -> str:
     parts = []
-    for bound in field.metadata:
+    for bound in metadata:
         if isinstance(bound, Gt):
             parts.append(f"> {bound.gt:g}")
         elif isinstance(bound, Ge):

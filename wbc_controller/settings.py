@@ -9,10 +9,10 @@ import math
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.resources import share_folder
@@ -32,6 +32,12 @@ NonNegative = Annotated[Finite, Field(ge=0.0)]
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 #: Gains of at most this size are accepted: more is a mistaken unit.
 Gain = Annotated[NonNegative, Field(le=1.0e5)]
+_NUMBER, _LIST = "(number)", "(list)"  # in the places of errors; no key of a file is written so
+#: One number, or a list with one for each axis.
+Gains = Annotated[
+    Annotated[Gain, Tag(_NUMBER)] | Annotated[list[Gain], Tag(_LIST)],
+    Discriminator(lambda value: _LIST if isinstance(value, list) else _NUMBER),
+]
 #: Half sides and radii of a contact, in metres: more than this was probably meant in centimetres or millimetres.
 Length = Annotated[Positive, Field(le=1.0)]
 
@@ -150,37 +156,60 @@ class AuditSettings(_Section):
 
 
 class _Task(_Section):
+    #: Number of axes, masked or not; 0 where the file alone does not tell it.
+    axes: ClassVar[int] = 3
+
     weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
     enabled: bool = Field(True, description="Whether the task is on at activation.")
-    stiffness: Gain = Field(100.0, description="Proportional gain, 1/s².")
-    damping: Gain | None = Field(
-        None, description="Derivative gain, 1/s; 2·√stiffness (critical) where it is not given."
-    )
     setpoint_duration: NonNegative = Field(
         1.0, le=600.0, description="Time in which a new setpoint is reached, s; 0 for setpoints that are streamed."
     )
 
+    @model_validator(mode="after")
+    def _one_gain_for_each_axis(self) -> _Task:
+        for key in ("stiffness", "damping", "gain"):
+            value = getattr(self, key, None)
+            if isinstance(value, list) and self.axes and len(value) != self.axes:
+                raise ValueError(
+                    f"{key} = {reprlib.repr(value)}: has {len(value)} values; it takes one number, or a list with one "
+                    f"for each of the task's {self.axes} axes"
+                )
+        return self
 
-class PostureTask(_Task):
+
+class _MotionTask(_Task):
+    stiffness: Gains = Field(100.0, description="Proportional gain, 1/s²; one number, or a list with one per axis.")
+    damping: Gains | None = Field(
+        None,
+        description="Derivative gain, 1/s; one number, or a list with one per axis; 2·√stiffness (critical) where it "
+        "is not given.",
+    )
+
+
+class PostureTask(_MotionTask):
     """Joint positions."""
+
+    axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["posture"]
     joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all.")
 
 
-class ComTask(_Task):
+class ComTask(_MotionTask):
     """Centre of mass, m, world frame."""
 
     type: Literal["com"]
     mask: list[bool] = Field([True, True, True], min_length=3, max_length=3, description="World axes concerned.")
 
 
-class _FrameTask(_Task):
+class _FrameTask(_MotionTask):
     frame: str = Field(description="A frame of the URDF.")
 
 
 class FramePoseTask(_FrameTask):
     """Position and orientation of a frame, world frame."""
+
+    axes: ClassVar[int] = 6
 
     type: Literal["frame_pose"]
     mask: list[bool] = Field(
@@ -375,7 +404,7 @@ def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
 
 def _explain(problem: Any, source: str) -> str:
     """Turn one of pydantic's problems into a line: file, key, value, valid choices."""
-    location = list(problem["loc"])
+    location = [part for part in problem["loc"] if part not in (_NUMBER, _LIST)]
     if len(location) > 2 and location[2] in _tags_of(str(location[0])):
         del location[2]  # the type of the task or contact, which is no key of the file
     key = ".".join(str(part) for part in location)
@@ -426,6 +455,8 @@ def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
 
 def _description(location: tuple[Any, ...]) -> str:
     """What a key holds; an item of a list is described by the key of the list."""
-    keys = tuple(location[:-1] if location and isinstance(location[-1], int) else location)
+    keys = tuple(part for part in location if part not in (_NUMBER, _LIST))
+    if keys and isinstance(keys[-1], int):
+        keys = keys[:-1]
     field = _fields_at(keys).get(str(keys[-1])) if keys else None
     return str(field.description).rstrip(".") if field is not None and field.description else ""

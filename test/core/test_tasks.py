@@ -209,3 +209,49 @@ def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
     kinds = {"frame_position": FramePositionTask, "frame_orientation": FrameOrientationTask}
     with pytest.raises(ConfigurationError, match=r"tasks\.paw\.frame = 'FL_fot'.*did you mean 'FL_foot'"):
         kinds.get(kind, FramePoseTask)("paw", model, "FL_fot")
+
+
+# Gains ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gains_of_each_axis_are_those_of_as_many_tasks_with_one_axis_each(load, random_state, kind):
+    model, _ = load("g1")
+    rng = np.random.default_rng(7)
+    dynamics = snapshot(model, *random_state(model, rng))
+    goal = np.array(make(kind, model, "g1").position(snapshot(model, *random_state(model, rng))))
+    size = make(kind, model, "g1").size
+    stiffness, damping = rng.uniform(0.0, 200.0, size), rng.uniform(0.0, 30.0, size)
+    reference = Reference(goal, rng.normal(size=size), rng.normal(size=size))
+    _, right, _ = make(kind, model, "g1", stiffness=list(stiffness), damping=list(damping)).equation(
+        dynamics, reference
+    )
+    for i in range(size):
+        task = make(kind, model, "g1", stiffness=stiffness[i], damping=damping[i])
+        assert right[i] == task.equation(dynamics, reference)[1][i]
+
+
+def test_damping_is_critical_on_each_axis(load):
+    model, _ = load("g1")
+    task = make("com", model, "g1", stiffness=[4.0, 9.0, 0.0])
+    np.testing.assert_allclose(task.damping, [4.0, 6.0, 0.0])
+
+
+def test_a_mask_leaves_the_gains_of_its_axes(load, random_state):
+    model, _ = load("g1")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(8)))
+    task = make("com", model, "g1", mask=[False, True, True], stiffness=[1.0, 2.0, 3.0], damping=0.0)
+    _, right, _ = task.equation(dynamics, Reference(dynamics.com + 1.0, np.zeros(3), np.zeros(3)))
+    np.testing.assert_allclose(right + dynamics.com_drift[1:], [2.0, 3.0])
+
+
+@pytest.mark.parametrize("key", ["stiffness", "damping"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, kind, key):
+    model, _ = load("g1")
+    size = make(kind, model, "g1").size
+    said = (
+        rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
+    )
+    with pytest.raises(ConfigurationError, match=said):
+        make(kind, model, "g1", **{key: [1.0] * (size + 1)})

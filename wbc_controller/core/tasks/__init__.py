@@ -3,6 +3,6 @@
 from wbc_controller.core.tasks.com import ComTask
 from wbc_controller.core.tasks.frame import FrameOrientationTask, FramePoseTask, FramePositionTask
 from wbc_controller.core.tasks.posture import PostureTask
-from wbc_controller.core.tasks.task import Task
+from wbc_controller.core.tasks.task import MotionTask, Task
 
-__all__ = ["ComTask", "FrameOrientationTask", "FramePoseTask", "FramePositionTask", "PostureTask", "Task"]
+__all__ = ["ComTask", "FrameOrientationTask", "FramePoseTask", "FramePositionTask", "MotionTask", "PostureTask", "Task"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.tasks.task import Task
+from wbc_controller.core.tasks.task import MotionTask
 from wbc_controller.records import Array
 
 
-class ComTask(Task):
+class ComTask(MotionTask):
     """Position of the centre of mass in the world, (3,) in m."""
 
     size = 3

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.tasks.task import Task
+from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
@@ -29,7 +29,7 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
     return np.asarray(rotation @ pin.log3(rotation.T @ reference))
 
 
-class _FrameTask(Task):
+class _FrameTask(MotionTask):
     #: Rows of the frame's six that the task takes.
     part: slice
 
@@ -40,8 +40,8 @@ class _FrameTask(Task):
         frame: str,
         mask: Sequence[bool] | None = None,
         *,
-        stiffness: float = 100.0,
-        damping: float | None = None,
+        stiffness: Gains = 100.0,
+        damping: Gains | None = None,
     ) -> None:
         """Make a frame task.
 
@@ -50,11 +50,11 @@ class _FrameTask(Task):
             model: the robot's model.
             frame: a frame of the URDF.
             mask: world axes concerned, (size,); all where it is not given.
-            stiffness: K, 1/s².
-            damping: D, 1/s; critical where it is not given.
+            stiffness: K, 1/s², one number or one for each axis.
+            damping: D, 1/s, likewise; critical where it is not given.
 
         Raises:
-            ConfigurationError: where the model has no such frame.
+            ConfigurationError: where the model has no such frame, or a list of gains has another length.
         """
         super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
         self.frame = frame

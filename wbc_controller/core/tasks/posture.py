@@ -8,11 +8,11 @@ import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.tasks.task import Task
+from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array
 
 
-class PostureTask(Task):
+class PostureTask(MotionTask):
     """Positions of some actuated joints, (k,) in rad."""
 
     def __init__(
@@ -21,8 +21,8 @@ class PostureTask(Task):
         model: RobotModel,
         joints: Sequence[str] = (),
         *,
-        stiffness: float = 100.0,
-        damping: float | None = None,
+        stiffness: Gains = 100.0,
+        damping: Gains | None = None,
     ) -> None:
         """Make a posture task.
 
@@ -30,11 +30,11 @@ class PostureTask(Task):
             name: the task's name.
             model: the robot's model.
             joints: actuated joints concerned; none means all, in the order of the command.
-            stiffness: K, 1/s².
-            damping: D, 1/s; critical where it is not given.
+            stiffness: K, 1/s², one number or one for each joint.
+            damping: D, 1/s, likewise; critical where it is not given.
 
         Raises:
-            ConfigurationError: where a joint is not actuated.
+            ConfigurationError: where a joint is not actuated, or a list of gains has another length.
         """
         columns = model.joint_columns(joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
