@@ -29,10 +29,12 @@ WORDS = Vocabulary(
         "elbow": "frame_position",
         "torso": "frame_orientation",
         "posture": "posture",
+        "wrist": "relative_pose",
     },
     joints={"posture": JOINTS},
     contacts=("left_foot", "right_foot"),
     frames=("pelvis",),
+    reference_frames={"wrist": "right_hand"},
 )
 HALF = np.sqrt(0.5)
 NAN, INF = float("nan"), float("inf")
@@ -173,6 +175,17 @@ class TestSetpoints:
             with refused(said):
                 read(key, subject, content)
 
+    def test_a_relative_pose_is_given_in_its_reference_frame(self, make):
+        change = self.one("setpoint", "wrist", make.pose([1, 2, 3], [0, 0, HALF, HALF], "right_hand"))
+        np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
+        self.one("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], "right_hand"))
+        for frame in ("", "world", "left_hand"):
+            said = f"frame_id is {frame!r}; references of task 'wrist' are given in its reference frame 'right_hand'"
+            with refused(said):
+                read("setpoint", "wrist", make.pose([1, 2, 3], frame=frame))
+            with refused(said):
+                read("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], frame))
+
     @pytest.mark.parametrize(
         ("names", "values", "said"),
         [
@@ -242,10 +255,13 @@ class TestTrajectories:
         np.testing.assert_array_equal(change.points[1].velocity, [10, 20, 30])
         np.testing.assert_array_equal(change.points[1].acceleration, [0.1, 0.2, 0.3])
 
-    @pytest.mark.parametrize(("task", "position", "velocity"), [("com", 3, 3), ("hand", 7, 6), ("torso", 4, 3)])
+    @pytest.mark.parametrize(
+        ("task", "position", "velocity"), [("com", 3, 3), ("hand", 7, 6), ("torso", 4, 3), ("wrist", 7, 6)]
+    )
     def test_of_a_frame(self, make, task, position, velocity):
         points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]])]
-        (change,) = read("trajectory", task, make.frame_trajectory(points))
+        frame = WORDS.reference_frames.get(task, "world")
+        (change,) = read("trajectory", task, make.frame_trajectory(points, frame))
         assert change.start is None
         pose, twist = np.array([1, 2, 3, 0, 0, HALF, HALF]), np.array([1.0, 2, 3, 4, 5, 6])
         np.testing.assert_allclose(change.points[0].position, pose[3:] if task == "torso" else pose[:position])
@@ -352,6 +368,8 @@ class TestUpdate:
             ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is a list of 3 numbers, not 1"),
             ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task takes 3"),
             ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task takes 7"),
+            ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task takes 7"),
+            ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
             ("{tasks: {torso: {setpoint: [0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
             ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is a list of 3 numbers, not [1, 2, 'a']"),
             ("{tasks: {com: {setpoint: [1, 2, true]}}}", "is a list of 3 numbers, not [1, 2, True]"),

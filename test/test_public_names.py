@@ -11,6 +11,7 @@ EXPORTED = {
         "FramePoseTask",
         "FramePositionTask",
         "PostureTask",
+        "RelativePoseTask",
         "Task",
     },
     "wbc_controller.core.contacts": {"Contact", "PointContact", "SurfaceContact", "wrench_cone"},

@@ -17,7 +17,15 @@ from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
-from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask, Task
+from wbc_controller.core.tasks import (
+    ComTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+    RelativePoseTask,
+    Task,
+)
 from wbc_controller.decoding import Vocabulary
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.errors import ConfigurationError
@@ -76,17 +84,26 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel) -> Task:
     Raises:
         ConfigurationError: where a frame or joint is unknown.
     """
-    stiffness, damping = task.stiffness, task.damping
     if isinstance(task, schema.PostureTask):
-        return PostureTask(name, model, task.joints, stiffness=stiffness, damping=damping)
+        return PostureTask(name, model, task.joints, stiffness=task.stiffness, damping=task.damping)
     if isinstance(task, schema.ComTask):
-        return ComTask(name, task.mask, stiffness=stiffness, damping=damping)
+        return ComTask(name, task.mask, stiffness=task.stiffness, damping=task.damping)
+    if isinstance(task, schema.RelativePoseTask):
+        return RelativePoseTask(
+            name,
+            model,
+            task.frame,
+            task.reference_frame,
+            task.mask,
+            stiffness=task.stiffness,
+            damping=task.damping,
+        )
     kinds: dict[str, Callable[..., Task]] = {
         "frame_pose": FramePoseTask,
         "frame_position": FramePositionTask,
         "frame_orientation": FrameOrientationTask,
     }
-    return kinds[task.type](name, model, task.frame, task.mask, stiffness=stiffness, damping=damping)
+    return kinds[task.type](name, model, task.frame, task.mask, stiffness=task.stiffness, damping=task.damping)
 
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
@@ -207,7 +224,10 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
         for name, task in settings.tasks.items()
         if isinstance(task, schema.PostureTask)
     }
-    return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model))
+    reference_frames = {
+        name: task.reference_frame for name, task in settings.tasks.items() if isinstance(task, schema.RelativePoseTask)
+    }
+    return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), reference_frames)
 
 
 def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:

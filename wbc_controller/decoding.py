@@ -7,7 +7,8 @@ import reprlib
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,12 +41,47 @@ class Vocabulary:
         joints: of each posture task, its joints.
         contacts: names of the contacts.
         frames: names of the frames on which external wrenches are accepted.
+        reference_frames: of each task whose references are not given in the world, the frame that they are given in.
     """
 
     kinds: Mapping[str, str]
     joints: Mapping[str, tuple[str, ...]]
     contacts: tuple[str, ...]
     frames: tuple[str, ...]
+    reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """How the reference of a kind of task is written, where it is not one of joints.
+
+    Attributes:
+        vector: number of components of its vector.
+        oriented: whether a quaternion follows.
+    """
+
+    vector: int = 3
+    oriented: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of values of a position."""
+        return self.vector + (4 if self.oriented else 0)
+
+    @property
+    def twist(self) -> slice:
+        """Components of a twist that are the reference's velocity."""
+        return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
+
+
+#: Form of the references of each kind of task; a posture's are joints by name.
+_FORMS: Mapping[str, _Form] = {
+    "com": _Form(),
+    "frame_position": _Form(),
+    "frame_orientation": _Form(vector=0, oriented=True),
+    "frame_pose": _Form(oriented=True),
+    "relative_pose": _Form(oriented=True),
+}
 
 
 def stamp_of(content: Any) -> int:
@@ -146,9 +182,13 @@ def _xyz(vector: Any) -> tuple[float, float, float]:
 
 def _quaternion(quaternion: Any) -> Array:
     values = finite([quaternion.x, quaternion.y, quaternion.z, quaternion.w], "the orientation")
+    return _unit_quaternion(values, "the orientation ")
+
+
+def _unit_quaternion(values: Array, what: str) -> Array:
     norm = float(np.linalg.norm(values))
     if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
-        raise InputRefused(f"the orientation {_short(values)} is not a unit quaternion (norm {norm:.3g})")
+        raise InputRefused(f"{what}{_short(values)} is not a unit quaternion (norm {norm:.3g})")
     return values / norm
 
 
@@ -162,22 +202,34 @@ def _in_world(content: Any) -> None:
         raise InputRefused(f"frame_id is {frame!r}; references are given in the world: {', '.join(WORLD_FRAMES[1:])}")
 
 
+def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
+    """Refuse references that are given in another frame than the task's."""
+    wanted = vocabulary.reference_frames.get(task)
+    if wanted is None:
+        _in_world(content)
+    elif content.header.frame_id != wanted:
+        raise InputRefused(
+            f"frame_id is {content.header.frame_id!r}; references of task {task!r} are given in its reference frame "
+            f"{wanted!r}"
+        )
+
+
 def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
     kind = vocabulary.kinds[task]
     if kind == "posture":
         return (SetSetpoint(task, _joint_values(vocabulary.joints[task], content.name, content.position, "position")),)
-    _in_world(content)
-    if kind in ("com", "frame_position"):
-        return (SetSetpoint(task, finite(_xyz(content.point), "the point")),)
-    return (SetSetpoint(task, _pose(kind, content.pose.position, content.pose.orientation)),)
+    _in_frame_of(vocabulary, task, content)
+    form = _FORMS[kind]
+    if form.oriented:
+        return (SetSetpoint(task, _position(form, content.pose.position, content.pose.orientation)),)
+    what = "point" if hasattr(content, "point") else "vector"
+    return (SetSetpoint(task, _position(form, getattr(content, what), None, f"the {what}")),)
 
 
-def _pose(kind: str, position: Any, orientation: Any) -> Array:
-    if kind in ("com", "frame_position"):
-        return finite(_xyz(position), "the position")
-    if kind == "frame_orientation":
-        return _quaternion(orientation)
-    return np.concatenate([finite(_xyz(position), "the position"), _quaternion(orientation)])
+def _position(form: _Form, vector: Any, quaternion: Any, what: str = "the position") -> Array:
+    """Read a position in the form of its kind; what the form does not have is not looked at."""
+    values = finite(_xyz(vector)[: form.vector], what)
+    return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
@@ -202,10 +254,10 @@ def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[C
     if kind == "posture":
         knots = [_joint_knot(vocabulary.joints[task], content.joint_names, point) for point in content.points]
     else:
-        _in_world(content)
+        _in_frame_of(vocabulary, task, content)
         if len(content.joint_names) > 1:
             raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; this task takes one frame")
-        knots = [_frame_knot(kind, point) for point in content.points]
+        knots = [_frame_knot(_FORMS[kind], point) for point in content.points]
     times = [knot.time for knot in knots]
     if any(not (a < b) for a, b in itertools.pairwise(times)) or times[0] < 0.0:
         raise InputRefused(f"time_from_start must rise from 0: {_short(np.array(times))} s")
@@ -221,19 +273,18 @@ def _joint_knot(joints: Sequence[str], names: Sequence[str], point: Any) -> Knot
     return Knot(nanoseconds(point.time_from_start) * 1.0e-9, *arrays)
 
 
-def _frame_knot(kind: str, point: Any) -> Knot:
+def _frame_knot(form: _Form, point: Any) -> Knot:
     if len(point.transforms) != 1:
         raise InputRefused(f"a point has {len(point.transforms)} transforms; this task takes one")
     transform = point.transforms[0]
-    position = _pose(kind, transform.translation, transform.rotation)
-    part = {"frame_pose": slice(0, 6), "frame_orientation": slice(3, 6)}.get(kind, slice(0, 3))
+    position = _position(form, transform.translation, transform.rotation)
     derivatives = []
     for what in ("velocities", "accelerations"):
         twists = getattr(point, what)
         if len(twists) > 1:
             raise InputRefused(f"a point has {len(twists)} {what}; this task takes one")
         six = [*_xyz(twists[0].linear), *_xyz(twists[0].angular)] if twists else np.zeros(6)
-        derivatives.append(finite(six, what)[part])
+        derivatives.append(finite(six, what)[form.twist])
     return Knot(nanoseconds(point.time_from_start) * 1.0e-9, position, *derivatives)
 
 
@@ -313,18 +364,15 @@ def _is_number(value: Any) -> bool:
 
 def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     kind = vocabulary.kinds[task]
-    size = {"posture": len(vocabulary.joints.get(task, ())), "frame_pose": 7, "frame_orientation": 4}.get(kind, 3)
+    form = _Form(vector=len(vocabulary.joints[task])) if kind == "posture" else _FORMS[kind]
     where = f"tasks.{task}.setpoint"
     if not isinstance(value, list) or not all(_is_number(number) for number in value):
-        raise InputRefused(f"{where} is a list of {size} numbers, not {reprlib.repr(value)}")
-    if len(value) != size:
-        raise InputRefused(f"{where} has {len(value)} values; a {kind} task takes {size}")
+        raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")
+    if len(value) != form.size:
+        raise InputRefused(f"{where} has {len(value)} values; a {kind} task takes {form.size}")
     values = finite(value, where)
-    if kind in ("frame_pose", "frame_orientation"):
-        norm = float(np.linalg.norm(values[-4:]))
-        if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
-            raise InputRefused(f"{where}: {_short(values[-4:])} is not a unit quaternion (norm {norm:.3g})")
-        values[-4:] /= norm
+    if form.oriented:
+        values[form.vector :] = _unit_quaternion(values[form.vector :], f"{where}: ")
     return values
 
 

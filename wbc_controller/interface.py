@@ -86,6 +86,10 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
         "setpoint": "geometry_msgs/msg/PoseStamped",
         "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     },
+    "relative_pose": {
+        "setpoint": "geometry_msgs/msg/PoseStamped",
+        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    },
 }
 
 _IN, _OUT = Direction.IN, Direction.OUT

@@ -231,8 +231,24 @@ class FrameOrientationTask(_FrameTask):
     mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
 
 
+class RelativePoseTask(_FrameTask):
+    """Position and orientation of a frame relative to another one on the robot, in the axes of that one."""
+
+    axes: ClassVar[int] = 6
+
+    type: Literal["relative_pose"]
+    reference_frame: str = Field(description="The frame of the URDF in whose axes the pose of `frame` is given.")
+    mask: list[bool] = Field(
+        [True] * 6,
+        min_length=6,
+        max_length=6,
+        description="Axes of `reference_frame` concerned: position, then orientation.",
+    )
+
+
 TaskSettings = Annotated[
-    PostureTask | ComTask | FramePoseTask | FramePositionTask | FrameOrientationTask, Field(discriminator="type")
+    PostureTask | ComTask | FramePoseTask | FramePositionTask | FrameOrientationTask | RelativePoseTask,
+    Field(discriminator="type"),
 ]
 
 

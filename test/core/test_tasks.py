@@ -8,13 +8,22 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask
+from wbc_controller.core.tasks import (
+    ComTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+    RelativePoseTask,
+)
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Reference
 
 ROBOTS = ("g1", "talos", "go2")
 FRAMES = {"g1": "left_rubber_hand", "talos": "gripper_right_base_link", "go2": "FL_foot"}
-KINDS = ("posture", "com", "frame_position", "frame_orientation", "frame_pose")
+REFERENCE_FRAMES = {"g1": "right_rubber_hand", "talos": "torso_2_link", "go2": "RR_calf"}
+KINDS = ("posture", "com", "frame_position", "frame_orientation", "frame_pose", "relative_pose")
+POSES = ("frame_pose", "relative_pose")
 some_states = hypothesis_settings(deadline=None, max_examples=8, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -24,6 +33,8 @@ def make(kind, model, robot, **options):
         return PostureTask(kind, model, model.joints[7:2:-2], **options)
     if kind == "com":
         return ComTask(kind, options.pop("mask", [True] * 3), **options)
+    if kind == "relative_pose":
+        return RelativePoseTask(kind, model, FRAMES[robot], REFERENCE_FRAMES[robot], **options)
     kinds = {"position": FramePositionTask, "orientation": FrameOrientationTask, "pose": FramePoseTask}
     return kinds[kind.removeprefix("frame_")](kind, model, FRAMES[robot], **options)
 
@@ -39,10 +50,10 @@ def rotation(quaternion):
 
 
 def displacement(kind, start, end):
-    """From one position to another, rotations as vectors in world axes; computed apart from the task's own error."""
+    """From one position to another, rotations in the outer axes; computed apart from the task's own error."""
     if kind == "frame_orientation":
         return pin.log3(rotation(end) @ rotation(start).T)
-    if kind == "frame_pose":
+    if kind in POSES:
         return np.concatenate([end[:3] - start[:3], pin.log3(rotation(end[3:]) @ rotation(start[3:]).T)])
     return end - start
 
@@ -100,7 +111,7 @@ def test_error_leads_from_the_position_to_the_reference(load, random_state, robo
     error = task.error(here, goal)
     expected = displacement(kind, task.position(here), goal)
     np.testing.assert_allclose(error, expected, atol=1.0e-8)
-    if kind in ("frame_orientation", "frame_pose"):
+    if kind in ("frame_orientation", *POSES):
         assert np.linalg.norm(error[-3:]) <= np.pi + 1.0e-9
         reached = pin.exp3(error[-3:]) @ rotation(task.position(here)[-4:])
         np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
@@ -117,6 +128,24 @@ def test_position_of_a_frame_is_where_pinocchio_puts_it(load, random_state):
     np.testing.assert_allclose(
         rotation(make("frame_orientation", model, "g1").position(dynamics)), placement.rotation, atol=1e-12
     )
+
+
+def test_a_relative_pose_is_that_of_one_frame_in_the_other(load, random_state):
+    model, _ = load("g1")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(1)))
+    ids = [model.pinocchio.getFrameId(frames["g1"]) for frames in (REFERENCE_FRAMES, FRAMES)]
+    a, b = (dynamics.placement(i).homogeneous for i in ids)
+    expected = pin.SE3ToXYZQUAT(pin.SE3(np.linalg.inv(a) @ b))
+    np.testing.assert_allclose(make("relative_pose", model, "g1").position(dynamics), expected, atol=1e-12)
+
+
+def test_the_motion_of_the_whole_robot_changes_no_relative_pose(load, random_state):
+    model, _ = load("g1")
+    q, v = random_state(model, np.random.default_rng(1))
+    dynamics = snapshot(model, q, v)
+    J = make("relative_pose", model, "g1").jacobian(dynamics)
+    assert np.abs(J[:, :6]).max() < 1.0e-12
+    assert np.abs(J[:, 6:]).max() > 0.1
 
 
 @pytest.mark.parametrize("length", [0.5, 2.0])
@@ -138,6 +167,7 @@ def test_a_reference_orientation_need_not_be_normalized(load, random_state, leng
         ("frame_orientation", [True, True, False]),
         ("frame_pose", [True, False, True, False, False, True]),
         ("frame_pose", [False] * 6),
+        ("relative_pose", [True, False, True, False, False, True]),
     ],
 )
 def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind, mask):
@@ -203,6 +233,12 @@ def test_a_resting_reference_outlives_the_snapshot(load, random_state):
         np.testing.assert_array_equal(reference.position, before[kind])
 
 
+def test_an_unknown_reference_frame_is_refused_with_the_nearest_one(load):
+    model, _ = load("go2")
+    with pytest.raises(ConfigurationError, match=r"tasks\.paw\.reference_frame = 'bse'.*did you mean 'base'"):
+        RelativePoseTask("paw", model, "FL_foot", "bse")
+
+
 @pytest.mark.parametrize("kind", ["frame_position", "frame_orientation", "frame_pose"])
 def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
     model, _ = load("go2")
@@ -250,8 +286,6 @@ def test_a_mask_leaves_the_gains_of_its_axes(load, random_state):
 def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, kind, key):
     model, _ = load("g1")
     size = make(kind, model, "g1").size
-    said = (
-        rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
-    )
+    said = rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
     with pytest.raises(ConfigurationError, match=said):
         make(kind, model, "g1", **{key: [1.0] * (size + 1)})

@@ -3,6 +3,15 @@
 from wbc_controller.core.tasks.com import ComTask
 from wbc_controller.core.tasks.frame import FrameOrientationTask, FramePoseTask, FramePositionTask
 from wbc_controller.core.tasks.posture import PostureTask
-from wbc_controller.core.tasks.task import MotionTask, Task
+from wbc_controller.core.tasks.relative import RelativePoseTask
+from wbc_controller.core.tasks.task import Task
 
-__all__ = ["ComTask", "FrameOrientationTask", "FramePoseTask", "FramePositionTask", "MotionTask", "PostureTask", "Task"]
+__all__ = [
+    "ComTask",
+    "FrameOrientationTask",
+    "FramePoseTask",
+    "FramePositionTask",
+    "PostureTask",
+    "RelativePoseTask",
+    "Task",
+]

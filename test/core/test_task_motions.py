@@ -1,0 +1,89 @@
+"""What a robot does under each kind of task: the controller's accelerations integrated, from configuration to motion.
+
+The state follows v̇ without a simulator between, so that what is seen is the task's own law. The references come from
+the board, as in the service.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.build import make_board, make_controller
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.references import SetSetpoint
+from wbc_controller.records import RobotState, frozen
+
+PERIOD = 0.002
+
+
+class Motion:
+    """A robot that stands, with further tasks, and moves by what its controller answers."""
+
+    def __init__(self, settings, model, q, v=None):
+        self.model = model
+        self.controller = make_controller(settings, model)
+        self.board = make_board(settings, self.controller)
+        self.now = Dynamics(model)
+        self.now.update(np.array(q), np.zeros(model.nv) if v is None else v)
+        self.board.reset(self.now, 0.0)
+        self.time = 0.0
+        self.solution = None
+
+    def go(self, **setpoints):
+        changes = [SetSetpoint(name, np.array(position, dtype=float)) for name, position in setpoints.items()]
+        self.board.apply(changes, self.now, self.time)
+
+    def run(self, seconds, each=lambda motion: None):
+        for _ in range(round(seconds / PERIOD)):
+            q, v = self.now.q, self.now.v
+            self.solution = self.controller.solve(RobotState(0, frozen(q), frozen(v)), self.board.sample(self.time))
+            assert not self.solution.relaxed
+            v_dot = self.solution.v_dot
+            self.now.update(
+                pin.integrate(self.model.pinocchio, q, PERIOD * v + 0.5 * PERIOD**2 * v_dot), v + PERIOD * v_dot
+            )
+            self.time += PERIOD
+            each(self)
+
+    def task(self, name):
+        return self.controller.tasks[name]
+
+    def placement(self, frame):
+        return self.now.placement(self.model.pinocchio.getFrameId(frame))
+
+
+@pytest.fixture
+def motion(robot_of, stance_of, changed):
+    """Builds a `Motion` of a robot, with some settings changed."""
+
+    def build(robot, changes, v=None):
+        settings, model = robot_of(robot)
+        return Motion(changed(settings, changes), model, stance_of(robot), v)
+
+    return build
+
+
+def test_relative_pose_two_hands_keep_their_distance_while_one_is_led(motion):
+    grip = {"type": "relative_pose", "frame": "left_rubber_hand", "reference_frame": "right_rubber_hand"}
+    g1 = motion("g1", {"tasks": {"grip": grip | {"weight": 20.0}, "right_hand": {"enabled": True}}})
+    start = g1.task("grip").position(g1.now)
+    goal = start + np.array([0.0, 0.03, 0.02, 0.0, 0.0, 0.0, 0.0])
+    g1.go(grip=goal)
+    g1.run(1.5)
+    np.testing.assert_allclose(g1.task("grip").position(g1.now)[:3], goal[:3], atol=1.0e-3)
+    # Now the right hand goes elsewhere, and turns: the left one comes along, unasked.
+    here, left = g1.placement("right_rubber_hand"), np.array(g1.placement("left_rubber_hand").translation)
+    turned = (
+        pin.SE3(np.eye(3), np.array([0.05, 0.0, 0.05]))
+        * here
+        * pin.SE3(pin.exp3(np.array([0.2, 0.0, 0.2])), np.zeros(3))
+    )
+    g1.go(right_hand=pin.SE3ToXYZQUAT(turned))
+    errors = []
+    g1.run(1.5, lambda g1: errors.append(g1.task("grip").error(g1.now, goal)))
+    assert np.linalg.norm(g1.placement("right_rubber_hand").translation - turned.translation) < 0.01
+    assert np.linalg.norm(g1.placement("left_rubber_hand").translation - left) > 0.04
+    print(f"largest relative error on the way: {np.abs(errors).max(axis=0)}")
+    assert np.abs(errors).max() < 5.0e-3
