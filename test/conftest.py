@@ -141,6 +141,9 @@ MAKE = SimpleNamespace(
     point=lambda values, frame="world": message(
         "geometry_msgs/msg/PointStamped", header=header(0, frame), point=_vector("Point", values)
     ),
+    vector=lambda values, frame="world": message(
+        "geometry_msgs/msg/Vector3Stamped", header=header(0, frame), vector=_vector("Vector3", values)
+    ),
     pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": message(
         "geometry_msgs/msg/PoseStamped", header=header(0, frame), pose=_pose(position, quaternion)
     ),

@@ -30,6 +30,8 @@ WORDS = Vocabulary(
         "torso": "frame_orientation",
         "posture": "posture",
         "wrist": "relative_pose",
+        "thumb": "axis_alignment",
+        "visor": "gaze",
     },
     joints={"posture": JOINTS},
     contacts=("left_foot", "right_foot"),
@@ -142,7 +144,7 @@ class TestSetpoints:
         return change
 
     def test_a_point(self, make):
-        for task in ("com", "elbow"):
+        for task in ("com", "elbow", "visor"):
             change = self.one("setpoint", task, make.point([1, 2, 3]))
             assert isinstance(change, SetSetpoint)
             assert change.task == task
@@ -174,6 +176,22 @@ class TestSetpoints:
         ):
             with refused(said):
                 read(key, subject, content)
+
+    def test_a_direction_has_the_length_one(self, make):
+        for change in (
+            self.one("setpoint", "thumb", make.vector([0, 3, 4])),
+            self.one("update", "", make.string("{tasks: {thumb: {setpoint: [0, 3, 4]}}}")),
+            *self.one("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 3, 4, 0, 0, 0, 1]])])).points,
+        ):
+            np.testing.assert_allclose(change.position, [0, 0.6, 0.8])
+
+    def test_a_direction_without_length_is_refused(self, make):
+        with refused("the vector [0, 0, 0] has no direction (length 0)"):
+            read("setpoint", "thumb", make.vector([0, 0, 0]))
+        with refused("the position [0, 0, 0] has no direction"):
+            read("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])]))
+        with refused("tasks.thumb.setpoint [0, 0, 0] has no direction"):
+            read("update", "", make.string("{tasks: {thumb: {setpoint: [0, 0, 0]}}}"))
 
     def test_a_relative_pose_is_given_in_its_reference_frame(self, make):
         change = self.one("setpoint", "wrist", make.pose([1, 2, 3], [0, 0, HALF, HALF], "right_hand"))
@@ -256,7 +274,8 @@ class TestTrajectories:
         np.testing.assert_array_equal(change.points[1].acceleration, [0.1, 0.2, 0.3])
 
     @pytest.mark.parametrize(
-        ("task", "position", "velocity"), [("com", 3, 3), ("hand", 7, 6), ("torso", 4, 3), ("wrist", 7, 6)]
+        ("task", "position", "velocity"),
+        [("com", 3, 3), ("hand", 7, 6), ("torso", 4, 3), ("wrist", 7, 6), ("visor", 3, 3)],
     )
     def test_of_a_frame(self, make, task, position, velocity):
         points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]])]

@@ -6,10 +6,12 @@ import pytest
 
 EXPORTED = {
     "wbc_controller.core.tasks": {
+        "AxisAlignmentTask",
         "ComTask",
         "FrameOrientationTask",
         "FramePoseTask",
         "FramePositionTask",
+        "GazeTask",
         "PostureTask",
         "RelativePoseTask",
         "Task",

@@ -18,10 +18,12 @@ from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.core.tasks import (
+    AxisAlignmentTask,
     ComTask,
     FrameOrientationTask,
     FramePoseTask,
     FramePositionTask,
+    GazeTask,
     PostureTask,
     RelativePoseTask,
     Task,
@@ -98,6 +100,9 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel) -> Task:
             stiffness=task.stiffness,
             damping=task.damping,
         )
+    if isinstance(task, schema.AxisAlignmentTask | schema.GazeTask):
+        alignment = GazeTask if isinstance(task, schema.GazeTask) else AxisAlignmentTask
+        return alignment(name, model, task.frame, task.axis, stiffness=task.stiffness, damping=task.damping)
     kinds: dict[str, Callable[..., Task]] = {
         "frame_pose": FramePoseTask,
         "frame_position": FramePositionTask,

@@ -30,6 +30,8 @@ from wbc_controller.records import Array
 
 #: Quaternions whose norm differs from 1 by more are refused.
 _QUATERNION_TOLERANCE = 1.0e-2
+#: Directions of a smaller length are refused.
+_SHORTEST_DIRECTION = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +60,12 @@ class _Form:
     Attributes:
         vector: number of components of its vector.
         oriented: whether a quaternion follows.
+        direction: whether the vector is a direction, of any length but zero.
     """
 
     vector: int = 3
     oriented: bool = False
+    direction: bool = False
 
     @property
     def size(self) -> int:
@@ -81,6 +85,8 @@ _FORMS: Mapping[str, _Form] = {
     "frame_orientation": _Form(vector=0, oriented=True),
     "frame_pose": _Form(oriented=True),
     "relative_pose": _Form(oriented=True),
+    "axis_alignment": _Form(direction=True),
+    "gaze": _Form(),
 }
 
 
@@ -226,9 +232,18 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
     return (SetSetpoint(task, _position(form, getattr(content, what), None, f"the {what}")),)
 
 
+def _unit_vector(values: Array, what: str) -> Array:
+    norm = float(np.linalg.norm(values))
+    if not (_SHORTEST_DIRECTION <= norm < np.inf):
+        raise InputRefused(f"{what} {_short(values)} has no direction (length {norm:.3g})")
+    return values / norm
+
+
 def _position(form: _Form, vector: Any, quaternion: Any, what: str = "the position") -> Array:
     """Read a position in the form of its kind; what the form does not have is not looked at."""
     values = finite(_xyz(vector)[: form.vector], what)
+    if form.direction:
+        values = _unit_vector(values, what)
     return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
 
 
@@ -371,6 +386,8 @@ def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     if len(value) != form.size:
         raise InputRefused(f"{where} has {len(value)} values; a {kind} task takes {form.size}")
     values = finite(value, where)
+    if form.direction:
+        values = _unit_vector(values, where)
     if form.oriented:
         values[form.vector :] = _unit_quaternion(values[form.vector :], f"{where}: ")
     return values

@@ -90,6 +90,14 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
         "setpoint": "geometry_msgs/msg/PoseStamped",
         "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     },
+    "axis_alignment": {
+        "setpoint": "geometry_msgs/msg/Vector3Stamped",
+        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    },
+    "gaze": {
+        "setpoint": "geometry_msgs/msg/PointStamped",
+        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    },
 }
 
 _IN, _OUT = Direction.IN, Direction.OUT

@@ -246,8 +246,33 @@ class RelativePoseTask(_FrameTask):
     )
 
 
+class _AlignmentTask(_FrameTask):
+    axes: ClassVar[int] = 2
+
+    axis: Vector3 = Field(description="An axis fixed in the frame, of any length but zero.")
+
+
+class AxisAlignmentTask(_AlignmentTask):
+    """An axis fixed in a frame points along a direction of the world; the spin about it is free."""
+
+    type: Literal["axis_alignment"]
+
+
+class GazeTask(_AlignmentTask):
+    """An axis fixed in a frame, through its origin, points at a point of the world; the spin about it is free."""
+
+    type: Literal["gaze"]
+
+
 TaskSettings = Annotated[
-    PostureTask | ComTask | FramePoseTask | FramePositionTask | FrameOrientationTask | RelativePoseTask,
+    PostureTask
+    | ComTask
+    | FramePoseTask
+    | FramePositionTask
+    | FrameOrientationTask
+    | RelativePoseTask
+    | AxisAlignmentTask
+    | GazeTask,
     Field(discriminator="type"),
 ]
 

@@ -87,3 +87,33 @@ def test_relative_pose_two_hands_keep_their_distance_while_one_is_led(motion):
     assert np.linalg.norm(g1.placement("left_rubber_hand").translation - left) > 0.04
     print(f"largest relative error on the way: {np.abs(errors).max(axis=0)}")
     assert np.abs(errors).max() < 5.0e-3
+
+
+def test_axis_alignment_a_hand_points_down_then_up_and_aside(motion):
+    task = {"type": "axis_alignment", "frame": "left_rubber_hand", "axis": [1.0, 0.0, 0.0], "weight": 10.0}
+    g1 = motion("g1", {"tasks": {"aim": task}})
+    turned = []
+    for goal in ([0.0, 0.0, -1.0], [0.0, 5.0, 5.0]):
+        g1.go(aim=goal)
+        g1.run(2.0)
+        axis = g1.placement("left_rubber_hand").rotation[:, 0]
+        turned.append(float(np.arccos(axis @ goal / np.linalg.norm(goal))))
+    print(f"angles left: {turned} rad")
+    assert max(turned) < 2.0e-3
+
+
+def test_gaze_an_axis_stays_on_a_point_while_the_robot_sways(motion):
+    task = {"type": "gaze", "frame": "torso_link", "axis": [1.0, 0.0, 0.0], "weight": 10.0}
+    g1 = motion("g1", {"tasks": {"aim": task, "torso": {"enabled": False}}})
+    point = np.array([0.8, 0.25, 1.0])
+    g1.go(aim=point)
+    g1.run(2.0)
+    angles = []
+    for side in (0.03, -0.03):
+        g1.go(com=[*g1.now.com[:1], side, g1.now.com[2]])
+        g1.run(1.2, lambda g1: angles.append(np.linalg.norm(g1.task("aim").error(g1.now, point))))
+    here = g1.placement("torso_link")
+    x, y, z = here.actInv(point)
+    print(f"largest angle {max(angles):.1e} rad; off the axis {np.hypot(y, z):.1e} m at {x:.2f} m")
+    assert max(angles) < 2.0e-3
+    assert np.hypot(y, z) < 2.0e-3 * x

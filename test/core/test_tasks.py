@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.tasks import (
+    AxisAlignmentTask,
     ComTask,
     FrameOrientationTask,
     FramePoseTask,
     FramePositionTask,
+    GazeTask,
     PostureTask,
     RelativePoseTask,
 )
@@ -289,3 +291,106 @@ def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, k
     said = rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
     with pytest.raises(ConfigurationError, match=said):
         make(kind, model, "g1", **{key: [1.0] * (size + 1)})
+
+
+# Axes that point somewhere -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_jacobian_and_drift_of_an_axis_are_the_turning_of_the_axis(load, random_state, robot, kind):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(9))
+    task, dynamics, step = kind("aim", model, FRAMES[robot], [2.0, 0.0, 0.0]), Dynamics(model), 1.0e-6
+    frame = model.pinocchio.getFrameId(FRAMES[robot])
+    columns = []
+    for direction in np.eye(model.nv):
+        ends = []
+        for sign in (-step, step):
+            dynamics.update(pin.integrate(model.pinocchio, q, sign * direction), v)
+            ends.append(task.direction(dynamics))
+        columns.append((ends[1] - ends[0]) / (2.0 * step))
+    ends = []
+    for sign in (-step, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
+        ends.append(task.velocity(dynamics))
+    dynamics.update(q, v)
+    n, (_, b1, b2) = task.direction(dynamics), dynamics.placement(frame).rotation.T
+    np.testing.assert_allclose(n, dynamics.placement(frame).rotation[:, 0], atol=1e-12)
+    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, less the spin about n
+    np.testing.assert_allclose(task.jacobian(dynamics), [turning @ b1, turning @ b2], atol=1e-7)
+    np.testing.assert_allclose(task.velocity(dynamics), task.jacobian(dynamics) @ v, atol=1e-10)
+    np.testing.assert_allclose(task.drift(dynamics), (ends[1] - ends[0]) / (2.0 * step), rtol=1e-6, atol=1e-6)
+    assert np.linalg.matrix_rank(task.jacobian(dynamics)) == task.dimension == 2
+
+
+@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    rng = np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    dynamics = snapshot(model, q, v)
+    task = kind("aim", model, FRAMES[robot], rng.normal(size=3), stiffness=50.0, damping=[5.0, 9.0])
+    ahead = rng.uniform(0.5, 2.0) * task.direction(dynamics)
+    r = ahead if kind is AxisAlignmentTask else task.position(dynamics) - task.direction(dynamics) + ahead
+    r_dot, r_ddot = rng.normal(size=3), rng.normal(size=3)
+    J, right, error = task.equation(dynamics, Reference(r, r_dot, r_ddot))
+    assert error < 1.0e-9  # on target, and moving away from it
+    v_dot = np.linalg.lstsq(J, right, rcond=None)[0]
+    frame = model.pinocchio.getFrameId(FRAMES[robot])
+    to_sides = task._sides @ dynamics.placement(frame).rotation.T
+    h, errors = 2.0e-5, []
+    for t in (-h, 0.0, h):
+        dynamics.update(pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot), v + t * v_dot)
+        target = r + t * r_dot + 0.5 * t**2 * r_ddot
+        if kind is GazeTask:
+            target = target - dynamics.placement(frame).translation
+        # In axes that do not spin, and by another formula: for small angles the sine will do.
+        errors.append(to_sides @ np.cross(task.direction(dynamics), target / np.linalg.norm(target)))
+    rate, acceleration = (errors[2] - errors[0]) / (2.0 * h), (errors[2] - 2.0 * errors[1] + errors[0]) / h**2
+    assert np.linalg.norm(rate) > 0.01
+    scale = 1.0 + np.linalg.norm(v) ** 2
+    np.testing.assert_allclose(acceleration, -np.array([5.0, 9.0]) * rate, atol=1e-4 * scale)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-10, 1e-5, 0.3, 1.5, 3.0, np.pi - 1e-10, np.pi])
+def test_the_error_of_an_axis_is_the_angle_and_leads_there(load, random_state, angle):
+    model, _ = load("g1")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(10)))
+    task = AxisAlignmentTask("aim", model, FRAMES["g1"], [1.0, 0.0, 0.0])
+    R = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).rotation
+    goal = 3.0 * R @ pin.exp3(angle * np.array([0.0, 0.6, 0.8])) @ [1.0, 0.0, 0.0]
+    error = task.error(dynamics, goal)
+    assert np.linalg.norm(error) == pytest.approx(angle, abs=1e-9)
+    np.testing.assert_allclose(R @ pin.exp3(np.array([0.0, *error])) @ [3.0, 0.0, 0.0], goal, atol=1e-8)
+
+
+def test_a_target_without_direction_asks_for_nothing(load, random_state):
+    model, _ = load("g1")
+    dynamics = snapshot(model, random_state(model, np.random.default_rng(11))[0], np.zeros(model.nv))
+    here = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).translation
+    for kind, target in ((AxisAlignmentTask, np.zeros(3)), (GazeTask, np.array(here))):
+        _, right, error = kind("aim", model, FRAMES["g1"], [1, 0, 0]).equation(
+            dynamics, Reference(target, np.ones(3), np.ones(3))
+        )
+        assert error == 0.0
+        np.testing.assert_allclose(right, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
+def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, random_state, kind):
+    model, _ = load("g1")
+    dynamics = snapshot(model, random_state(model, np.random.default_rng(12))[0], np.zeros(model.nv))
+    task = kind("aim", model, FRAMES["g1"], [0.0, 1.0, 1.0])
+    reference = task.rest(dynamics)
+    assert len(reference.position) == len(reference.velocity) == len(reference.acceleration) == 3
+    _, right, error = task.equation(dynamics, reference)
+    assert error < 1e-9
+    np.testing.assert_allclose(right, 0.0, atol=1e-6)
+    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: has no direction"):
+        kind("aim", model, FRAMES["g1"], [0, 0, 0])
+    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.stiffness has 3 values; .* 2 axes"):
+        kind("aim", model, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])
