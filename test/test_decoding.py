@@ -32,6 +32,9 @@ WORDS = Vocabulary(
         "wrist": "relative_pose",
         "thumb": "axis_alignment",
         "visor": "gaze",
+        "sway": "linear_momentum",
+        "spin": "angular_momentum",
+        "steady": "capture_point",
     },
     joints={"posture": JOINTS},
     contacts=("left_foot", "right_foot"),
@@ -177,6 +180,17 @@ class TestSetpoints:
             with refused(said):
                 read(key, subject, content)
 
+    def test_a_momentum(self, make):
+        for task in ("sway", "spin"):
+            np.testing.assert_array_equal(self.one("setpoint", task, make.vector([1, 0, -3])).position, [1, 0, -3])
+
+    def test_of_a_capture_point_only_x_and_y_are_read(self, make):
+        for change in (
+            self.one("setpoint", "steady", make.point([1, 2, NAN])),
+            self.one("update", "", make.string("{tasks: {steady: {setpoint: [1, 2]}}}")),
+        ):
+            np.testing.assert_array_equal(change.position, [1, 2])
+
     def test_a_direction_has_the_length_one(self, make):
         for change in (
             self.one("setpoint", "thumb", make.vector([0, 3, 4])),
@@ -275,7 +289,15 @@ class TestTrajectories:
 
     @pytest.mark.parametrize(
         ("task", "position", "velocity"),
-        [("com", 3, 3), ("hand", 7, 6), ("torso", 4, 3), ("wrist", 7, 6), ("visor", 3, 3)],
+        [
+            ("com", 3, 3),
+            ("hand", 7, 6),
+            ("torso", 4, 3),
+            ("wrist", 7, 6),
+            ("visor", 3, 3),
+            ("spin", 3, 3),
+            ("steady", 2, 2),
+        ],
     )
     def test_of_a_frame(self, make, task, position, velocity):
         points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]])]
@@ -387,6 +409,8 @@ class TestUpdate:
             ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is a list of 3 numbers, not 1"),
             ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task takes 3"),
             ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task takes 7"),
+            ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task takes 2"),
+            ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; a angular_momentum task takes 3"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task takes 7"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
             ("{tasks: {torso: {setpoint: [0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),

@@ -6,12 +6,15 @@ import pytest
 
 EXPORTED = {
     "wbc_controller.core.tasks": {
+        "AngularMomentumTask",
         "AxisAlignmentTask",
+        "CapturePointTask",
         "ComTask",
         "FrameOrientationTask",
         "FramePoseTask",
         "FramePositionTask",
         "GazeTask",
+        "LinearMomentumTask",
         "PostureTask",
         "RelativePoseTask",
         "Task",

@@ -125,6 +125,8 @@ def _with(key, value):
             "posture": {"type": "posture"},
             "com": {"type": "com"},
             "hand": {"type": "frame_pose", "frame": "hand"},
+            "spin": {"type": "angular_momentum"},
+            "steady": {"type": "capture_point"},
         },
         "contacts": {
             "foot": {"type": "surface", "frame": "f", "half_length": 0.1, "half_width": 0.1, "max_normal_force": 1.0},
@@ -195,6 +197,18 @@ def test_ranges(key, low, high):
             "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list with one for each of the "
             "task's 3 axes",
         ),
+        ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, mask"),
+        (
+            "tasks.spin.damping",
+            [1.0],
+            "tasks.spin.damping = [1.0]: has 1 values; it takes one number, or a list with one",
+        ),
+        (
+            "tasks.steady.gain",
+            [1.0] * 3,
+            "tasks.steady.gain = [1.0, 1.0, 1.0]: has 3 values; it takes one number, or a",
+        ),
+        ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
         ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
         (
             "tasks.hand.damping",

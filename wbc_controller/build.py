@@ -18,12 +18,15 @@ from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.core.tasks import (
+    AngularMomentumTask,
     AxisAlignmentTask,
+    CapturePointTask,
     ComTask,
     FrameOrientationTask,
     FramePoseTask,
     FramePositionTask,
     GazeTask,
+    LinearMomentumTask,
     PostureTask,
     RelativePoseTask,
     Task,
@@ -90,6 +93,11 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel) -> Task:
         return PostureTask(name, model, task.joints, stiffness=task.stiffness, damping=task.damping)
     if isinstance(task, schema.ComTask):
         return ComTask(name, task.mask, stiffness=task.stiffness, damping=task.damping)
+    if isinstance(task, schema.LinearMomentumTask | schema.AngularMomentumTask):
+        momentum = LinearMomentumTask if isinstance(task, schema.LinearMomentumTask) else AngularMomentumTask
+        return momentum(name, task.mask, damping=task.damping)
+    if isinstance(task, schema.CapturePointTask):
+        return CapturePointTask(name, model.gravity, task.mask, support_height=task.support_height, gain=task.gain)
     if isinstance(task, schema.RelativePoseTask):
         return RelativePoseTask(
             name,

@@ -87,6 +87,9 @@ _FORMS: Mapping[str, _Form] = {
     "relative_pose": _Form(oriented=True),
     "axis_alignment": _Form(direction=True),
     "gaze": _Form(),
+    "linear_momentum": _Form(),
+    "angular_momentum": _Form(),
+    "capture_point": _Form(vector=2),
 }
 
 

@@ -98,6 +98,18 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
         "setpoint": "geometry_msgs/msg/PointStamped",
         "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     },
+    "linear_momentum": {
+        "setpoint": "geometry_msgs/msg/Vector3Stamped",
+        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    },
+    "angular_momentum": {
+        "setpoint": "geometry_msgs/msg/Vector3Stamped",
+        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    },
+    "capture_point": {
+        "setpoint": "geometry_msgs/msg/PointStamped",
+        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    },
 }
 
 _IN, _OUT = Direction.IN, Direction.OUT

@@ -88,7 +88,7 @@ class Solution:
         tau: joint torques in the order of the command, (na,) in N·m.
         forces: per made contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
         residuals: largest absolute violation of each group of constraints, by name.
-        task_errors: Euclidean norm of each task's position error, in m or rad.
+        task_errors: Euclidean norm of each task's error, in the unit of its reference: m, rad, kg·m/s or N·m·s.
         binding: names of the constraints that hold with equality, such as ``torque:left_knee_joint:upper``.
         relaxed: groups of constraints that had to be relaxed for a solution to exist; normally empty.
         iterations: the solver's own count.

@@ -264,6 +264,37 @@ class GazeTask(_AlignmentTask):
     type: Literal["gaze"]
 
 
+class _MomentumTask(_Task):
+    damping: Gains = Field(
+        10.0,
+        description="How fast the error decays, 1/s; one number, or a list with one per axis. There is no stiffness.",
+    )
+    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
+
+
+class LinearMomentumTask(_MomentumTask):
+    """Linear momentum, kg·m/s, world axes; the error in the cost is a force, N."""
+
+    type: Literal["linear_momentum"]
+
+
+class AngularMomentumTask(_MomentumTask):
+    """Angular momentum about the centre of mass, N·m·s, world axes; the error in the cost is a torque, N·m."""
+
+    type: Literal["angular_momentum"]
+
+
+class CapturePointTask(_Task):
+    """Capture point (divergent component of motion), m, x and y in the world; its error in the cost is in m/s."""
+
+    axes: ClassVar[int] = 2
+
+    type: Literal["capture_point"]
+    gain: Gains = Field(4.0, description="How fast the error decays, 1/s; one number, or a list with one per axis.")
+    support_height: Finite = Field(0.0, description="Height of what the robot stands on, in the world, m.")
+    mask: list[bool] = Field([True] * 2, min_length=2, max_length=2, description="World axes concerned: x, y.")
+
+
 TaskSettings = Annotated[
     PostureTask
     | ComTask
@@ -272,7 +303,10 @@ TaskSettings = Annotated[
     | FrameOrientationTask
     | RelativePoseTask
     | AxisAlignmentTask
-    | GazeTask,
+    | GazeTask
+    | LinearMomentumTask
+    | AngularMomentumTask
+    | CapturePointTask,
     Field(discriminator="type"),
 ]
 

@@ -117,3 +117,69 @@ def test_gaze_an_axis_stays_on_a_point_while_the_robot_sways(motion):
     print(f"largest angle {max(angles):.1e} rad; off the axis {np.hypot(y, z):.1e} m at {x:.2f} m")
     assert max(angles) < 2.0e-3
     assert np.hypot(y, z) < 2.0e-3 * x
+
+
+def shove(g1, momentum):
+    """Give a robot a momentum about its centre of mass, (6,), with feet that stand still; the slowest such motion."""
+    J = np.concatenate([contact.jacobian(g1.now) for contact in g1.controller.contacts.values()])
+    _, values, rows = np.linalg.svd(J)
+    free = rows[np.sum(values > 1.0e-9) :].T
+    v = free @ np.linalg.lstsq(g1.now.centroidal_matrix @ free, np.array(momentum, dtype=float), rcond=None)[0]
+    g1.now.update(g1.now.q, v)
+    return g1
+
+
+#: The other tasks that would hold the centre of mass or the trunk are off.
+ALONE = {"com": {"enabled": False}, "pelvis": {"weight": 0.1}, "torso": {"weight": 0.1}}
+
+
+def test_linear_momentum_decays_as_fast_as_its_damping_says(motion):
+    task = {"type": "linear_momentum", "damping": [4.0, 8.0, 4.0], "weight": 1.0}
+    g1 = shove(motion("g1", {"tasks": ALONE | {"sway": task}}), [3.0, 3.0, 2.0, 0.0, 0.0, 0.0])
+    start, time = np.array(g1.task("sway").position(g1.now)), []
+    np.testing.assert_allclose(start, [3.0, 3.0, 2.0], atol=1e-6)
+    g1.run(0.4, lambda g1: time.append(g1.task("sway").position(g1.now)))
+    expected = start * np.exp(-np.array([4.0, 8.0, 4.0]) * PERIOD * np.arange(1, len(time) + 1)[:, None])
+    largest = np.abs(np.array(time) - expected).max()
+    print(f"from {start} kg·m/s: {largest:.2e} kg·m/s off the exponential")
+    assert largest < 0.02 * np.abs(start).max()
+
+
+def test_linear_momentum_follows_its_reference(motion):
+    task = {"type": "linear_momentum", "weight": 1.0, "setpoint_duration": 0.2}
+    g1 = motion("g1", {"tasks": ALONE | {"sway": task}})
+    goal = np.array([0.0, 2.0, -1.0])
+    g1.go(sway=goal)
+    g1.run(0.3)
+    reached = g1.task("sway").position(g1.now)
+    print(f"momentum {reached} kg·m/s of {goal}")
+    np.testing.assert_allclose(reached, goal, atol=0.02)
+
+
+def test_angular_momentum_decays_as_fast_as_its_damping_says(motion):
+    task = {"type": "angular_momentum", "damping": 6.0, "weight": 10.0}
+    g1 = shove(motion("g1", {"tasks": ALONE | {"spin": task}}), [0.0, 0.0, 0.0, 0.4, 0.4, 0.2])
+    start, time = np.array(g1.task("spin").position(g1.now)), []
+    np.testing.assert_allclose(start, [0.4, 0.4, 0.2], atol=1e-6)
+    g1.run(0.4, lambda g1: time.append(g1.task("spin").position(g1.now)))
+    expected = start * np.exp(-6.0 * PERIOD * np.arange(1, len(time) + 1)[:, None])
+    largest = np.abs(np.array(time) - expected).max()
+    print(f"from {start} N·m·s: {largest:.2e} N·m·s off the exponential")
+    assert largest < 0.02 * np.abs(start).max()
+
+
+def test_capture_point_its_error_decays_and_the_centre_of_mass_follows(motion):
+    task = {"type": "capture_point", "gain": [3.0, 5.0], "weight": 500.0, "setpoint_duration": 0.0}
+    height = {"com": {"mask": [False, False, True]}}
+    g1 = shove(motion("g1", {"tasks": height | {"steady": task}}), [1.5, 2.0, 0.0, 0.0, 0.0, 0.0])
+    goal = g1.now.com[:2] + np.array([0.01, -0.01])
+    g1.go(steady=goal)
+    start, errors = g1.task("steady").error(g1.now, goal), []
+    g1.run(2.5, lambda g1: errors.append(g1.task("steady").error(g1.now, goal)))
+    expected = start * np.exp(-np.array([3.0, 5.0]) * PERIOD * np.arange(1, len(errors) + 1)[:, None])
+    largest = np.abs(np.array(errors) - expected).max()
+    print(
+        f"from {1e3 * start} mm: {1e3 * largest:.2f} mm off the exponential; com {1e3 * (g1.now.com[:2] - goal)} mm off"
+    )
+    assert largest < 0.03 * np.abs(start).max()
+    np.testing.assert_allclose(g1.now.com[:2], goal, atol=1.0e-3)

@@ -9,12 +9,15 @@ from hypothesis import strategies as st
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.tasks import (
+    AngularMomentumTask,
     AxisAlignmentTask,
+    CapturePointTask,
     ComTask,
     FrameOrientationTask,
     FramePoseTask,
     FramePositionTask,
     GazeTask,
+    LinearMomentumTask,
     PostureTask,
     RelativePoseTask,
 )
@@ -394,3 +397,96 @@ def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, ran
         kind("aim", model, FRAMES["g1"], [0, 0, 0])
     with pytest.raises(ConfigurationError, match=r"tasks\.aim\.stiffness has 3 values; .* 2 axes"):
         kind("aim", model, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])
+
+
+# Momentum and capture point ------------------------------------------------------------------------------------------
+
+RATES = {
+    "linear_momentum": lambda model, **options: LinearMomentumTask("task", **options),
+    "angular_momentum": lambda model, **options: AngularMomentumTask("task", **options),
+    "capture_point": lambda model, **options: CapturePointTask("task", model.gravity, support_height=-1.0, **options),
+}
+
+
+def above_the_support(model, q):
+    """The same state with the base higher, so that there is a pendulum."""
+    return np.concatenate([q[:2], [np.abs(q[2])], q[3:]])
+
+
+@pytest.mark.parametrize("kind", RATES)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_jacobian_and_drift_give_the_rate_of_a_quantity_of_q_and_v(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    rng = np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    q, v_dot, dynamics, step = above_the_support(model, q), rng.normal(size=model.nv), Dynamics(model), 1.0e-6
+    task, ends = RATES[kind](model), []
+    for t in (-step, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot), v + t * v_dot)
+        ends.append(np.array(task.position(dynamics)))
+    dynamics.update(q, v)
+    rate = task.jacobian(dynamics) @ v_dot + task.drift(dynamics)
+    assert task.jacobian(dynamics).shape == (task.size, model.nv)
+    assert np.linalg.norm((ends[1] - ends[0]) / (2.0 * step) - rate) < 1.0e-6 * max(1.0, np.linalg.norm(rate))
+
+
+@pytest.mark.parametrize("kind", RATES)
+def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, kind):
+    model, _ = load("g1")
+    rng = np.random.default_rng(13)
+    q, v = random_state(model, rng)
+    dynamics = snapshot(model, above_the_support(model, q), v)
+    size = RATES[kind](model).size
+    key = "gain" if kind == "capture_point" else "damping"
+    mask = [False] + [True] * (size - 1)
+    task = RATES[kind](model, mask=mask, **{key: list(range(1, size + 1))})
+    here = np.array(task.position(dynamics))
+    reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # an acceleration is not looked at
+    J, right, error = task.equation(dynamics, reference)
+    assert task.dimension == len(J) == size - 1
+    np.testing.assert_allclose(right + task.drift(dynamics)[1:], 7.0 + 0.5 * np.arange(2, size + 1))
+    assert error == pytest.approx(0.5 * np.sqrt(size - 1))
+    with pytest.raises(ConfigurationError, match=rf"tasks\.task\.{key} has 4 values; .* {size} axes"):
+        RATES[kind](model, **{key: [1.0] * 4})
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_momenta_are_pinocchios_and_their_rest_is_zero(load, random_state, robot):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(14))
+    dynamics = snapshot(model, q, v)
+    expected = pin.computeCentroidalMomentum(model.pinocchio, model.pinocchio.createData(), q, v).vector
+    linear, angular = LinearMomentumTask("l"), AngularMomentumTask("a")
+    np.testing.assert_allclose(linear.position(dynamics), expected[:3], atol=1e-9)
+    np.testing.assert_allclose(angular.position(dynamics), expected[3:], atol=1e-9)
+    np.testing.assert_allclose(linear.position(dynamics), model.mass * dynamics.com_velocity, atol=1e-9)
+    for task in (linear, angular):
+        np.testing.assert_array_equal(task.rest(dynamics).position, np.zeros(3))
+
+
+def test_the_capture_point_is_where_the_pendulum_comes_to_rest(load):
+    """The pendulum c̈ = ω² (c - p) with its foot p at the capture point, integrated for five time constants."""
+    model, _ = load("g1")
+    v = np.zeros(model.nv)
+    v[:2] = [0.4, -0.2]  # the whole robot moves, without turning
+    dynamics = snapshot(model, model.configuration(model.posture), v)
+    task = CapturePointTask("cp", model.gravity, support_height=-0.7)
+    omega, point = task.omega(dynamics), task.position(dynamics)
+    assert omega == pytest.approx(np.sqrt(model.gravity / (dynamics.com[2] + 0.7)))
+    c, c_dot, step = np.array(dynamics.com[:2]), np.array(dynamics.com_velocity[:2]), 1.0e-4
+    for _ in range(round(5.0 / omega / step)):
+        c_ddot = omega**2 * (c - point)
+        c, c_dot = c + step * c_dot + 0.5 * step**2 * c_ddot, c_dot + step * c_ddot
+    np.testing.assert_allclose(c, point, atol=2e-3)
+
+
+def test_a_robot_below_its_support_still_has_a_capture_point(load):
+    model, _ = load("g1")
+    dynamics = snapshot(model, model.configuration(model.posture), np.ones(model.nv))
+    task = CapturePointTask("cp", model.gravity, support_height=5.0)
+    assert task.omega(dynamics) == pytest.approx(np.sqrt(model.gravity / 0.1))
+    np.testing.assert_allclose(
+        task.drift(dynamics), dynamics.com_drift[:2] / task.omega(dynamics) + dynamics.com_velocity[:2]
+    )

@@ -1,19 +1,24 @@
 """The tasks: one file per kind, on the base class of `task`."""
 
 from wbc_controller.core.tasks.alignment import AxisAlignmentTask, GazeTask
+from wbc_controller.core.tasks.capture_point import CapturePointTask
 from wbc_controller.core.tasks.com import ComTask
 from wbc_controller.core.tasks.frame import FrameOrientationTask, FramePoseTask, FramePositionTask
+from wbc_controller.core.tasks.momentum import AngularMomentumTask, LinearMomentumTask
 from wbc_controller.core.tasks.posture import PostureTask
 from wbc_controller.core.tasks.relative import RelativePoseTask
 from wbc_controller.core.tasks.task import Task
 
 __all__ = [
+    "AngularMomentumTask",
     "AxisAlignmentTask",
+    "CapturePointTask",
     "ComTask",
     "FrameOrientationTask",
     "FramePoseTask",
     "FramePositionTask",
     "GazeTask",
+    "LinearMomentumTask",
     "PostureTask",
     "RelativePoseTask",
     "Task",

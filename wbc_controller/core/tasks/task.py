@@ -45,7 +45,8 @@ class Task(ABC):
 
         J v̇ = x⁽ⁿ⁾* - δ
 
-    in the least-squares sense. What x⁽ⁿ⁾* is, the two kinds of task say: `MotionTask` for quantities x(q).
+    in the least-squares sense. What x⁽ⁿ⁾* is, the two kinds of task say: `MotionTask` for quantities x(q), and
+    `RateTask` for quantities x(q, v).
 
     Attributes:
         name: the task's name.
@@ -150,3 +151,41 @@ class MotionTask(Task):
             + self.damping * (reference.velocity - self.velocity(dynamics))
             + self.stiffness * error
         )
+
+
+class RateTask(Task):
+    """A task on a quantity x(q, v), with ẋ = J v̇ + δ: its error decays by itself, and has no spring.
+
+    It asks for
+
+        ẋ* = ẋ_ref + k e
+
+    where e = x_ref - x is the error and k the gain, one number or one for each axis: left alone, e decays as exp(-k t).
+    Of a reference's three parts the position is x_ref, the velocity is ẋ_ref, and the acceleration has no use.
+
+    Attributes:
+        gain: k, 1/s, () or (size,).
+    """
+
+    def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
+        """Make a task.
+
+        Args:
+            name: the task's name.
+            mask: axes concerned, (size,).
+            gain: k, 1/s.
+            key: the configuration key that holds the gain, for the error.
+
+        Raises:
+            ConfigurationError: where a list of gains has another length than the mask.
+        """
+        super().__init__(name, mask)
+        self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """x_ref - x, (size,)."""
+        return np.asarray(position - self.position(dynamics))
+
+    def wanted(self, dynamics: Dynamics, reference: Reference, error: Array) -> Array:
+        """ẋ*, (size,)."""
+        return np.asarray(reference.velocity + self.gain * error)
