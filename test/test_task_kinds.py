@@ -1,0 +1,95 @@
+"""Every kind of task from its YAML to its torques: what docs/control.md shows runs, every topic reaches its task."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from wbc_controller.interface import TASK_TYPES
+from wbc_controller.settings import _tags_of
+
+PAGE = (Path(__file__).parent.parent / "docs" / "control.md").read_text(encoding="utf-8")
+#: The tasks of the page, and its updates by the task that they set.
+SHOWN = {
+    name: task
+    for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    for name, task in yaml.safe_load(block).items()
+}
+UPDATES = {
+    name: text
+    for text in re.findall(r"`(\{tasks: \{.*?\}\}\})`", PAGE)
+    for name in yaml.safe_load(text)["tasks"]
+}  # fmt: skip
+
+
+def test_the_page_has_a_section_and_an_example_for_each_newer_kind():
+    kinds = {task["type"] for task in SHOWN.values()}
+    newer = _tags_of("tasks") - {"posture", "com", "frame_pose", "frame_position", "frame_orientation"}
+    assert newer - kinds <= {"linear_momentum"}  # shown with the angular one
+    assert set(UPDATES) == {name for name, task in SHOWN.items() if task["type"] in newer}
+    for kind in _tags_of("tasks"):
+        assert f"`{kind}`" in PAGE
+    assert set(TASK_TYPES) == _tags_of("tasks")
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_what_the_page_shows_runs(bench, make, name):
+    robot = bench("g1", {"tasks": {name: SHOWN[name]}})
+    assert robot.activate().solution is not None
+    if name in UPDATES:
+        robot.send("update", make.string(UPDATES[name]))
+    report = robot.cycle(50)
+    assert not any(report.refused for report in robot.reports)
+    assert name in report.solution.task_errors
+    assert not report.solution.relaxed
+
+
+#: Of each newer kind: a configuration, a setpoint, a trajectory of two points half a second apart, and its frame.
+HALF = float(np.sqrt(0.5))
+COMMANDED = {
+    "relative_pose": (
+        {"frame": "left_rubber_hand", "reference_frame": "right_rubber_hand"},
+        ("pose", ([0.0, 0.4, 0.0], [0.0, 0.0, 0.0, 1.0], "right_rubber_hand")),
+        [0.0, 0.4, 0.02, 0.0, 0.0, 0.0, 1.0],
+        "right_rubber_hand",
+    ),
+    "axis_alignment": (
+        {"frame": "left_rubber_hand", "axis": [1, 0, 0]},
+        ("vector", ([0.0, 0.0, -2.0],)),
+        [HALF, 0.0, -HALF, 0, 0, 0, 1],
+        "world",
+    ),
+    "gaze": (
+        {"frame": "torso_link", "axis": [1, 0, 0]},
+        ("point", ([1.0, 0.1, 1.0],)),
+        [1.0, 0.2, 1.0, 0, 0, 0, 1],
+        "world",
+    ),
+    "linear_momentum": ({}, ("vector", ([0.0, 0.5, 0.0],)), [0.0, 0.2, 0.0, 0, 0, 0, 1], "world"),
+    "angular_momentum": ({}, ("vector", ([0.0, 0.0, 0.1],)), [0.0, 0.0, 0.2, 0, 0, 0, 1], "world"),
+    "capture_point": ({}, ("point", ([0.01, 0.01, 7.0],)), [0.0, 0.01, 0.0, 0, 0, 0, 1], "world"),
+}
+
+
+@pytest.mark.parametrize("kind", COMMANDED)
+def test_a_setpoint_and_a_trajectory_by_topic_move_the_reference_there(bench, make, kind):
+    keys, (message, values), knot, frame = COMMANDED[kind]
+    robot = bench("g1", {"tasks": {"task": {"type": kind, "weight": 0.01, "setpoint_duration": 0.05} | keys}})
+    robot.activate()
+    board = robot.loop._board
+    size = len(board.sample(robot.clock.time).tasks["task"].position)
+    robot.send("setpoint", getattr(make, message)(*values), "task")
+    robot.cycle(30)
+    goal = np.concatenate([np.ravel(value) for value in values if not isinstance(value, str)])[:size]
+    if kind == "axis_alignment":
+        goal = goal / np.linalg.norm(goal)
+    np.testing.assert_allclose(board.sample(robot.clock.time).tasks["task"].position, goal, atol=1e-9)
+    robot.send("trajectory", make.frame_trajectory([(0.05, [knot])], frame), "task")
+    report = robot.cycle(30)
+    np.testing.assert_allclose(board.sample(robot.clock.time).tasks["task"].position, knot[:size], atol=1e-9)
+    assert not any(report.refused for report in robot.reports)
+    assert np.isfinite(report.solution.task_errors["task"])
