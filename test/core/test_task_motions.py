@@ -13,6 +13,7 @@ import pytest
 from wbc_controller.build import make_board, make_controller
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.references import SetSetpoint
+from wbc_controller.mock.plant import Plant
 from wbc_controller.records import RobotState, frozen
 
 PERIOD = 0.002
@@ -183,3 +184,34 @@ def test_capture_point_its_error_decays_and_the_centre_of_mass_follows(motion):
     )
     assert largest < 0.03 * np.abs(start).max()
     np.testing.assert_allclose(g1.now.com[:2], goal, atol=1.0e-3)
+
+
+def test_capture_point_brings_a_robot_in_the_simulator_back_after_a_push(robot_of, changed):
+    """12 N·s at the pelvis, sideways, in 0.1 s: the capture point goes out, stays over the feet, and comes back."""
+    settings, model = robot_of("g1")
+    steady = {"type": "capture_point", "gain": 15.0, "weight": 5000.0, "setpoint_duration": 0.0}
+    tasks = {"com": {"mask": [False, False, True]}, "steady": steady}
+    settings = changed(settings, {"tasks": tasks})
+    controller, plant = make_controller(settings, model), Plant(model, settings)
+    board, dynamics = make_board(settings, controller), controller.dynamics
+    plant.hold(False, ramp=0.0)
+    dynamics.update(*plant.state())
+    board.reset(dynamics, 0.0)
+    task, tau, out = controller.tasks["steady"], None, []
+    start = np.array(task.position(dynamics))
+    for cycle in range(1200):
+        if cycle == 100:
+            plant.push("pelvis", [0.0, 120.0, 0.0, 0.0, 0.0, 0.0], 0.1)
+        q, v = plant.state()
+        solution = controller.solve(RobotState(plant.stamp, frozen(q), frozen(v)), board.sample(cycle * PERIOD), tau)
+        tau = solution.tau
+        plant.apply(tau)
+        out.append(task.position(dynamics) - start)
+        for _ in range(plant.steps_per_period):
+            plant.step()
+    assert not plant.fallen
+    outside = np.linalg.norm(out, axis=1)
+    print(f"capture point out by {1e3 * outside.max():.0f} mm, in the end {1e3 * outside[-1]:.1f} mm")
+    assert outside[:100].max() < 2.0e-3
+    assert 0.03 < outside.max() < 0.12
+    assert outside[-1] < 3.0e-3
