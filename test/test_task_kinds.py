@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
+from wbc_controller.build import make_task
+from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.interface import TASK_TYPES
-from wbc_controller.settings import _tags_of
+from wbc_controller.settings import _members, _tags_of
+
+TASKS = _members("tasks")
 
 PAGE = (Path(__file__).parent.parent / "docs" / "control.md").read_text(encoding="utf-8")
 #: The tasks of the page, and its updates by the task that they set.
@@ -93,3 +97,28 @@ def test_a_setpoint_and_a_trajectory_by_topic_move_the_reference_there(bench, ma
     np.testing.assert_allclose(board.sample(robot.clock.time).tasks["task"].position, knot[:size], atol=1e-9)
     assert not any(report.refused for report in robot.reports)
     assert np.isfinite(report.solution.task_errors["task"])
+
+
+@pytest.mark.parametrize("kind", COMMANDED)
+def test_every_setting_reaches_the_task(robot_of, kind):
+    _, model = robot_of("g1")
+    size = {"relative_pose": 6, "axis_alignment": 2, "gaze": 2, "capture_point": 2}.get(kind, 3)
+    given = dict(COMMANDED[kind][0])
+    rising = [float(i) for i in range(1, size + 1)]
+    masked = "mask" in TASKS[kind].model_fields
+    gains = [key for key in ("stiffness", "damping", "gain") if key in TASKS[kind].model_fields]
+    given |= {key: [(i + 1) * value for value in rising] for i, key in enumerate(gains)}
+    given |= {"mask": [False] + [True] * (size - 1)} if masked else {}
+    given |= {"support_height": -0.5} if kind == "capture_point" else {}
+    task = make_task("task", TASKS[kind].model_validate({"type": kind} | given), model)
+    assert task.dimension == size - masked
+    for i, key in enumerate(gains):
+        value = getattr(task, key) if hasattr(task, key) else task.gain
+        np.testing.assert_array_equal(value, (i + 1) * np.array(rising))
+    for key in ("frame", "reference_frame", "support_height"):
+        if key in given:
+            assert getattr(task, key) == given[key]
+    if "axis" in given:
+        dynamics = Dynamics(model)
+        frame = dynamics.placement(model.pinocchio.getFrameId(given["frame"]))
+        np.testing.assert_allclose(task.direction(dynamics), frame.rotation @ given["axis"])
