@@ -410,7 +410,7 @@ class TestUpdate:
             ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task takes 3"),
             ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task takes 7"),
             ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task takes 2"),
-            ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; a angular_momentum task takes 3"),
+            ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; an angular_momentum task takes 3"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task takes 7"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
             ("{tasks: {torso: {setpoint: [0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),

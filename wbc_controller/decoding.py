@@ -387,7 +387,8 @@ def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     if not isinstance(value, list) or not all(_is_number(number) for number in value):
         raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")
     if len(value) != form.size:
-        raise InputRefused(f"{where} has {len(value)} values; a {kind} task takes {form.size}")
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise InputRefused(f"{where} has {len(value)} values; {article} {kind} task takes {form.size}")
     values = finite(value, where)
     if form.direction:
         values = _unit_vector(values, where)
