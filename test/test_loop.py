@@ -171,6 +171,42 @@ def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(benc
     assert controller.loop.supervisor.mode is Mode.FAULT
 
 
+def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch):
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
+    controller.activate()
+    controller.cycle(600)
+    solve, asked = controller.loop._controller.solve, []
+    foot = controller.loop._controller.contacts["front_left_foot"]
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    monkeypatch.setattr(controller.loop._controller, "solve", lambda *given: asked.append(given[3]) or solve(*given))
+    report = controller.cycle()
+    assert report.mode is Mode.HOLDING
+    why = report.fault.infeasibility
+    assert set(why.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
+    assert report.fault.sentence.endswith(why.sentence)
+    assert why.sentence in controller.received("state")[-1].data
+    for mode, count in ((Mode.HOLDING, 20), (Mode.DAMPING, 10), (Mode.FAULT, 60)):
+        report = controller.cycle(count)
+        assert (report.mode, report.fault.infeasibility) == (mode, why)
+        assert why.sentence in last_status(controller).message
+    assert asked == [True] + [False] * (len(asked) - 1)
+    assert len(asked) > 20
+
+
+def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatch):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop._controller.contacts["front_left_foot"]
+    explained = 0
+    for i in range(1000):  # two seconds
+        monkeypatch.setattr(foot, "max_normal_force", -50.0 if i % 2 else 400.0)
+        report = controller.cycle()
+        assert report.mode is (Mode.HOLDING if i % 2 else Mode.ACTIVE)
+        explained += report.fault is not None and report.fault.infeasibility is not None
+    assert explained == 2
+
+
 @pytest.mark.parametrize("where", ["solve", "sample", "apply"])
 def test_an_exception_inside_becomes_a_fault_and_is_logged(bench, monkeypatch, caplog, make, where):
     controller = bench()

@@ -8,7 +8,7 @@ import pytest
 from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.messages import nanoseconds
-from wbc_controller.records import CycleReport, Fault, Mode, Solution
+from wbc_controller.records import CycleReport, Fault, Infeasibility, Mode, Solution
 
 
 def report(**changes):
@@ -137,6 +137,21 @@ def test_a_fault_is_said():
     status, _ = _status(report(mode=Mode.FAULT, fault=Fault("ESTOP", "emergency stop by command")))
     assert status.message == "fault; ESTOP: emergency stop by command"
     assert status.level == 2
+
+
+def test_a_conflict_is_said_by_name_with_its_slack():
+    why = Infeasibility(
+        conflict=("torque:knee", "normal_force:foot"), smallest=("torque:knee",),
+        slack={"torque:knee": 12.345, "normal_force:foot": 80.0},
+        units={"torque:knee": "N·m", "normal_force:foot": "N"},
+        sentence="conflict: torque of knee against normal force of foot",
+    )  # fmt: skip
+    status, values = _status(report(mode=Mode.HOLDING, fault=Fault("NO_SOLUTION", f"no; {why.sentence}", why)))
+    assert status.message == "holding; NO_SOLUTION: no; conflict: torque of knee against normal force of foot"
+    assert values["infeasibility/conflict"] == "torque:knee, normal_force:foot"
+    assert values["infeasibility/smallest"] == "torque:knee"
+    assert values["infeasibility/slack/torque:knee"] == "12.35 N·m"
+    assert values["infeasibility/slack/normal_force:foot"] == "80 N"
 
 
 def test_what_a_summary_holds():

@@ -56,6 +56,9 @@ def test_too_small_a_normal_force(robot_of, changed):
     sentence = refusal(changed(settings, {"contacts": weak}))
     weight = model.mass * model.gravity
     assert f"max_normal_force adds up to 156 N, and the robot weighs {weight:.1f} N" in sentence
+    assert "; conflict: normal force of " in sentence
+    assert "(at most 39 N, " in sentence
+    assert "torque" not in sentence
     enough = {name: {"max_normal_force": 60.0} for name in settings.contacts}
     assert "standing" in findings(changed(settings, {"contacts": enough}))
 
@@ -108,6 +111,8 @@ def test_too_small_an_effort_on_the_feet(robot_of, changed):
     sentence = refusal(changed(settings, {"robot": {"effort_limit_scale": 0.01}}))
     assert "no contact forces within friction and the supports carry the weight within the effort limits" in sentence
     assert "robot.effort_limit_scale" in sentence
+    assert "; conflict: torque of " in sentence
+    assert "N·m more needed)" in sentence
 
 
 def test_contradicting_normal_forces(robot_of, changed):

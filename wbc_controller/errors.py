@@ -5,7 +5,7 @@
     WbcError
     ├── ConfigurationError      a robot file, model or command line that cannot be used (exit status 2)
     ├── InputRefused            one message or command was not accepted; everything else goes on
-    ├── NoSolution              the quadratic program has no usable answer; carries the problem
+    ├── NoSolution              the quadratic program has no usable answer; carries the problem, and why
     └── TransportError          the middleware could not be started, or a topic could not be opened
 
 Errors of other libraries are translated where they enter.
@@ -39,12 +39,15 @@ class NoSolution(WbcError):
     Attributes:
         status: what the solver said.
         problem: the problem as it was given to the solver (`core.problem.QuadraticProgram`).
+        infeasibility: which constraints conflict (`records.Infeasibility`); None where that was not asked, or where
+            they do not.
     """
 
-    def __init__(self, message: str, status: str, problem: Any) -> None:
+    def __init__(self, message: str, status: str, problem: Any, infeasibility: Any = None) -> None:
         super().__init__(message)
         self.status = status
         self.problem = problem
+        self.infeasibility = infeasibility
 
 
 class TransportError(WbcError):

@@ -23,6 +23,8 @@ from wbc_controller.safety.supervisor import Supervisor
 
 _log = logging.getLogger(__name__)
 
+#: Least time between two explanations of why there is no solution, s: each takes several periods.
+_EXPLAIN_PAUSE = 1.0
 #: Time for which a sentence that was logged is not logged again, s.
 _SILENCE = 1.0
 
@@ -77,6 +79,7 @@ class ControlLoop:
         self._deadlines_missed = 0
         self._activate_when_fresh = False
         self._said: dict[str, float] = {}
+        self._explained = -math.inf
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
@@ -186,8 +189,12 @@ class ControlLoop:
                 except InputRefused as refusal:
                     refused.append(str(refusal))
             references = self._board.sample(seconds(state))
-            return self._controller.solve(state, references, self.supervisor.torques_before(now))
+            # Once per failure: while holding, the sentence of its first cycle stays in force.
+            explained = self.supervisor.mode is Mode.ACTIVE and now - self._explained >= _EXPLAIN_PAUSE
+            return self._controller.solve(state, references, self.supervisor.torques_before(now), explained)
         except NoSolution as failure:
+            if failure.infeasibility is not None:
+                self._explained = now
             return failure
         except Exception as error:
             # A defect must end in damping with a reason, never in a process that dies with torques applied.

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.build import make_board, make_controller, make_model
 from wbc_controller.core.controller import Controller
+from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import FORCE_UNIT
 from wbc_controller.core.solvers import make_solver
@@ -118,7 +119,9 @@ def _static(controller: Controller, state: RobotState, references: References, m
     solver = make_solver("daqp", problem)
     x = solver.solve(problem).x
     if x is None:
-        raise ConfigurationError(_why_not(controller, layout.key))
+        why = explain(layout, model, controller.effort_bounds(references), held=("motion",))
+        because = f"; {why.sentence}" if why is not None else ""
+        raise ConfigurationError(_why_not(controller, layout.key) + because)
     tau = (controller.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])[model.v_index]
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))

@@ -120,16 +120,38 @@ class Mode(str, enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class Infeasibility:
+    """Why a quadratic program has no answer.
+
+    Attributes:
+        conflict: names of the constraints that cannot hold together, as in `Solution.binding`.
+        smallest: those of them that give in the smallest reconciliation; the others are what would have to give
+            instead.
+        slack: by how much each of the conflict gives, on its side.
+        units: unit of each slack.
+        sentence: the same for a person to read.
+    """
+
+    conflict: tuple[str, ...]
+    smallest: tuple[str, ...]
+    slack: Mapping[str, float]
+    units: Mapping[str, str]
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
 class Fault:
     """Why the controller left its active mode.
 
     Attributes:
         code: a short upper-case name, such as ``STALE_INPUT``.
         sentence: the reason, for a person to read.
+        infeasibility: which constraints conflict, where that is the reason and is known.
     """
 
     code: str
     sentence: str
+    infeasibility: Infeasibility | None = None
 
 
 @dataclass(frozen=True, slots=True)

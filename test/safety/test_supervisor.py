@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused, NoSolution
-from wbc_controller.records import Fault, Mode, RobotState, Solution
+from wbc_controller.records import Fault, Infeasibility, Mode, RobotState, Solution
 from wbc_controller.safety.supervisor import REQUESTS, Supervisor, SupervisorLimits
 
 STALE = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
@@ -298,6 +298,18 @@ def test_the_ladder_from_no_solution_to_fault(rig):
     assert bench.request("activate")
     bench.step(count=60)
     np.testing.assert_allclose(bench.commands[-1].tau, bench.tau)
+
+
+def test_the_explanation_of_the_first_failure_stays_in_force(rig):
+    why = Infeasibility(("cone:left",), ("cone:left",), {"cone:left": 1.0}, {"cone:left": "N"}, "conflict: cone")
+    bench = rig().bring("active")
+    bench.step(NoSolution("nothing; conflict: cone", "infeasible", None, why))
+    fault = bench.supervisor.fault
+    assert (fault.sentence, fault.infeasibility) == ("nothing; conflict: cone", why)
+    bench.step(NOTHING, count=12)
+    assert (bench.mode, bench.supervisor.fault) == (Mode.DAMPING, fault)
+    bench.step(count=30)
+    assert (bench.mode, bench.supervisor.fault) == (Mode.FAULT, fault)
 
 
 def test_a_solution_in_time_ends_holding(rig):

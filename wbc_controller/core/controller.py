@@ -8,13 +8,14 @@ import numpy as np
 
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import FORCE_UNIT, Layout, QuadraticProgram
 from wbc_controller.core.solvers import Solver, make_solver
 from wbc_controller.core.tasks import Task
 from wbc_controller.errors import NoSolution
-from wbc_controller.records import Array, References, RobotState, Solution, frozen, frozen_mapping
+from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution, frozen, frozen_mapping
 
 #: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
@@ -196,7 +197,13 @@ class Controller:
         problem.x_lower[layout.joints] = lower
         problem.x_upper[layout.joints] = upper
 
-    def solve(self, state: RobotState, references: References, tau_before: Array | None = None) -> Solution:
+    def solve(
+        self,
+        state: RobotState,
+        references: References,
+        tau_before: Array | None = None,
+        explained: bool = True,
+    ) -> Solution:
         """Compute one answer.
 
         Where the limits of joint motion leave no solution they are relaxed, then the torque rate; the solution says so.
@@ -205,6 +212,7 @@ class Controller:
             state: where the robot is.
             references: what is wanted.
             tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
+            explained: find out which constraints conflict where there is no solution. It takes several periods.
 
         Raises:
             NoSolution: where the equations of motion, contacts and torque limits cannot be met together, or where a
@@ -233,14 +241,42 @@ class Controller:
             iterations += answer.iterations
         solved = self._timer()
         if answer.x is None or not _usable(answer.x, problem, solver):
+            why = explain(layout, model=self.model, effort=self.effort_bounds(references)) if explained else None
             raise NoSolution(
                 f"no accelerations, torques and contact forces satisfy the equations of motion, the contacts "
                 f"({', '.join(layout.key) or 'none'}) and the torque limits together ({self._solver_name}: "
-                f"{answer.status})",
+                f"{answer.status}){_because(why, explained=explained)}",
                 answer.status,
                 problem.copy(),
+                why,
             )
         return self._solution(layout, answer.x, references, tuple(relaxed), iterations, (started, built, solved))
+
+    def explain(
+        self, state: RobotState, references: References, tau_before: Array | None = None
+    ) -> Infeasibility | None:
+        """Say which constraints conflict, with those among them that `solve` would relax.
+
+        It is no part of a cycle: it takes several periods.
+
+        Args:
+            state: where the robot is.
+            references: what is wanted.
+            tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
+
+        Returns:
+            The conflict; None where the constraints can be met together, or a value is not finite.
+        """
+        layout = self.build(state, references, tau_before)
+        if not layout.problem.is_finite:
+            return None
+        return explain(layout, self.model, self.effort_bounds(references))
+
+    def effort_bounds(self, references: References) -> tuple[Array, Array]:
+        """Bounds of the problem's torque rows by the effort limits alone, without the rate."""
+        lower, upper = self.torque_limit.bounds(None, self.period)
+        h = self._h(references)[self.model.v_index]
+        return lower - h, upper - h
 
     def _relax(self, layout: Layout, what: str, references: References) -> None:
         problem = layout.problem
@@ -248,10 +284,7 @@ class Controller:
             problem.x_lower[layout.joints] = -np.inf
             problem.x_upper[layout.joints] = np.inf
         else:
-            lower, upper = self.torque_limit.bounds(None, self.period)
-            h = self._h(references)[self.model.v_index]
-            problem.lower[layout.torque] = lower - h
-            problem.upper[layout.torque] = upper - h
+            problem.lower[layout.torque], problem.upper[layout.torque] = self.effort_bounds(references)
 
     def _solution(
         self,
@@ -322,6 +355,12 @@ def _usable(x: Array | None, problem: QuadraticProgram, solver: Solver) -> bool:
     if x is None:
         return False
     return bool(problem.violation(x) <= solver.tolerance)  # False for NaN
+
+
+def _because(why: Infeasibility | None, *, explained: bool) -> str:
+    if why is not None:
+        return f"; {why.sentence}"
+    return "; they do not conflict: it is the solver that failed" if explained else ""
 
 
 def _at(value: Array, bound: Array) -> np.ndarray:

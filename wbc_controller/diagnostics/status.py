@@ -77,6 +77,11 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
         values["binding"] = ", ".join(solution.binding) or "none"
         values["solver_iterations"] = str(solution.iterations)
+    if last.fault is not None and last.fault.infeasibility is not None:
+        why = last.fault.infeasibility
+        values["infeasibility/conflict"] = ", ".join(why.conflict)
+        values["infeasibility/smallest"] = ", ".join(why.smallest)
+        values |= {f"infeasibility/slack/{name}": f"{slack:.4g} {why.units[name]}" for name, slack in why.slack.items()}
     if last.audit is not None:
         audit = last.audit
         values["audit/energy_residual"] = f"{audit.energy:.4f} W of {audit.throughput:.2f} W"

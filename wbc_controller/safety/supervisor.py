@@ -194,13 +194,17 @@ class Supervisor:
         elif isinstance(outcome, Fault):
             self._enter(Mode.DAMPING, now, outcome)
             return None
+        elif outcome is None:
+            reason = Fault("NO_SOLUTION", "no solution was computed")
         else:
-            reason = Fault("NO_SOLUTION", str(outcome) if outcome is not None else "no solution was computed")
+            reason = Fault("NO_SOLUTION", str(outcome), outcome.infeasibility)
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
         if now - self._since > self._limits.hold_time:
-            self._enter(Mode.DAMPING, now, reason)
+            # Only the first failure of a row is explained.
+            explained = self.fault is not None and self.fault.infeasibility is not None
+            self._enter(Mode.DAMPING, now, self.fault if explained else reason)
             return None
         velocity = np.zeros(self._model.na) if joint_velocity is None else joint_velocity
         return self._held - self._limits.damping * velocity
