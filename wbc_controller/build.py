@@ -179,7 +179,7 @@ def make_controller(
         [make_task(name, task, model) for name, task in settings.tasks.items()],
         [make_contact(name, contact, model) for name, contact in settings.contacts.items()],
         TorqueLimit(model.effort_limits, limits.torque_rate),
-        JointMotionLimit(position, velocity, horizon=limits.position_horizon, acceleration=limits.acceleration),
+        JointMotionLimit(position, velocity, acceleration=limits.acceleration, horizon=limits.position_horizon),
         period=1.0 / settings.control.rate,
         solver=settings.solver.name,
         regularization_acceleration=settings.solver.regularization_acceleration,

@@ -113,13 +113,19 @@ class LimitSettings(_Section):
 
     position: bool = Field(True, description="Hold the URDF's joint position limits.")
     position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from them, rad.")
-    position_horizon: Positive = Field(
-        0.1, le=1.0, description="Time in which a joint may come to rest at its position limit, s."
+    position_horizon: NonNegative = Field(
+        0.02,
+        le=1.0,
+        description="Time over which the position limits look ahead, at least one period, s: a longer one brakes "
+        "earlier, and is softer against noise in the measured positions.",
     )
     velocity: bool = Field(True, description="Hold the URDF's joint velocity limits.")
     velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Share of them that may be used.")
     acceleration: Positive = Field(
-        500.0, le=1.0e5, description="Largest joint acceleration, with or without the other limits, rad/s²."
+        200.0,
+        le=1.0e5,
+        description="Largest joint acceleration, rad/s². With it a joint has to be able to brake before its position "
+        "limit: choose what the motors can do.",
     )
     torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
-from wbc_controller.errors import NoSolution
+from wbc_controller.errors import ConfigurationError, NoSolution
 
 PERIOD = 0.002
 
@@ -103,45 +103,160 @@ def test_the_position_limit_matters(bench):
     assert limit - 0.02 < reached["limited"] <= limit + 1e-6
 
 
-@pytest.mark.parametrize("horizon", [0.001, 0.02, 0.1, 0.5])
-@pytest.mark.parametrize("speed", [1.0, 5.0, 20.0])
-@pytest.mark.parametrize("pushed", [False, True])
-def test_a_joint_stops_at_its_position_limit_however_fast_it_comes(horizon, speed, pushed):
-    """Simulate one joint that coasts, or pushes with all it may, towards each of its limits."""
-    limit = JointMotionLimit(
-        (np.array([-40.0]), np.array([40.0])), np.array([speed]), horizon=horizon, acceleration=1.0e5
-    )
-    for sign in (1.0, -1.0):
-        q, v = np.array([sign * (40.0 - 1.5 * speed * max(horizon, 0.01))]), np.array([sign * speed])
-        for _ in range(int(5.0 * max(horizon, 0.1) / PERIOD)):
-            lower, upper = limit.bounds(q, v, PERIOD)
+# Viability: whatever is asked of it, a joint never comes into a state from which a bound cannot be met. ---------------
+
+MANY = 10_000
+ADVERSARIES = ("upper", "lower", "outwards", "random", "bang-bang")
+
+
+def fastest(room, acceleration, ahead):
+    """The largest viable speed towards a limit with this room left."""
+    reach = 0.5 * acceleration * ahead
+    return np.sqrt(reach**2 + 2.0 * acceleration * room) - reach
+
+
+def adversary(kind, rng):
+    """Picks an acceleration between the bounds."""
+    side = np.zeros(MANY, dtype=bool)
+
+    def pick(lower, upper, v):
+        nonlocal side
+        if kind == "random":
+            return rng.uniform(lower, upper)
+        if kind == "bang-bang":
+            side ^= rng.random(MANY) < 0.05
+        high = {"upper": True, "lower": False, "outwards": v > 0.0}.get(kind, side)
+        return np.where(high, upper, lower)
+
+    return pick
+
+
+def excess(q, v, a, period, low, high):
+    """How far a joint gets beyond its position limits within one period, turning points included."""
+    turn = np.clip(np.divide(-v, a, out=np.zeros_like(v), where=a != 0.0), 0.0, period)
+    passed = np.stack([q + t * v + 0.5 * t**2 * a for t in (turn, period)])
+    return max(np.max(passed - high), np.max(low - passed))
+
+
+@pytest.mark.parametrize("acceleration", [30.0, 500.0])
+@pytest.mark.parametrize("horizon", [0.0, 0.02])
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_from_viable_states_no_bound_is_ever_exceeded(period, horizon, acceleration):
+    rng = np.random.default_rng(1)
+    low, high = -rng.uniform(0.05, 3.0, MANY), rng.uniform(0.05, 3.0, MANY)
+    velocity = rng.uniform(0.2, 40.0, MANY)
+    limit = JointMotionLimit((low, high), velocity, acceleration=acceleration, horizon=horizon)
+    start = rng.uniform(low, high)
+    up = np.minimum(velocity, fastest(high - start, acceleration, max(period, horizon)))
+    down = np.minimum(velocity, fastest(start - low, acceleration, max(period, horizon)))
+    begin = np.where(rng.random(MANY) < 0.3, np.where(rng.random(MANY) < 0.5, up, -down), rng.uniform(-down, up))
+    assert np.mean(begin == up) > 0.1
+    for kind in ADVERSARIES:
+        q, v, pick = start, begin, adversary(kind, rng)
+        closest = np.inf
+        for _ in range(200):
+            lower, upper = limit.bounds(q, v, period)
             assert (lower <= upper).all()
-            most = upper if sign > 0.0 else lower
-            acceleration = most if pushed else sign * np.minimum(sign * most, 0.0)
-            q = q + PERIOD * v + 0.5 * PERIOD**2 * acceleration
-            v = v + PERIOD * acceleration
-            assert sign * q[0] <= 40.0 + 1e-9
-            assert sign * v[0] <= speed + 1e-9
-        if pushed:
-            assert sign * q[0] == pytest.approx(40.0, abs=0.05 * speed * horizon + 1e-6)
+            a = pick(lower, upper, v)
+            assert np.max(np.abs(a)) <= acceleration
+            assert excess(q, v, a, period, low, high) <= 1.0e-6
+            q = q + period * v + 0.5 * period**2 * a  # exact
+            v = v + period * a
+            assert np.max(np.abs(v) - velocity) <= 1.0e-6
+            closest = min(closest, np.min(np.minimum(high - q, q - low)))
+        assert closest < 5.0e-3  # it mattered
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_from_whatever_could_still_brake_in_continuous_time_the_position_holds(period):
+    rng = np.random.default_rng(2)
+    low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 5.0)
+    limit = JointMotionLimit((low, high), velocity, acceleration=200.0)
+    q = rng.uniform(low, high)
+    v = np.minimum(velocity, np.sqrt(400.0 * (high - q))) * (1.0 - 1.0e-12)
+    for _ in range(200):
+        _, upper = limit.bounds(q, v, period)
+        assert excess(q, v, upper, period, low, high) <= 1.0e-6
+        q, v = q + period * v + 0.5 * period**2 * upper, v + period * upper
+        assert np.max(np.abs(v) - velocity) <= 1.0e-6
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_what_is_not_viable_brakes_as_hard_as_it_may_and_comes_back(period):
+    rng = np.random.default_rng(3)
+    low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 4.0)
+    limit = JointMotionLimit((low, high), velocity, acceleration=100.0)
+    q, v = rng.uniform(-1.5, 1.5, MANY), rng.uniform(-15.0, 15.0, MANY)
+    beyond = np.sign(q) * np.maximum(np.abs(q) - 1.0, 0.0)
+    for i in range(int(3.0 / period)):
+        lower, upper = limit.bounds(q, v, period)
+        assert (lower <= upper).all()
+        assert np.max(np.abs([lower, upper])) <= 100.0
+        if i == 0:
+            away = (beyond * v > 0.0) & (np.abs(v) > 100.0 * period)
+            fast = (np.abs(v) > 4.0 + 100.0 * period) & (beyond == 0.0)
+            assert away.sum() > 1000
+            assert fast.sum() > 1000
+            for hard in (away, fast):
+                np.testing.assert_array_equal(np.where(v > 0.0, upper, lower)[hard], -100.0 * np.sign(v)[hard])
+        a = np.where(q > 0.0, upper, lower)  # outwards as far as it may
+        q, v = q + period * v + 0.5 * period**2 * a, v + period * a
+    assert np.max(np.abs(q)) <= 1.0 + 1.0e-6
+    assert np.max(np.abs(v)) <= 4.0 + 1.0e-6
+
+
+def test_the_limits_do_not_stop_a_joint_before_it_has_to_stop():
+    """Pushed all the way, it goes from one end to the other nearly as fast as q̈_max allows."""
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 100.0), acceleration=100.0)
+    q, v, cycles = np.array([-1.0]), np.zeros(1), 0
+    while q[0] < 1.0 - 1.0e-4 and cycles < 10_000:
+        _, upper = limit.bounds(q, v, PERIOD)
+        q, v = q + PERIOD * v + 0.5 * PERIOD**2 * upper, v + PERIOD * upper
+        cycles += 1
+    shortest = 2.0 * np.sqrt(2.0 / 100.0)
+    assert cycles * PERIOD < shortest + 0.03
+
+
+def test_a_joint_starts_gently_from_beyond_its_limit():
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 10.0), acceleration=500.0)
+    _, upper = limit.bounds(np.array([1.02]), np.zeros(1), PERIOD)
+    assert upper[0] == pytest.approx(-8.0)
+
+
+def test_a_longer_horizon_is_softer_against_noise():
+    q, v, noise = np.array([0.999]), np.zeros(1), 1.0e-4
+    change = {}
+    for horizon in (0.0, 0.02):
+        limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 10.0), acceleration=200.0, horizon=horizon)
+        change[horizon] = limit.bounds(q - noise, v, PERIOD)[1] - limit.bounds(q + noise, v, PERIOD)[1]
+    assert 0.0 < change[0.02] < 0.1 * change[0.0]
+
+
+def test_contradicting_position_limits_are_refused():
+    with pytest.raises(
+        ConfigurationError, match=r"position_margin: it leaves joint 2 .* no room, from 0.1 to -0.1 rad"
+    ):
+        JointMotionLimit((np.array([-1.0, 0.1]), np.array([1.0, -0.1])), None, acceleration=1.0)
+    with pytest.raises(ConfigurationError):
+        JointMotionLimit((np.array([np.nan]), np.array([1.0])), None, acceleration=1.0)
 
 
 def test_where_the_intervals_do_not_meet_position_goes_first():
-    # Far above the upper position limit and going down faster than allowed: velocity asks up, position asks down.
-    both = JointMotionLimit((np.array([-1.0]), np.array([1.0])), np.array([2.0]), horizon=0.1, acceleration=500.0)
-    position = JointMotionLimit((np.array([-1.0]), np.array([1.0])), None, horizon=0.1, acceleration=500.0)
-    velocity = JointMotionLimit(None, np.array([2.0]), horizon=0.1, acceleration=500.0)
-    q, v = np.array([3.0]), np.array([-3.0])
+    position = JointMotionLimit((np.array([-1.0]), np.array([1.0])), None, acceleration=500.0)
+    velocity = JointMotionLimit(None, np.array([2.0]), acceleration=500.0)
+    both = JointMotionLimit((np.array([-1.0]), np.array([1.0])), np.array([2.0]), acceleration=500.0)
+    q, v = np.array([3.0]), np.array([-3.0])  # far beyond, and back faster than allowed
     assert velocity.bounds(q, v, PERIOD)[0] > position.bounds(q, v, PERIOD)[1]  # they do not meet
     lower, upper = both.bounds(q, v, PERIOD)
-    assert lower == upper == position.bounds(q, v, PERIOD)[1]
+    assert lower == upper
+    assert upper < velocity.bounds(q, v, PERIOD)[0]
 
 
 def test_where_the_intervals_meet_both_hold():
     rng = np.random.default_rng(0)
-    position = JointMotionLimit((-np.ones(50), np.ones(50)), None, horizon=0.1, acceleration=500.0)
-    velocity = JointMotionLimit(None, np.full(50, 2.0), horizon=0.1, acceleration=500.0)
-    both = JointMotionLimit((-np.ones(50), np.ones(50)), np.full(50, 2.0), horizon=0.1, acceleration=500.0)
+    position = JointMotionLimit((-np.ones(50), np.ones(50)), None, acceleration=500.0)
+    velocity = JointMotionLimit(None, np.full(50, 2.0), acceleration=500.0)
+    both = JointMotionLimit((-np.ones(50), np.ones(50)), np.full(50, 2.0), acceleration=500.0)
     q, v = rng.uniform(-0.9, 0.9, 50), rng.uniform(-2.5, 2.5, 50)
     bounds = [limit.bounds(q, v, 0.05) for limit in (position, velocity)]
     lower, upper = np.max([b[0] for b in bounds], axis=0), np.min([b[1] for b in bounds], axis=0)
@@ -152,8 +267,8 @@ def test_where_the_intervals_meet_both_hold():
 
 
 def test_no_limit_asks_for_more_than_the_largest_acceleration():
-    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), horizon=0.01, acceleration=30.0)
-    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 50.0), (0.0, -50.0)):
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
+    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 50.0), (0.0, -50.0), (1.0, 0.1), (1.0 - 1e-12, 9.0)):
         lower, upper = limit.bounds(np.array([q]), np.array([v]), PERIOD)
         assert -30.0 <= lower[0] <= upper[0] <= 30.0
 
@@ -171,7 +286,7 @@ def test_torque_bounds():
 
 
 def test_nan_passes_through_the_bounds_to_where_it_is_refused():
-    motion = JointMotionLimit((-np.ones(2), np.ones(2)), np.ones(2), horizon=0.1, acceleration=500.0)
+    motion = JointMotionLimit((-np.ones(2), np.ones(2)), np.ones(2), acceleration=500.0)
     for q, v in (([np.nan, 0.0], [0.0, 0.0]), ([0.0, 0.0], [np.nan, 0.0])):
         lower, upper = motion.bounds(np.array(q), np.array(v), PERIOD)
         assert np.isnan([lower[0], upper[0]]).all()

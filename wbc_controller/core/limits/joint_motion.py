@@ -1,26 +1,47 @@
-"""Bounds of the joint accelerations that keep joint positions and velocities within theirs."""
+"""Bounds of the joint accelerations that keep joint positions, velocities and accelerations within theirs, for ever."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
+
+#: Time constant of the way back of a joint that is beyond its position limit, s: gentle, as it may start there.
+RETURN_TIME = 0.1
+#: Distance by which rounding may take a joint beyond its limit, rad.
+_ROUNDING = 1.0e-11
 
 
 class JointMotionLimit:
-    """Keeps joints within position and velocity limits by bounds on their accelerations.
+    """Bounds of q̈ under which no joint ever comes into a state from which a bound cannot be met: viability.
 
-    Position: q̈ ≤ 4/T² (q_max - q - T q̇), with the horizon T. It brakes once the joint would reach its limit within T,
-    and being critically damped (s = q̇ - 2/T (q_max - q) obeys ṡ ≤ -2/T s, so it stays negative) it comes to rest at
-    the limit without crossing it. Velocity: after one period, q̇ + Δt q̈ ≤ q̇_max. Neither ever asks for more than the
-    largest acceleration; where they disagree, position goes first.
+    After Del Prete, "Joint position and velocity bounds in discrete-time acceleration/torque control of robot arms"
+    (IEEE Robotics and Automation Letters, 2018), in closed form. A state is viable where every joint can stop at its
+    limits by accelerations that are constant for one period T, none larger than q̈_max, without turning around:
+
+        q̇² / (2 q̈_max) + q̇ T / 2 ≤ q_max - q    for q̇ > 0, and its mirror image.
+
+    The second term is what the last period costs, in which the joint comes to rest exactly at its end. Every period has
+    to end in a viable state. With w = q̇ + T q̈ the velocity at its end, and d = q_max - q - q̇ T/2 the room that would
+    be left if the joint stopped within it, that is
+
+        w² / (2 q̈_max) + w T / 2 ≤ d - w T / 2,    so    q̈ ≤ (√(q̈_max² T² + 2 q̈_max d) - q̈_max T - q̇) / T.
+
+    Velocity: |q̇ + T q̈| ≤ q̇_max. Acceleration: |q̈| ≤ q̈_max, which also bounds what the others ask for.
+
+    From a viable state the bounds leave an interval: full braking, or stopping within the period, meets them all. What
+    is not viable brakes as hard as it may, or as it must to turn at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))).
+    Beyond its position limit a joint comes back as a critically damped spring with the time constant `RETURN_TIME` / 2
+    would. Where position and velocity disagree, position goes first.
 
     Attributes:
         position_lower: (na,) in rad, or None where positions are not limited.
         position_upper: (na,) in rad, or None.
         velocity: largest speed, (na,) in rad/s, or None where velocities are not limited.
-        horizon: T, s.
-        acceleration: largest acceleration that a limit may ask for, rad/s².
+        acceleration: q̈_max, rad/s².
+        horizon: T is at least this, s. A longer T than the period is viable too, and softer against noise in the
+            measured position: near the limit the bound moves by 1 / T² per rad.
     """
 
     def __init__(
@@ -28,16 +49,29 @@ class JointMotionLimit:
         position: tuple[Array, Array] | None,
         velocity: Array | None,
         *,
-        horizon: float,
         acceleration: float,
+        horizon: float = 0.0,
     ) -> None:
+        """Make a limit.
+
+        Raises:
+            ConfigurationError: where a lower limit is not below its upper one.
+        """
         self.position_lower: Array | None = None
         self.position_upper: Array | None = None
+        self._limits: Array | None = None
         if position is not None:
-            self.position_lower, self.position_upper = position
+            self.position_lower, self.position_upper = lower, upper = position
+            if not (lower < upper).all():
+                i = int(np.argmin(lower < upper))
+                raise ConfigurationError(
+                    f"limits.position_margin: it leaves joint {i + 1} of robot.joints no room, from {lower[i]:g} to "
+                    f"{upper[i]:g} rad"
+                )
+            self._limits = np.stack([upper, -lower])  # both as upper limits, of q and of -q
         self.velocity = velocity
-        self.horizon = horizon
         self.acceleration = acceleration
+        self.horizon = horizon
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
         """Lower and upper bounds of the joint accelerations, both (na,) in rad/s².
@@ -45,21 +79,46 @@ class JointMotionLimit:
         Args:
             q: joint positions, (na,) in rad.
             v: joint velocities, (na,) in rad/s.
-            period: Δt, s.
+            period: time for which an acceleration is held, s.
         """
         most = self.acceleration
-        lower = np.full(len(q), -most)
-        upper = np.full(len(q), most)
-        if self.velocity is not None:
-            np.clip((-self.velocity - v) / period, -most, most, out=lower)
-            np.clip((self.velocity - v) / period, -most, most, out=upper)
-        if self.position_lower is not None and self.position_upper is not None:
-            horizon = max(self.horizon, 2.0 * period)  # with a shorter one the sampled law would overshoot
-            scale = 4.0 / horizon**2
-            ahead = q + horizon * v
-            position_lower = np.clip(scale * (self.position_lower - ahead), -most, most)
-            position_upper = np.clip(scale * (self.position_upper - ahead), -most, most)
-            # Intersect, and let the position have its way where the two intervals do not meet.
-            lower = np.clip(lower, position_lower, position_upper)
-            upper = np.clip(upper, position_lower, position_upper)
+        if self.velocity is None:
+            lower, upper = np.full(len(q), -most), np.full(len(q), most)
+        else:
+            lower = np.clip((-self.velocity - v) / period, -most, most)
+            upper = np.clip((self.velocity - v) / period, -most, most)
+        if self._limits is None:
+            return lower, upper
+        position_lower, position_upper = self._position_bounds(q, v, period)
+        # Intersect, and let the position have its way where the two intervals do not meet.
+        lower = np.minimum(np.maximum(lower, position_lower), position_upper)
+        upper = np.maximum(np.minimum(upper, position_upper), position_lower)
+        return lower, upper
+
+    def _position_bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
+        """Bounds that the positions ask for, within ±q̈_max."""
+        most = self.acceleration
+        speed = np.stack([v, -v])  # (2, na), towards the upper and the lower limit
+        room = self._limits - np.stack([q, -q])
+        ahead = max(period, self.horizon)
+        left = room - (0.5 * ahead) * speed
+        reach = most * ahead
+        end = np.sqrt(reach**2 + (2.0 * most) * np.maximum(left, 0.0)) - reach
+        bound = (end - speed) / ahead
+        short = left < -_ROUNDING
+        if short.any():  # rare: a joint that was not viable
+            outside = room < _ROUNDING
+            turning = -(speed**2) / np.where(outside, 1.0, 2.0 * room)
+            fastest = np.inf if self.velocity is None else self.velocity
+            spring = 4.0 / RETURN_TIME**2
+            back = spring * np.maximum(room, -RETURN_TIME * fastest) - np.where(
+                speed > 0.0, speed / period, spring * RETURN_TIME * speed
+            )
+            bound = np.where(short, np.where(outside, back, turning), bound)
+        upper, lower = np.clip(bound, -most, most)
+        lower = -lower
+        crossed = lower > upper  # not viable, between limits that are close together: the one that it moves to counts
+        if crossed.any():
+            up = speed[0] > 0.0
+            lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
         return lower, upper
