@@ -9,6 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from wbc_controller.clock import Clock
 from wbc_controller.core.controller import Controller
@@ -80,6 +81,7 @@ class ControlLoop:
         self._activate_when_fresh = False
         self._said: dict[str, float] = {}
         self._explained = -math.inf
+        self._unexplained: Callable[[], object] | None = None  # solves the present failure again, with its reasons
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
@@ -111,6 +113,9 @@ class ControlLoop:
         self._outputs.publish_command(report)
         stages["write"] = self._timer() - supervised
         stages["total"] = self._timer() - started
+        if isinstance(outcome, NoSolution):
+            report = self._explain(report, now)
+        self._unexplained = None
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, time.time_ns())
@@ -119,6 +124,17 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _explain(self, report: CycleReport, now: float) -> CycleReport:
+        """Find out which constraints conflict, when the robot has its torques already: it takes several periods."""
+        if self._unexplained is None:
+            return report
+        try:
+            self._unexplained()
+        except NoSolution as failure:
+            self._explained = now
+            self.supervisor.explain(failure)
+        return dataclasses.replace(report, fault=self.supervisor.fault)
 
     def _say(self, report: CycleReport, now: float) -> None:
         """Log what was refused and why a mode was left; of what recurs in every cycle, one line per second."""
@@ -189,12 +205,12 @@ class ControlLoop:
                 except InputRefused as refusal:
                     refused.append(str(refusal))
             references = self._board.sample(seconds(state))
+            before = self.supervisor.torques_before(now)
             # Once per failure: while holding, the sentence of its first cycle stays in force.
-            explained = self.supervisor.mode is Mode.ACTIVE and now - self._explained >= _EXPLAIN_PAUSE
-            return self._controller.solve(state, references, self.supervisor.torques_before(now), explained)
+            if self.supervisor.mode is Mode.ACTIVE and now - self._explained >= _EXPLAIN_PAUSE:
+                self._unexplained = partial(self._controller.solve, state, references, before, True)
+            return self._controller.solve(state, references, before, False)
         except NoSolution as failure:
-            if failure.infeasibility is not None:
-                self._explained = now
             return failure
         except Exception as error:
             # A defect must end in damping with a reason, never in a process that dies with torques applied.

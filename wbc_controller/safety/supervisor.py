@@ -111,6 +111,11 @@ class Supervisor:
             self._share = self._share.towards(0.0, now, self._limits.activation_ramp)
         return False
 
+    def explain(self, failure: NoSolution) -> None:
+        """Add to the fault in force, where it is that there is no solution, which constraints conflict."""
+        if self.fault is not None and self.fault.code == "NO_SOLUTION":
+            self.fault = Fault("NO_SOLUTION", str(failure), failure.infeasibility)
+
     def shut_down(self, now: float) -> JointCommand | None:
         """Leave the joints without torque when the process ends; None where nothing was being sent."""
         if self.mode is Mode.INACTIVE and not self._tau.any():
