@@ -23,6 +23,7 @@ except ImportError as error:
 
 from wbc_controller.node import ControllerNode
 from wbc_controller.records import Mode
+from wbc_controller.settings import find_configuration, load_settings
 from wbc_controller.transports.ros2 import StreamsFirstExecutor
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
@@ -87,6 +88,29 @@ def spin(context):
     executor.shutdown()
     if thread.ident is not None:
         thread.join()
+
+
+@pytest.fixture
+def robot(context):
+    """A node that publishes the state of a G1 that hangs still."""
+    settings = load_settings(find_configuration("g1"))
+    node = rclpy.create_node("robot", context=context)
+    joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
+    joints.velocity = [0.0] * len(joints.name)
+    base = Odometry(child_frame_id="pelvis")
+    base.pose.pose.position.z, base.pose.pose.orientation.w = 0.8, 1.0
+    odom, joint_states = (
+        node.create_publisher(Odometry, "odom", 1),
+        node.create_publisher(JointState, "joint_states", 1),
+    )
+
+    def publish():
+        joints.header.stamp = node.get_clock().now().to_msg()
+        odom.publish(base)
+        joint_states.publish(joints)
+
+    node.create_timer(0.005, publish)
+    return node
 
 
 def within(seconds, condition):
@@ -187,28 +211,13 @@ def test_services_say_what_happened(make_node, spin, context):
     assert call("reset") == (True, "inactive")
 
 
-def test_deactivating_in_mid_run_is_no_fault(make_node, spin, context):
-    node, robot = make_node(robot="g1"), rclpy.create_node("robot", context=context)
+def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):
+    node = make_node(robot="g1")
     executor = spin(node, robot)
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
-    loop, settings = node._loop, node._settings
-    joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
-    joints.velocity = [0.0] * len(joints.name)
-    base = Odometry(child_frame_id="pelvis")
-    base.pose.pose.position.z, base.pose.pose.orientation.w = 0.8, 1.0
-    odom, joint_states = (
-        robot.create_publisher(kind, name, 1) for kind, name in ((Odometry, "odom"), (JointState, "joint_states"))
-    )
-
-    def publish():
-        joints.header.stamp = robot.get_clock().now().to_msg()
-        odom.publish(base)
-        joint_states.publish(joints)
-
-    robot.create_timer(0.005, publish)
+    loop = node._loop
     for _ in range(3):
-        within(10, lambda: joint_states.get_subscription_count() and odom.get_subscription_count())
         tries = itertools.count()
 
         def active():
@@ -220,6 +229,24 @@ def test_deactivating_in_mid_run_is_no_fault(make_node, spin, context):
         assert on_executor(executor, node.trigger_deactivate) == SUCCESS
         assert (loop.supervisor.mode, loop.supervisor.fault) == (Mode.STOPPED, None)
         assert on_executor(executor, node.trigger_activate) == SUCCESS
+
+
+def test_a_service_waits_without_keeping_joint_states_from_the_loop(make_node, spin, context, robot):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, robot, user)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    client = user.create_client(Trigger, "/wbc_controller/activate")
+    assert client.wait_for_service(10)
+    time.sleep(0.5)  # until the state flows
+    answers = []
+    for _ in range(10):
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        answers.append((future.result().success, future.result().message))
+    assert answers[0] == (True, "active")
+    assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
+    assert node._loop.supervisor.mode is Mode.ACTIVE
 
 
 def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):

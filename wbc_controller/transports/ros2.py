@@ -47,13 +47,17 @@ class StreamsFirstExecutor(SingleThreadedExecutor):  # type: ignore[misc]
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Do one callback; without a timeout, come back at the latest when the others are due."""
+        # Always the same timeout: with another one rclpy begins anew with the coroutines that wait, such as those of
+        # services, and comes to nothing else until they end.
+        super().spin_once(_OTHERS_PERIOD if timeout_sec is None else timeout_sec)
+
+    def get_nodes(self) -> Any:
+        """The nodes; rclpy asks for them just before it gathers what it waits for."""
         now = time.monotonic()
         self._everything = now >= self._others_due
         if self._everything:
             self._others_due = now + _OTHERS_PERIOD
-        if timeout_sec is None or timeout_sec < 0.0:
-            timeout_sec = 0.0 if self._everything else self._others_due - now
-        super().spin_once(timeout_sec)
+        return super().get_nodes()
 
     def can_execute(self, entity: Any) -> bool:
         """Whether an entity is to be waited for now."""
