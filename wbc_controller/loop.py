@@ -233,6 +233,10 @@ class ControlLoop:
         finally:
             self._shut_down()
 
+    def wake(self) -> None:
+        """End the waiting for a joint state, so that a loop that was told to stop does so at once."""
+        self._inputs.arrived.set()
+
     def _shut_down(self) -> None:
         command = self.supervisor.shut_down(self._clock.now())
         report = self._report(self._inputs.latch(), command, None, [], {})

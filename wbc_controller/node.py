@@ -336,7 +336,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._stop.set()
         if self._thread is not None and self._loop is not None:
             # This thread is also the one that brings joint states: the loop would wait for them until they are stale.
-            self._loop._inputs.arrived.set()
+            self._loop.wake()
             self._thread.join()
             self._thread = None
         if self._gate is not None:
