@@ -253,51 +253,53 @@ def _on_dds(request: pytest.FixtureRequest) -> Iterator[User]:
 
 @contextlib.contextmanager
 def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
-    """Three nodes of rclpy on one executor; each service on a thread of its own."""
+    """The two executables of ROS 2, and this process as the user, on rclpy too."""
     try:
         import rclpy
         from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, ShutdownException
     except ImportError as error:
         print(f"skipped: rclpy is not importable: {error}")
         pytest.skip(f"rclpy is not importable: {error}")
-    from wbc_controller.service import run_controller, run_mock
     from wbc_controller.transports.ros2 import Ros2Transport
 
     request.getfixturevalue("monkeypatch").setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=DOMAIN)
-    executor = MultiThreadedExecutor(4, context=context)
-    nodes = [rclpy.create_node(name, context=context) for name in ("wbc_controller", MOCK_NODE, "test_user")]
-    for node in nodes:
-        executor.add_node(node)
-    transports = [Ros2Transport(node) for node in nodes]
+    executor = MultiThreadedExecutor(2, context=context)
+    node = rclpy.create_node("test_user", context=context)
+    executor.add_node(node)
+    transport = Ros2Transport(node)
 
     def spin() -> None:
         with contextlib.suppress(ExternalShutdownException, ShutdownException):
             executor.spin()
 
-    stop = threading.Event()
-    settings = load_settings(find_configuration(ROBOT))
-    user = User(transports[2], lambda: None)
+    user = User(transport, lambda: None)
     user.advance = lambda: _wait(user)
-    threads = [threading.Thread(target=spin)]
-    for serve, transport in ((run_controller, transports[0]), (run_mock, transports[1])):
-        threads.append(threading.Thread(target=serve, args=(settings, transport, stop)))
-    for thread in threads:
-        thread.start()
+    thread = threading.Thread(target=spin)
+    thread.start()
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    # A user of rclpy hears all topics of both nodes, thousands of messages a second: in slow motion it can keep up.
+    services = [
+        subprocess.Popen(
+            [sys.executable, "-c", f"from wbc_controller.node import {main}; {main}()", "--ros-args", "-p",
+             f"robot:={ROBOT}", *words],
+            env=environment,
+        )
+        for main, words in (("mock_main", ["-p", "real_time_factor:=0.2"]), ("main", []))
+    ]  # fmt: skip
     try:
         yield user
     finally:
-        stop.set()
-        for thread in threads[1:]:
-            thread.join(10)
-        for transport in transports:
-            transport.close()
+        for service in services:
+            service.send_signal(signal.SIGINT)
+        for service in services:
+            service.wait(timeout=20)
+        transport.close()
         executor.shutdown()
         context.shutdown()
-        threads[0].join(10)
-        for node in nodes:
-            node.destroy_node()
+        thread.join(10)
+        node.destroy_node()
 
 
 _STAGES = {"memory": _on_memory, "dds": _on_dds, "ros2": _on_ros2}
