@@ -94,7 +94,7 @@ def test_the_page_runs():
     found = snippets()
     assert len(found) >= 10
     for number, snippet in enumerate(found):
-        exec(compile(snippet, f"{PAGE.name}, snippet {number}", "exec"), namespace)  # noqa: S102
+        exec(compile(snippet, f"{PAGE.name}, snippet {number}", "exec"), namespace)  # noqa: S102  # our own page
 
 
 def test_the_page_names_every_function_and_shows_pictures_that_exist():

@@ -56,7 +56,7 @@ def test_every_row_of_the_table_carries_its_message(join, eventually, example, n
         publish[row.name] = writer.advertise(offered)
 
     for row in rows:
-        eventually(lambda: received[row.name], lambda: publish[row.name](payloads[row.name]))  # noqa: B023
+        eventually(lambda: received[row.name], lambda: publish[row.name](payloads[row.name]))  # noqa: B023  # called in this round only
         message_received = decode(received[row.name][0], row.type)
         assert encode(message_received) == payloads[row.name], row
 

@@ -33,7 +33,6 @@ class Dynamics:
         self._pin = model.pinocchio
         self._data = model.pinocchio.createData()
         self._zero = np.zeros(model.nv)
-        self._lower = np.tril_indices(model.nv, -1)
         self.q: Array
         self.v: Array
         self.M: Array
@@ -60,7 +59,6 @@ class Dynamics:
         self.centroidal_drift = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero).vector
         pin.updateFramePlacements(model, data)
         self.M = data.M
-        self.M[self._lower] = self.M.T[self._lower]  # Pinocchio fills the upper triangle alone
         self.h = data.nle
         self.com = data.com[0]
         self.com_velocity = data.vcom[0]

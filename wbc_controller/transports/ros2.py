@@ -32,7 +32,7 @@ class StreamGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclp
     """The callbacks that the control loop waits for: the robot's state, and the commands to the supervisor."""
 
 
-class StreamsFirstExecutor(SingleThreadedExecutor):  # type: ignore[misc]
+class StreamsFirstExecutor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
     """An executor that a control loop can live with in one Python process.
 
     rclpy builds its wait set anew before each callback. With the hundred entities of a controller's node that takes
