@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.demo.director import Window
-from wbc_controller.demo.measure import judge, passed
+from wbc_controller.demo.measure import _modes, judge, passed
 from wbc_controller.demo.recording import Recording, Result
 from wbc_controller.demo.scenario import Move, Reach, Scenario, Shove
 
@@ -153,3 +153,11 @@ def test_a_verdict_without_results_is_none():
     assert not passed(())
     assert not passed((Result("a", "b", "c", True), Result("a", "b", "c", False)))
     assert passed((Result("a", "b", "c", True),))
+
+
+def test_the_modes_are_told_from_where_each_began():
+    cycles = {
+        "mode": np.array(["active", "active", "damping", "damping", "fault"]),
+        "stamp": np.array([1.0, 2.0, 3.0, 4.0, 5.0]) * 1e9,
+    }
+    assert _modes(cycles, 0.5) == ((0.5, "active"), (2.5, "damping"), (4.5, "fault"))

@@ -68,6 +68,7 @@ def make_recording(
         },
         events=tuple(replace(event, time=max(0.0, event.time - time[0])) for event in director.events),
         results=(),
+        modes=_modes(cycles, time[0]),
         supports=supports_of(settings.contacts),
         audit=_audit(cycles, time),
     )
@@ -105,6 +106,14 @@ def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: Callable[[A
     aligned = values[order][np.maximum(index, 0)]
     aligned[index < 0] = np.nan
     return np.asarray(aligned)
+
+
+def _modes(cycles: Mapping[str, Array], start: float) -> tuple[tuple[float, str], ...]:
+    """The controller's modes, each from the time at which it began, s since the start."""
+    modes = [str(mode) for mode in cycles["mode"]]
+    times = [max(0.0, 1.0e-9 * float(stamp) - start) for stamp in cycles["stamp"]]
+    changes = [i for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1]]
+    return tuple((times[i], modes[i]) for i in changes)
 
 
 def _audit(cycles: Mapping[str, Array], time: Array) -> dict[str, Array]:
