@@ -16,10 +16,10 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.build import make_board, make_controller, make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.solvers import Answer, make_solver
 from wbc_controller.records import RobotState, frozen
-from wbc_controller.settings import find_configuration, load_settings
 
 ROBOTS = ("g1", "talos", "go2")
 PROBLEMS = 500
@@ -49,7 +49,7 @@ def measure(robot: str, solvers: list[str]) -> None:
     difference = dict.fromkeys(solvers, 0.0)
     made = {}
     for state in swaying(model):
-        problem = controller.build(state, references).problem
+        problem = controller.formulation.build(state, references).problem
         best: Answer | None = None
         for name in solvers:
             if name not in made:

@@ -12,11 +12,12 @@ import pytest
 
 from wbc_controller.build import controller_endpoints, make_controller, make_loop, make_model
 from wbc_controller.clock import ManualClock
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.interface import Direction, counterpart
 from wbc_controller.messages import decode, encode, header, message, stamp
 from wbc_controller.preflight import stance
-from wbc_controller.settings import Settings, find_configuration, load_settings
+from wbc_controller.settings import Settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 

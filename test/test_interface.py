@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from wbc_controller.configuration import _tags_of
 from wbc_controller.decoding import READERS
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.interface import (
@@ -18,7 +19,6 @@ from wbc_controller.interface import (
     resolve,
 )
 from wbc_controller.messages import TYPES
-from wbc_controller.settings import _tags_of
 
 KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
 

@@ -28,7 +28,8 @@ LAYERS = {
     ),
     # Of core the supervisor needs the robot's limits, and ramps; never the controller whose answers it checks.
     "safety/*": (("numpy",), ("safety", "core.model", "core.trajectories", "records", "errors")),
-    "settings.py": (("pydantic", "yaml"), ("settings", "resources", "errors")),
+    "settings.py": (("pydantic",), ("settings",)),
+    "configuration.py": (("pydantic", "yaml"), ("configuration", "settings", "resources", "errors")),
     "interface.py": ((), ("interface", "records", "errors")),
 }
 #: Files that may import the mock robot: itself, and those that start it.

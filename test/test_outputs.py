@@ -22,7 +22,7 @@ def report(**changes):
 def solution(**changes):
     values = {
         "v_dot": np.zeros(18), "tau": np.zeros(12), "forces": {}, "residuals": {"contact_motion": 1e-9},
-        "task_errors": {"com": 0.01}, "binding": ("torque:knee:upper",), "relaxed": (), "iterations": 7,
+        "task_errors": {"com": 0.01}, "binding": {"torque:knee:upper": 0.25}, "relaxed": (), "iterations": 7,
         "stage_seconds": {},
     }  # fmt: skip
     return Solution(**{**values, **changes})
@@ -169,6 +169,7 @@ def test_what_a_summary_holds():
     assert values["task_error/com"] == "0.01000"
     assert values["residual/contact_motion"] == "1.00e-09"
     assert values["binding"] == "torque:knee:upper"
+    assert values["cost/torque:knee:upper"] == "0.25 1/(N·m)"
     assert values["refused/0"] == "x: no"
 
 

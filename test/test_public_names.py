@@ -20,7 +20,7 @@ EXPORTED = {
         "Task",
     },
     "wbc_controller.core.contacts": {"Contact", "PointContact", "SurfaceContact", "wrench_cone"},
-    "wbc_controller.core.limits": {"JointMotionLimit", "TorqueLimit"},
+    "wbc_controller.core.limits": {"JointMotionLimit", "RowLimit", "TorqueLimit"},
     "wbc_controller.core.solvers": {"Answer", "Solver", "available_solvers", "make_solver"},
 }
 

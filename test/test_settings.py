@@ -11,8 +11,9 @@ from click.testing import CliRunner
 
 from wbc_controller.build import make_controller
 from wbc_controller.cli import main
+from wbc_controller.configuration import find_configuration, load_settings, parse_settings, shipped_configurations
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.settings import Settings, find_configuration, load_settings, parse_settings, shipped_configurations
+from wbc_controller.settings import Settings
 
 FOLDER = Path(__file__).parent / "configurations"
 

@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from wbc_controller.build import make_task
+from wbc_controller.configuration import _members, _tags_of
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.interface import TASK_TYPES
-from wbc_controller.settings import _members, _tags_of
 
 TASKS = _members("tasks")
 

@@ -14,9 +14,10 @@ from typing import Any, TypeVar
 
 import click
 
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.interface import parse_remapping
-from wbc_controller.settings import NODE_NAME, Settings, find_configuration, load_settings
+from wbc_controller.settings import NODE_NAME, Settings
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -112,14 +112,14 @@ def support_margin(points: Array, position: Array) -> float:
 def _static(controller: Controller, state: RobotState, references: References, made: list[str]) -> list[Finding]:
     """Solve for torques and forces that hold the robot at rest."""
     model = controller.model
-    layout = controller.build(state, references)
+    layout = controller.formulation.build(state, references)
     problem = layout.problem
     still = layout.acceleration_columns
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     solver = make_solver("daqp", problem)
     x = solver.solve(problem).x
     if x is None:
-        why = explain(layout, model, controller.effort_bounds(references), held=("motion",))
+        why = explain(layout, model, controller.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
         raise ConfigurationError(_why_not(controller, layout.key) + because)
     tau = (controller.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])[model.v_index]

@@ -89,7 +89,9 @@ class Solution:
         forces: per made contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
         residuals: largest absolute violation of each group of constraints, by name.
         task_errors: Euclidean norm of each task's error, in the unit of its reference: m, rad, kg·m/s or N·m·s.
-        binding: names of the constraints that hold with equality, such as ``torque:left_knee_joint:upper``.
+        binding: the constraints that hold with equality, such as ``torque:left_knee_joint:upper``, and what each
+            costs: its multiplier, by which the cost would fall per unit of the bound, in N⁻¹ for contacts, (N·m)⁻¹ for
+            torques, (rad/s²)⁻¹ for joint motion.
         relaxed: groups of constraints that had to be relaxed for a solution to exist; normally empty.
         iterations: the solver's own count.
         stage_seconds: time spent in each stage of the computation, in s.
@@ -101,10 +103,10 @@ class Solution:
     forces: Mapping[str, Array]
     residuals: Mapping[str, float]
     task_errors: Mapping[str, float]
-    binding: tuple[str, ...]
-    relaxed: tuple[str, ...]
+    binding: Mapping[str, float]
     iterations: int
-    stage_seconds: Mapping[str, float]
+    relaxed: tuple[str, ...] = ()
+    stage_seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
 
 

@@ -7,15 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from wbc_controller.configuration import find_configuration, load_settings, parse_settings, shipped_configurations
 from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.settings import (
-    NODE_NAME,
-    Settings,
-    find_configuration,
-    load_settings,
-    parse_settings,
-    shipped_configurations,
-)
+from wbc_controller.settings import NODE_NAME, Settings
 
 #: Parameters that ROS 2 itself gives to nodes, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")

@@ -9,12 +9,13 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.build import make_controller, make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
 from wbc_controller.preflight import stance
 from wbc_controller.records import Array, References, RobotState, frozen
-from wbc_controller.settings import Settings, find_configuration, load_settings
+from wbc_controller.settings import Settings
 
 
 @cache

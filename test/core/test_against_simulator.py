@@ -50,7 +50,7 @@ def compared(request, bench):
     start, tau, journey = np.array(controller.dynamics.com), None, list(JOURNEY)
     result = Comparison(plant=plant)
     for cycle in range(1700):
-        time = cycle * controller.period
+        time = cycle * controller.formulation.period
         if journey and time >= journey[0][0]:
             knot = Knot(0.7, start + journey.pop(0)[1], np.zeros(3), np.zeros(3))
             board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, time)

@@ -6,6 +6,7 @@ import pytest
 
 from wbc_controller.core.problem import FORCE_UNIT, QuadraticProgram
 from wbc_controller.core.solvers import make_solver
+from wbc_controller.core.unpacking import unpack
 from wbc_controller.errors import NoSolution
 
 ROBOTS = ("g1", "talos", "go2")
@@ -310,10 +311,11 @@ def test_residuals_have_these_names_and_are_what_is_left(robots):
 def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
     g1 = bench("g1")
     state, references = g1.state(), g1.references()
-    layout = g1.controller.build(state, references)
+    layout = g1.controller.formulation.build(state, references)
     x = np.array(make_solver("daqp", layout.problem).solve(layout.problem).x)
     x[0] += 1.0e-4  # the base accelerates, and nothing carries it
-    solution = g1.controller._solution(layout, x, references, (), 1, (0.0, 0.0, 0.0))
+    multipliers = np.zeros(len(x) + len(layout.problem.upper))
+    solution = unpack(g1.controller.formulation, layout, x, multipliers, references, 1)
     assert solution.residuals["equations_of_motion"] == pytest.approx(1.0e-4 * g1.model.mass, rel=0.01)
     assert solution.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
 
@@ -356,9 +358,47 @@ def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
     assert {"torque", "cone"} <= seen
 
 
+@pytest.mark.parametrize("kind", ["torque", "motion", "normal_force", "cone"])
+def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
+    """By finite differences: give one bound a little, solve again, and see by how much the cost falls."""
+    g1 = bench("g1")
+    formulation, elbow = g1.controller.formulation, g1.model.joints.index("left_elbow_joint")
+    references = g1.references(posture=5.0)
+    wish = np.zeros(g1.model.na)
+    wish[elbow] = {"torque": 2000.0, "motion": 150.0}.get(kind, 0.0)
+    posture = replace(references.tasks["posture"], acceleration=wish)
+    com = replace(references.tasks["com"], acceleration=np.array([9.0 if kind == "cone" else 0.0, 0.0, 2.0]))
+    references = replace(references, tasks={**references.tasks, "posture": posture, "com": com})
+    if kind == "motion":
+        formulation.motion_limit.acceleration = 100.0
+    if kind == "torque":
+        formulation.motion_limit.acceleration = 1.0e4
+    if kind == "normal_force":
+        g1.controller.contacts["left_foot"].max_normal_force = 150.0
+    solution = g1.controller.solve(g1.state(), references)
+    costs = {name: cost for name, cost in solution.binding.items() if name.startswith(f"{kind}:")}
+    name = max(costs, key=costs.get)
+    assert costs[name] > 1e-6
+
+    layout = formulation.build(g1.state(), references)
+    problem, given = layout.problem.copy(), 1e-3
+    owner = name.split(":")[1]
+    if kind == "torque":
+        problem.upper[layout.torque.start + g1.model.joints.index(owner)] += given
+    elif kind == "motion":
+        problem.x_upper[layout.joints[g1.model.joints.index(owner)]] += given
+    elif kind == "normal_force":
+        problem.x_upper[layout.forces[layout.key.index(owner)]] += given / FORCE_UNIT
+    else:
+        problem.upper[layout.cones[layout.key.index(owner)]] += given / FORCE_UNIT
+    solve = make_solver("daqp", problem).solve
+    before, after = (p.objective(solve(p).x) for p in (layout.problem, problem))
+    assert (before - after) / given == pytest.approx(costs[name], rel=1e-3)
+
+
 def test_a_robot_that_stands_has_nothing_binding(robots):
     for bench in robots.values():
-        assert bench.controller.solve(bench.state(), bench.references()).binding == ()
+        assert bench.controller.solve(bench.state(), bench.references()).binding == {}
 
 
 def test_a_solution_cannot_be_changed(robots):
@@ -395,13 +435,13 @@ def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robo
     used, rng = bench(robot), np.random.default_rng(7)
     state, other = used.near_stance(rng), used.near_stance(rng)
     references, tau = busy(used, state, rng), used.model.effort_limits * 0.1
-    first = arrays(used.controller.build(state, references, tau).problem)
+    first = arrays(used.controller.formulation.build(state, references, tau).problem)
     last = next(reversed(used.controller.contacts))
     fewer = replace(busy(used, other, rng), external_wrenches={used.model.base_link: np.ones(6)})
     used.controller.solve(other, fewer)
     used.controller.solve(other, replace(fewer, contacts={**fewer.contacts, last: 0.0}))
     for again in (used, bench(robot)):  # the same controller, and a fresh one
-        for name, values in arrays(again.controller.build(state, references, tau).problem).items():
+        for name, values in arrays(again.controller.formulation.build(state, references, tau).problem).items():
             np.testing.assert_array_equal(values, first[name], err_msg=name)
 
 
@@ -409,7 +449,7 @@ def test_a_built_problem_can_be_solved_by_hand(robots):
     bench, rng = robots["g1"], np.random.default_rng(8)
     state = bench.near_stance(rng)
     references = busy(bench, state, rng)
-    layout = bench.controller.build(state, references)
+    layout = bench.controller.formulation.build(state, references)
     x = np.array(make_solver("quadprog", layout.problem).solve(layout.problem).x)
     solution = bench.controller.solve(state, references)
     np.testing.assert_allclose(x[: bench.model.nv], solution.v_dot, atol=1e-5)
@@ -421,7 +461,7 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots):
     bench, rng = robots["go2"], np.random.default_rng(9)
     state = bench.near_stance(rng)
     references = busy(bench, state, rng)
-    problem = bench.controller.build(state, references).problem
+    problem = bench.controller.formulation.build(state, references).problem
     nv, solver = bench.model.nv, bench.settings.solver
 
     def cost(x):

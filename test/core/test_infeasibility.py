@@ -29,16 +29,16 @@ def first_contact(robot):
 def weaken(robot, joint, limit):
     limits = np.array(robot.model.effort_limits)
     limits[robot.model.joints.index(joint)] = limit
-    robot.controller.torque_limit.effort_limits = limits
+    robot.controller.formulation.torque_limit.effort_limits = limits
 
 
 def still(robot, references=None):
     """Why the robot cannot stand still; the problem with it."""
     references = references or robot.references()
-    layout = robot.controller.build(robot.state(), references)
+    layout = robot.controller.formulation.build(robot.state(), references)
     accelerations = layout.acceleration_columns
     layout.problem.x_lower[accelerations] = layout.problem.x_upper[accelerations] = 0.0
-    effort = robot.controller.effort_bounds(references)
+    effort = robot.controller.formulation.effort_bounds(references)
     return explain(layout, robot.model, effort, held=("motion",)), layout, effort
 
 
@@ -49,8 +49,8 @@ def failure(robot, references=None, state=None):
     assert error.value.infeasibility is not None
     assert error.value.infeasibility.sentence in str(error.value)
     references = references or robot.references()
-    layout = robot.controller._layouts[tuple(references.contacts)][0]
-    return error.value.infeasibility, layout, robot.controller.effort_bounds(references)
+    layout = robot.controller.formulation.layout(tuple(references.contacts))
+    return error.value.infeasibility, layout, robot.controller.formulation.effort_bounds(references)
 
 
 def asked(robot, state=None, before=None):
@@ -58,8 +58,8 @@ def asked(robot, state=None, before=None):
     state, references = state or robot.state(), robot.references(state)
     return (
         robot.controller.explain(state, references, before),
-        robot.controller.build(state, references, before),
-        robot.controller.effort_bounds(references),
+        robot.controller.formulation.build(state, references, before),
+        robot.controller.formulation.effort_bounds(references),
     )
 
 
@@ -102,26 +102,26 @@ def pulled_apart(robot, name):
     twin = copy.copy(contact)
     twin.name = "twin"
     twin.drift = lambda dynamics: contact.drift(dynamics) + 0.5 * np.eye(contact.size)[0]
-    robot.controller.contacts = {contact.name: contact, "twin": twin}
+    robot.controller.formulation.contacts = {contact.name: contact, "twin": twin}
     robot.settings = robot.settings.model_copy(update={"contacts": {contact.name: None, "twin": None}})
     return failure(robot), {f"contact_motion:{contact.name}", "contact_motion:twin"}
 
 
 def crossed(robot, name):
-    i, bounds = robot.model.joints.index(ELBOW[name]), robot.controller.motion_limit.bounds
+    i, bounds = robot.model.joints.index(ELBOW[name]), robot.controller.formulation.motion_limit.bounds
 
     def contradictory(q, v, period):
         lower, upper = bounds(q, v, period)
         lower[i], upper[i] = 5.0, -5.0
         return lower, upper
 
-    robot.controller.motion_limit.bounds = contradictory
+    robot.controller.formulation.motion_limit.bounds = contradictory
     return asked(robot), {f"motion:{ELBOW[name]}"}
 
 
 def wrong_torque_before(joint):
     def case(robot, name):
-        robot.controller.torque_limit.rate = 1.0
+        robot.controller.formulation.torque_limit.rate = 1.0
         i = robot.model.joints.index(joint[name])
         before = np.array(robot.controller.solve(robot.state(), robot.references()).tau)
         before[i] = -np.sign(before[i]) * robot.model.effort_limits[i]
@@ -138,7 +138,8 @@ def slippery(robot, name):
         normal = contact.cone[:, 2]
         slides = (np.abs(contact.cone[:, :2]).max(axis=1) == 1.0) & (contact.cone[:, 2] < 0.0)
         normal[slides] = -0.05 / 2.0**0.5
-    robot.controller._layouts.clear()
+    robot.controller.formulation._layouts.clear()
+    robot.controller._solvers.clear()
     push = np.array([0.0, 0.1 * weight(robot), 0.0, 0.0, 0.0, 0.0])
     references = replace(robot.references(), external_wrenches={robot.model.base_link: push})
     return still(robot, references), {f"cone:{contact}" for contact in robot.controller.contacts}
@@ -148,7 +149,7 @@ def weak_and_braked(robot, name):
     """A hand that must brake hard, by a wrist that is nearly without torque."""
     wrist = "left_wrist_yaw_joint"
     weaken(robot, wrist, 0.2)
-    bounds, i = robot.controller.motion_limit.bounds, robot.model.joints.index(wrist)
+    bounds, i = robot.controller.formulation.motion_limit.bounds, robot.model.joints.index(wrist)
 
     def braked(q, v, period):
         lower, upper = bounds(q, v, period)
@@ -156,7 +157,7 @@ def weak_and_braked(robot, name):
         lower[i], upper[i] = -500.0, -100.0
         return lower, upper
 
-    robot.controller.motion_limit.bounds = braked
+    robot.controller.formulation.motion_limit.bounds = braked
     return asked(robot), {f"motion:{wrist}", f"torque:{wrist}"}
 
 
@@ -238,8 +239,8 @@ def test_the_smallest_slack_reconciles_and_less_does_not(bench, case, name):
 def test_the_problem_that_is_split_into_names_is_the_whole_problem(bench, name):
     robot, rng = bench(name), np.random.default_rng(0)
     before = 0.1 * robot.model.effort_limits
-    layout = robot.controller.build(robot.state(), robot.references(), before)
-    named = named_constraints(layout, robot.model, robot.controller.effort_bounds(robot.references()))
+    layout = robot.controller.formulation.build(robot.state(), robot.references(), before)
+    named = named_constraints(layout, robot.model, robot.controller.formulation.effort_bounds(robot.references()))
     assert len({constraint.name for constraint in named}) == len(named)
     problem = layout.problem
     problem.A[layout.floating], problem.b[layout.floating] = 0.0, 0.0  # these have no name
@@ -268,8 +269,8 @@ def test_a_value_that_is_not_finite_is_not_explained(bench):
 
 def test_a_solver_that_fails_without_a_conflict_is_named(bench, monkeypatch):
     robot = bench("go2")
-    layout = robot.controller.build(robot.state(), robot.references())
-    solver = robot.controller._layouts[layout.key][1]
+    layout = robot.controller.formulation.build(robot.state(), robot.references())
+    solver = robot.controller._solvers[layout.key]
     monkeypatch.setattr(solver, "solve", lambda problem: Answer(None, "cycling", 7))
     with pytest.raises(NoSolution, match=r"cycling.*they do not conflict: it is the solver that failed") as error:
         robot.controller.solve(robot.state(), robot.references())

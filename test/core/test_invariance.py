@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.build import make_board, make_controller, make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.references import EnableTask
 from wbc_controller.mechanics import Recoordinated, recoordinate
 from wbc_controller.records import RobotState, frozen
-from wbc_controller.settings import find_configuration, load_settings
 
 NEW_ROOT = {"g1": "waist_pitch_joint", "talos": "arm_left_4_joint", "go2": "RL_thigh_joint"}
 

@@ -35,7 +35,7 @@ def test_the_torque_limit_matters(bench, side):
     assert sign * held.tau[i] == pytest.approx(limit, abs=1e-5)
     assert (np.abs(held.tau) <= g1.model.effort_limits + 1e-5).all()
     assert f"torque:{ELBOW}:{side}" in held.binding
-    g1.controller.torque_limit = TorqueLimit(100.0 * g1.model.effort_limits, rate=100.0)
+    g1.controller.formulation.torque_limit = TorqueLimit(100.0 * g1.model.effort_limits, rate=100.0)
     free = g1.controller.solve(g1.state(), references)
     assert sign * free.tau[i] > limit + 1.0
     assert f"torque:{ELBOW}:{side}" not in free.binding
@@ -46,7 +46,7 @@ def test_the_torque_rate_matters(bench):
     i = g1.model.joints.index(ELBOW)
     before = g1.controller.solve(g1.state(), g1.references()).tau
     references = fling(g1, ELBOW, 100.0)
-    step = 10.0 * g1.controller.period * g1.model.effort_limits
+    step = 10.0 * g1.controller.formulation.period * g1.model.effort_limits
     free = g1.controller.solve(g1.state(), references)
     held = g1.controller.solve(g1.state(), references, before)
     assert (np.abs(free.tau - before) - step)[i] > 0.1
@@ -67,7 +67,7 @@ def test_the_velocity_limit_matters(bench):
     after = {}
     for name, robot in (("limited", limited), ("free", free)):
         solution = robot.controller.solve(state, fling(robot, ELBOW, 300.0 + 15.0 * limit))
-        after[name] = v[column] + robot.controller.period * solution.v_dot[column]
+        after[name] = v[column] + robot.controller.formulation.period * solution.v_dot[column]
         assert not solution.relaxed
         assert (f"motion:{ELBOW}:upper" in solution.binding) == (name == "limited")
     assert after["free"] > limit + 0.01

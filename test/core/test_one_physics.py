@@ -8,8 +8,8 @@ import pytest
 
 from wbc_controller import mechanics
 from wbc_controller.build import make_board, make_controller, make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.records import RobotState, frozen
-from wbc_controller.settings import find_configuration, load_settings
 
 TIME_CONSTANT = 0.1  # s; critically damped, 2 / 0.1 s is the contacts' damping of 20 / s
 

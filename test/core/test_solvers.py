@@ -59,6 +59,26 @@ def reference_answer(problem):
     return solution.x
 
 
+@pytest.mark.parametrize("name", SOLVERS)
+def test_multipliers_make_the_answer_stationary(name):
+    """Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0 for some y, with the sign that each bound allows."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        problem = random_problem(rng)
+        answer = make_solver(name, problem).solve(problem)
+        n = len(problem.g)
+        bounds, rows = answer.multipliers[:n], answer.multipliers[n:]
+        slope = problem.H @ answer.x + problem.g + bounds + problem.C.T @ rows
+        y = np.linalg.lstsq(problem.A.T, -slope, rcond=None)[0]
+        scale = max(1.0, np.abs(answer.multipliers).max())
+        assert np.abs(slope + problem.A.T @ y).max() < 1e-3 * scale
+        value, tolerance = np.concatenate([answer.x, problem.C @ answer.x]), 1e-3 * scale
+        lower, upper = np.append(problem.x_lower, problem.lower), np.append(problem.x_upper, problem.upper)
+        assert (answer.multipliers[value < upper - 1e-3] <= tolerance).all()
+        assert (answer.multipliers[value > lower + 1e-3] >= -tolerance).all()
+        assert np.abs(answer.multipliers).max() > 0.1
+
+
 def assert_agrees(solver, problem, answer, expected):
     """Feasible within the stated tolerance, and no worse than the best within what that tolerance is worth."""
     assert answer.x is not None, answer.status
@@ -211,7 +231,7 @@ def test_all_solvers_agree_on_the_standing_robot(bench, robot, name):
         references = reference.references()
         expected = reference.controller.solve(state, references)
         answer = other.controller.solve(state, references)
-        solver = make_solver(name, other.controller.build(state, references).problem)
+        solver = make_solver(name, other.controller.formulation.build(state, references).problem)
         assert max(answer.residuals.values()) <= max(1.0e-2, solver.tolerance)
         scale = max(1.0, np.abs(expected.v_dot).max())
         assert np.abs(answer.v_dot - expected.v_dot).max() <= 10.0 * max(solver.tolerance, 1.0e-5) * scale

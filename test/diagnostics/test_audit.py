@@ -14,6 +14,7 @@ import pytest
 
 from wbc_controller.build import controller_endpoints, make_loop, make_model
 from wbc_controller.clock import ManualClock
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.references import SetExternalWrench, SetSetpoint, SetTrajectory
 from wbc_controller.core.trajectories import Knot
@@ -21,7 +22,6 @@ from wbc_controller.interface import counterpart
 from wbc_controller.messages import encode, message
 from wbc_controller.mock.robot import MockRobot
 from wbc_controller.records import CycleReport
-from wbc_controller.settings import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 LET_GO, CALM = 0.2, 0.9  # s: the hoist lets go, and all is quiet

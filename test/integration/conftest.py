@@ -21,13 +21,13 @@ import pytest
 
 from wbc_controller.build import controller_endpoints, make_loop, make_model
 from wbc_controller.clock import ManualClock
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.decoding import JointOrder, read_odometry
 from wbc_controller.demo.director import header_time
 from wbc_controller.interface import MOCK_TOPICS, Direction, counterpart, endpoints
 from wbc_controller.messages import decode, encode, message, nanoseconds
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
-from wbc_controller.settings import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 ROBOT = "go2"

@@ -11,6 +11,7 @@ import pytest
 from mechanisms import four_bar, random_state
 
 from wbc_controller.build import make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.mechanics import (
     Kinematics,
     PlaneContact,
@@ -25,7 +26,6 @@ from wbc_controller.mechanics import (
 )
 from wbc_controller.mock.plant import Plant
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
-from wbc_controller.settings import find_configuration, load_settings
 
 STIFF = 'solref="0.01 1" solimp="0.9999 0.9999 0.001"'
 

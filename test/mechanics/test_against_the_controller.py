@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from mechanisms import random_state
 
 from wbc_controller.build import make_controller, make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.contacts import SurfaceContact as ControllerSurface
 from wbc_controller.mechanics import (
     ExternalWrench,
@@ -22,7 +23,6 @@ from wbc_controller.mechanics import (
 )
 from wbc_controller.preflight import stance
 from wbc_controller.records import Reference, References, RobotState
-from wbc_controller.settings import find_configuration, load_settings
 
 CONTROLLERS = {}
 

@@ -7,10 +7,11 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.build import make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.mock.mechanism import contact_frame
 from wbc_controller.mock.plant import Plant
-from wbc_controller.settings import Settings, SurfaceContact, find_configuration, load_settings
+from wbc_controller.settings import Settings, SurfaceContact
 
 ROBOTS = ("g1", "talos", "go2")
 

@@ -23,7 +23,7 @@ except ImportError as error:
 pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
 
 from wbc_controller.build import make_model
-from wbc_controller.settings import find_configuration, load_settings
+from wbc_controller.configuration import find_configuration, load_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -21,9 +21,9 @@ try:
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.node import ControllerNode
 from wbc_controller.records import Mode
-from wbc_controller.settings import find_configuration, load_settings
 from wbc_controller.transports.ros2 import StreamsFirstExecutor
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))

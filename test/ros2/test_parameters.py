@@ -4,9 +4,9 @@ import array
 
 import pytest
 
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.ros2_parameters import nest, settings_from
-from wbc_controller.settings import find_configuration, load_settings
 
 G1 = find_configuration("g1")
 

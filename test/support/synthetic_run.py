@@ -4,9 +4,10 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.build import make_model
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.demo.recording import Event, Recording, Result, supports_of
-from wbc_controller.settings import Settings, find_configuration, load_settings
+from wbc_controller.settings import Settings
 
 
 def robot(name: str) -> tuple[Settings, RobotModel]:

@@ -171,6 +171,10 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
         owner = names.get(column, "base")
         bounds = problem.x_lower[column], problem.x_upper[column]
         add(f"motion:{owner}", identity[column], bounds, _GRAVITY / LENGTH, ["rad/s²"])
+    for limit, limit_rows in zip(layout.row_limits, layout.limits, strict=True):
+        scale = _GRAVITY / LENGTH if limit.unit == "rad/s²" else _GRAVITY
+        for row, name in enumerate(limit.names, limit_rows.start):
+            add(name, problem.C[row], (problem.lower[row], problem.upper[row]), scale, [limit.unit])
     return found
 
 
@@ -345,6 +349,8 @@ def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> s
         return f"normal force of {owner} ({side}, {gives})"
     if constraint.kind == "motion":
         return f"joint motion of {owner} ({side}, {gives})"
+    if constraint.kind not in ("cone", "contact_motion"):  # a limit on a combination of accelerations
+        return f"{constraint.kind} limit of {owner} ({side}, {gives})"
     if constraint.kind == "cone" and contact is not None:
         what = "friction" if contact.size == 3 else "friction and centre of pressure"
         return f"{what} of {owner} (friction {contact.friction:g}, {amount} more needed)"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
+from wbc_controller.core.limits import RowLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.records import Array
 
@@ -103,10 +104,12 @@ class Layout:
         floating: rows of A of the equations of motion that no actuator enters.
         torque: rows of C of the torque bounds.
         cones: for each contact, the rows of C of its cone.
+        row_limits: the limits on combinations of v̇.
+        limits: for each of these, its rows of C.
         joints: columns of x of the actuated joints' accelerations, (na,).
     """
 
-    def __init__(self, model: RobotModel, contacts: Sequence[Contact]) -> None:
+    def __init__(self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = ()) -> None:
         nv, na = model.nv, model.na
         self.contacts = tuple(contacts)
         self.unactuated = np.setdiff1d(np.arange(nv), model.v_index)  # rows of M without an actuator
@@ -118,15 +121,20 @@ class Layout:
         self.forces: list[slice] = []
         self.motion: list[slice] = []
         self.cones: list[slice] = []
-        column, row, cone_row = nv, len(self.unactuated), na
+        column, row, inequality = nv, len(self.unactuated), na
         for contact in contacts:
             self.forces.append(slice(column, column + contact.size))
             self.motion.append(slice(row, row + contact.size))
-            self.cones.append(slice(cone_row, cone_row + len(contact.cone)))
+            self.cones.append(slice(inequality, inequality + len(contact.cone)))
             column += contact.size
             row += contact.size
-            cone_row += len(contact.cone)
-        self.problem = QuadraticProgram.empty(nv + nf, row, cone_row)
+            inequality += len(contact.cone)
+        self.limits: list[slice] = []
+        self.row_limits = tuple(limits)
+        for limit in limits:
+            self.limits.append(slice(inequality, inequality + len(limit.names)))
+            inequality += len(limit.names)
+        self.problem = QuadraticProgram.empty(nv + nf, row, inequality)
         for contact, columns, rows in zip(contacts, self.forces, self.cones, strict=True):
             self.problem.C[rows, columns] = contact.cone
             self.problem.upper[rows] = 0.0

@@ -21,6 +21,7 @@ from rich.table import Table
 
 from wbc_controller.build import controller_endpoints, make_loop, make_model
 from wbc_controller.clock import ManualClock
+from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.demo.director import DemoFailed, Director, Log, header_time
 from wbc_controller.demo.measure import judge, make_recording, passed
@@ -32,7 +33,7 @@ from wbc_controller.interface import MOCK_TOPICS, Endpoint, endpoints
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
 from wbc_controller.records import Array
-from wbc_controller.settings import Settings, find_configuration, load_settings
+from wbc_controller.settings import Settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
 

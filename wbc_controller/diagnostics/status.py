@@ -57,6 +57,12 @@ class StatusSummary:
         return message("diagnostic_msgs/msg/DiagnosticArray", header=header(wall), status=[status])
 
 
+def _per(constraint: str) -> str:
+    """Unit of a binding constraint's multiplier: the cost itself has none."""
+    kind = constraint.partition(":")[0]
+    return {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}.get(kind, "1/(m/s²)")
+
+
 def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
     """Key values of some cycles, and sentences worth a warning."""
     last = reports[-1]
@@ -76,6 +82,7 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         values |= {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
         values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
         values["binding"] = ", ".join(solution.binding) or "none"
+        values |= {f"cost/{name}": f"{cost:.4g} {_per(name)}" for name, cost in solution.binding.items()}
         values["solver_iterations"] = str(solution.iterations)
     if last.fault is not None and last.fault.infeasibility is not None:
         why = last.fault.infeasibility

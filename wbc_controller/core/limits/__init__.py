@@ -1,6 +1,7 @@
-"""The limits of the joints: one file per kind."""
+"""The limits: one file per kind."""
 
 from wbc_controller.core.limits.joint_motion import JointMotionLimit
+from wbc_controller.core.limits.limit import RowLimit
 from wbc_controller.core.limits.torque import TorqueLimit
 
-__all__ = ["JointMotionLimit", "TorqueLimit"]
+__all__ = ["JointMotionLimit", "RowLimit", "TorqueLimit"]

@@ -65,7 +65,7 @@ class DaqpSolver(Solver):
             x, _, flag, info = self._model.solve()
             iterations = int(info["iterations"])
             if flag == 1:
-                return Answer(x, _STATUS[1], iterations)
+                return Answer(x, _STATUS[1], iterations, np.delete(info["lam"], slice(n, n + m)))
         else:
             iterations = 0
         self._model = None  # what is left of a failed solve must not start the next one

@@ -60,7 +60,8 @@ class OsqpSolver(Solver):
             return Answer(None, f"OSQPException: {error}", 0)
         iterations = int(result.info.iter)
         if result.info.status == "solved":
-            return Answer(np.array(result.x), "optimal", iterations)
+            y = np.array(result.y)
+            return Answer(np.array(result.x), "optimal", iterations, np.concatenate([y[rows:], y[m:rows]]))
         self._solver = None
         return Answer(None, str(result.info.status), iterations)
 

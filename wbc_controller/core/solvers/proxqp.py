@@ -54,7 +54,8 @@ class ProxqpSolver(Solver):
         qp.solve()
         info = qp.results.info
         if info.status == _proxqp.PROXQP_SOLVED:
-            return Answer(np.array(qp.results.x), "optimal", int(info.iter))
+            z, rows = np.array(qp.results.z), len(problem.upper)  # of the rows of C, then of the bounds of x
+            return Answer(np.array(qp.results.x), "optimal", int(info.iter), np.concatenate([z[rows:], z[:rows]]))
         status = str(info.status).rsplit(".", 1)[-1].removeprefix("PROXQP_").replace("_", " ").lower()
         self._qp, self._started = self._make(), False
         return Answer(None, status, int(info.iter))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from wbc_controller.core.problem import QuadraticProgram
 from wbc_controller.records import Array
@@ -17,11 +19,14 @@ class Answer:
         x: the minimizer, (n,); None where there is none.
         status: the solver's own word for the outcome.
         iterations: the solver's own count.
+        multipliers: of the bounds of x, then of the rows of C, (n + m_in,): positive at an upper bound, negative at a
+            lower one, 0 away from both; with those of the equalities, Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0.
     """
 
     x: Array | None
     status: str
     iterations: int
+    multipliers: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Solver(ABC):

@@ -1,0 +1,211 @@
+"""The quadratic program of one cycle, filled: cost, equations of motion, contacts, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.problem import FORCE_UNIT, Layout
+from wbc_controller.core.tasks import Task
+from wbc_controller.records import Array, References, RobotState
+
+#: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
+ROTATION_LENGTH = 0.1
+
+
+class Formulation:
+    """Turns a state and references into a quadratic program; solving it is another matter (`controller`).
+
+    Attributes:
+        model: the robot's model.
+        dynamics: the snapshot of the last cycle.
+        tasks: the tasks, by name.
+        contacts: the contacts, by name.
+        torque_limit: bounds of the torques.
+        motion_limit: bounds of the joints' accelerations.
+        row_limits: bounds of other combinations of v̇.
+        period: time between cycles, s.
+        task_errors: norm of the error of each task that took part in the last cycle.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        tasks: Sequence[Task],
+        contacts: Sequence[Contact],
+        torque_limit: TorqueLimit,
+        motion_limit: JointMotionLimit,
+        row_limits: Sequence[RowLimit],
+        *,
+        period: float,
+        regularization_acceleration: float,
+        regularization_force: float,
+    ) -> None:
+        """Make a formulation.
+
+        Args:
+            model: the robot's model.
+            tasks: what is wanted.
+            contacts: what may carry force.
+            torque_limit: bounds of the torques.
+            motion_limit: bounds of the joints' accelerations.
+            row_limits: bounds of other combinations of v̇.
+            period: time between cycles, s.
+            regularization_acceleration: ε_a.
+            regularization_force: ε_f.
+        """
+        self.model = model
+        self.dynamics = Dynamics(model)
+        self.tasks: Mapping[str, Task] = {task.name: task for task in tasks}
+        self.contacts: Mapping[str, Contact] = {contact.name: contact for contact in contacts}
+        self.torque_limit = torque_limit
+        self.motion_limit = motion_limit
+        self.row_limits = tuple(row_limits)
+        self.period = period
+        self.task_errors: dict[str, float] = {}
+        self._regularization_acceleration = regularization_acceleration
+        self._regularization_force = regularization_force
+        self._layouts: dict[tuple[str, ...], Layout] = {}
+        self._joint_columns = np.arange(6 if model.floating_base else 0, model.nv)
+        self._momentum_scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3)[:, None] / model.mass
+        rows = sum(task.dimension for task in tasks) + 6
+        self._task_rows = np.zeros((rows, model.nv))
+        self._task_right = np.zeros(rows)
+
+    def layout(self, names: tuple[str, ...]) -> Layout:
+        """Columns, rows and arrays of the problem with one set of made contacts."""
+        if names not in self._layouts:
+            contacts = [self.contacts[name] for name in names]
+            self._layouts[names] = Layout(self.model, contacts, self.row_limits)
+        return self._layouts[names]
+
+    def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
+        """Compute the dynamics and fill the problem.
+
+        Args:
+            state: where the robot is.
+            references: what is wanted.
+            tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
+
+        Returns:
+            The layout, whose `problem` is ready to be solved, looked at or dumped.
+        """
+        self.dynamics.update(state.q, state.v)
+        made = tuple(name for name in self.contacts if references.contacts.get(name, 0.0) > 0.0)
+        layout = self.layout(made)
+        self._fill_cost(layout, references)
+        self._fill_equations_of_motion(layout, references, tau_before)
+        self._fill_contacts(layout, references)
+        self._fill_joint_motion(layout)
+        self._fill_row_limits(layout)
+        return layout
+
+    def _fill_cost(self, layout: Layout, references: References) -> None:
+        problem, dynamics, nv = layout.problem, self.dynamics, self.model.nv
+        row = 0
+        self.task_errors = {}
+        for name, task in self.tasks.items():
+            weight = references.weights.get(name, 0.0)
+            if weight <= 0.0:
+                continue
+            J, right, error = task.equation(dynamics, references.tasks[name])
+            end = row + task.dimension
+            scale = weight**0.5
+            np.multiply(J, scale, out=self._task_rows[row:end])
+            np.multiply(right, scale, out=self._task_right[row:end])
+            self.task_errors[name] = error
+            row = end
+        row = self._regularize_momentum(row)
+        rows, right = self._task_rows[:row], self._task_right[:row]
+        H = problem.H
+        np.matmul(rows.T, rows, out=H[:nv, :nv])
+        diagonal = H.reshape(-1)[:: len(H) + 1]
+        diagonal[self._joint_columns] += self._regularization_acceleration
+        diagonal[nv:] = self._regularization_force * FORCE_UNIT**2
+        np.matmul(rows.T, right, out=problem.g[:nv])
+        np.negative(problem.g[:nv], out=problem.g[:nv])
+
+    def _regularize_momentum(self, row: int) -> int:
+        """Add the rows of √ε_a ḣ_G / m, for a base that moves; gives the number of rows filled."""
+        if not self.model.floating_base:
+            return row
+        scale = self._regularization_acceleration**0.5 * self._momentum_scale
+        np.multiply(self.dynamics.centroidal_matrix, scale, out=self._task_rows[row : row + 6])
+        np.multiply(-self.dynamics.centroidal_drift, scale[:, 0], out=self._task_right[row : row + 6])
+        return row + 6
+
+    def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
+        problem, dynamics, model = layout.problem, self.dynamics, self.model
+        for contact, columns in zip(layout.contacts, layout.forces, strict=True):
+            rows = slice(columns.start - model.nv, columns.stop - model.nv)
+            layout.J[rows] = contact.jacobian(dynamics)
+        h = self.bias(references)
+        unactuated, floating, torque = layout.unactuated, layout.floating, layout.torque
+        accelerations, forces = layout.acceleration_columns, layout.force_columns
+        problem.A[floating, accelerations] = dynamics.M[unactuated]
+        problem.A[floating, forces] = -FORCE_UNIT * layout.J[:, unactuated].T
+        problem.b[floating] = -h[unactuated]
+        problem.C[torque, accelerations] = dynamics.M[model.v_index]
+        problem.C[torque, forces] = -FORCE_UNIT * layout.J[:, model.v_index].T
+        lower, upper = self.torque_limit.bounds(tau_before, self.period)
+        problem.lower[torque] = lower - h[model.v_index]
+        problem.upper[torque] = upper - h[model.v_index]
+
+    def bias(self, references: References) -> Array:
+        """Bias forces less the generalized forces of the known external wrenches (equation (22); S4)."""
+        if not references.external_wrenches:
+            return self.dynamics.h
+        h = np.array(self.dynamics.h)
+        for frame, wrench in references.external_wrenches.items():
+            h -= self.dynamics.external_force(frame, wrench)
+        return h
+
+    def _fill_contacts(self, layout: Layout, references: References) -> None:
+        problem, dynamics = layout.problem, self.dynamics
+        for contact, columns, rows in zip(layout.contacts, layout.forces, layout.motion, strict=True):
+            J = layout.J[columns.start - self.model.nv : columns.stop - self.model.nv]
+            problem.A[rows, layout.acceleration_columns] = J
+            problem.b[rows] = -contact.drift(dynamics) - contact.damping * (J @ dynamics.v)
+            lower, upper = contact.bounds(references.contacts[contact.name])
+            problem.x_lower[columns] = lower / FORCE_UNIT
+            problem.x_upper[columns] = upper / FORCE_UNIT
+
+    def _fill_joint_motion(self, layout: Layout) -> None:
+        problem, dynamics, model = layout.problem, self.dynamics, self.model
+        lower, upper = self.motion_limit.bounds(dynamics.q[model.q_index], dynamics.v[model.v_index], self.period)
+        problem.x_lower[layout.joints] = lower
+        problem.x_upper[layout.joints] = upper
+
+    def _fill_row_limits(self, layout: Layout) -> None:
+        problem = layout.problem
+        for limit, rows in zip(self.row_limits, layout.limits, strict=True):
+            limit.fill(
+                self.dynamics,
+                self.period,
+                problem.C[rows, layout.acceleration_columns],
+                problem.lower[rows],
+                problem.upper[rows],
+            )
+
+    def effort_bounds(self, references: References) -> tuple[Array, Array]:
+        """Bounds of the problem's torque rows by the effort limits alone, without the rate."""
+        lower, upper = self.torque_limit.bounds(None, self.period)
+        h = self.bias(references)[self.model.v_index]
+        return lower - h, upper - h
+
+    def relax(self, layout: Layout, what: str, references: References) -> None:
+        """Take the limits of ``joint_motion`` (all that bound v̇) or the ``torque_rate`` out of a built problem."""
+        problem = layout.problem
+        if what == "joint_motion":
+            problem.x_lower[layout.joints] = -np.inf
+            problem.x_upper[layout.joints] = np.inf
+            for rows in layout.limits:
+                problem.lower[rows] = -np.inf
+                problem.upper[rows] = np.inf
+        else:
+            problem.lower[layout.torque], problem.upper[layout.torque] = self.effort_bounds(references)

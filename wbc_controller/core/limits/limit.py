@@ -1,0 +1,32 @@
+"""What every limit is that bounds combinations of accelerations."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.records import Array
+
+
+class RowLimit(ABC):
+    """Rows lower ≤ G v̇ ≤ upper of the quadratic program; their number never changes.
+
+    Attributes:
+        names: a name for each row, ``<kind>:<owner>``, as in `Solution.binding`.
+        unit: unit of G v̇.
+    """
+
+    names: tuple[str, ...]
+    unit: str
+
+    @abstractmethod
+    def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
+        """Write the rows at one state.
+
+        Args:
+            dynamics: the snapshot.
+            period: time for which an acceleration is held, s.
+            rows: G, (k, nv), to be overwritten.
+            lower: (k,), to be overwritten; -inf where there is no bound.
+            upper: (k,), to be overwritten; inf where there is no bound.
+        """
