@@ -22,8 +22,8 @@ except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
 from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.node import ControllerNode
 from wbc_controller.records import Mode
+from wbc_controller.ros2.controller_node import ControllerNode
 from wbc_controller.transports.ros2 import StreamsFirstExecutor
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
@@ -43,9 +43,9 @@ def log():
     """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
     records, handler = [], logging.Handler()
     handler.emit = records.append
-    logging.getLogger("wbc_controller.node").addHandler(handler)
+    logging.getLogger("wbc_controller.ros2").addHandler(handler)
     yield records
-    logging.getLogger("wbc_controller.node").removeHandler(handler)
+    logging.getLogger("wbc_controller.ros2").removeHandler(handler)
 
 
 def text_of(records):

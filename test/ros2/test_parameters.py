@@ -6,7 +6,7 @@ import pytest
 
 from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.ros2_parameters import nest, settings_from
+from wbc_controller.ros2.parameters import nest, settings_from
 
 G1 = find_configuration("g1")
 

@@ -1,4 +1,4 @@
-"""The same topics on a ROS 2 node. Besides ``node.py``, the only importer of rclpy (7.1, Jazzy, or later)."""
+"""The same topics on a ROS 2 node. Besides the nodes of ``ros2/``, the one importer of rclpy (7.1, Jazzy, on)."""
 
 from __future__ import annotations
 

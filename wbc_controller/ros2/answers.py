@@ -1,0 +1,71 @@
+"""What became of a command that came by a service."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from wbc_controller.records import CycleReport, Mode
+
+#: Command of each service, and the modes that mean that it was obeyed (none: every one).
+SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
+    "activate": ("activate", frozenset({Mode.ACTIVE, Mode.HOLDING})),
+    "deactivate": ("deactivate", frozenset()),
+    "reset": ("reset", frozenset({Mode.INACTIVE})),
+    "stop": ("estop", frozenset({Mode.FAULT})),
+}
+
+
+class Answers:
+    """Finds out what became of a command that a service left in the command's mailbox."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: list[_Waiting] = []
+
+    def ask(self, word: str, send: Callable[[], None], answer: Callable[[bool, str], None]) -> None:
+        """Send a command, and have `answer` called with whether it was obeyed and what happened."""
+        # Under the lock, so that of the next two reports the second is of a cycle that began after the sending.
+        with self._lock:
+            self._waiting.append(_Waiting(word, answer))
+            send()
+
+    def observe(self, report: CycleReport) -> None:
+        """Look at a cycle, on the loop's thread."""
+        if not self._waiting:
+            return
+        with self._lock:
+            self._waiting = [waiting for waiting in self._waiting if not waiting.observe(report)]
+
+    def end(self, reason: str) -> None:
+        """Answer all who wait: there are no more cycles."""
+        with self._lock:
+            ended, self._waiting = self._waiting, []
+        for waiting in ended:
+            waiting.answer(False, reason)
+
+
+class _Waiting:
+    """One who waits for the end of a command."""
+
+    def __init__(self, word: str, answer: Callable[[bool, str], None]) -> None:
+        self.answer = answer
+        self._word = word
+        self._refusals: list[str] = []
+        self._cycles = 0
+
+    def observe(self, report: CycleReport) -> bool:
+        """Look at a cycle; whether that was the last one to look at."""
+        self._refusals += [text for text in report.refused if text.startswith(f"command {self._word!r}")]
+        self._cycles += 1
+        if self._cycles < 2:
+            return False
+        if self._refusals:
+            self.answer(False, self._refusals[-1])
+            return True
+        said = report.mode.value
+        if report.fault is not None:
+            said += f" {report.fault.code}: {report.fault.sentence}"
+        expected = next(modes for word, modes in SERVICES.values() if word == self._word)
+        self.answer(not expected or report.mode in expected, said)
+        return True

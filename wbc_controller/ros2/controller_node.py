@@ -1,0 +1,279 @@
+"""The controller as a managed lifecycle node: the executable `wbc_controller`."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from wbc_controller.build import controller_endpoints, make_loop, make_model
+from wbc_controller.clock import MonotonicClock
+from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.interface import CONTROLLER_TOPICS, endpoints
+from wbc_controller.loop import ControlLoop
+from wbc_controller.messages import decode
+from wbc_controller.records import Mode
+from wbc_controller.ros2.answers import SERVICES, Answers
+from wbc_controller.ros2.declaration import declare, values
+from wbc_controller.ros2.gate import Gate
+from wbc_controller.ros2.parameters import CONFIG, ROBOT, is_of_the_robot, settings_from
+from wbc_controller.ros2.process import logging_to, spinning
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.transports.ros2 import Ros2Transport
+
+_log = logging.getLogger(__name__)
+
+#: Time between two reminders that the URDF has not come yet, s.
+_REMINDER = 5.0
+#: Longest time for shutting down on an executor that may have failed, s.
+_PATIENCE = 5.0
+_PARAMETERS: dict[str, tuple[Any, str]] = {
+    "autostart": (True, "Configure and activate the node at start-up; where that fails, the process ends."),
+    "activate": (False, "Activate the controller as soon as its inputs are fresh, without a command."),
+}
+
+
+class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
+    """The controller as a managed node.
+
+    Configuring builds the model, the topics and the loop; activating starts the loop, whose supervisor still waits for
+    the command ``activate``; deactivating ends the loop, with zero torques.
+
+    Args:
+        leave: called with an exit status when the node cannot do what it was started for.
+        arguments: the command line.
+        context: of rclpy; the default one where None.
+        options: for ``rclpy.node.Node``, such as ``parameter_overrides``.
+    """
+
+    def __init__(
+        self,
+        leave: Callable[[int], None] = lambda status: None,
+        arguments: list[str] | None = None,
+        context: Any = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(
+            NODE_NAME,
+            context=context,
+            allow_undeclared_parameters=True,
+            automatically_declare_parameters_from_overrides=True,
+            **options,
+        )
+        self._leave = leave
+        self._arguments = arguments if arguments is not None else sys.argv
+        self._own = declare(self, _PARAMETERS)
+        self._settings: Settings | None = None
+        self._gate: Gate | None = None
+        self._loop: ControlLoop | None = None
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._failed = False
+        self._answers = Answers()
+        self._urdf: str | None = None
+        self._urdf_transport: Any = None
+        self._starting = False
+        self._changeable = True
+        self._finalized = False
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        group = ReentrantCallbackGroup()
+        for name, (word, _) in SERVICES.items():
+            self.create_service(Trigger, f"~/{name}", partial(self._on_trigger, word), callback_group=group)
+
+    def start(self) -> None:
+        """Configure and activate, where the parameter `autostart` says so; on the executor's thread."""
+        if not self.get_parameter("autostart").value:
+            return
+        self._starting = self.trigger_configure() != TransitionCallbackReturn.SUCCESS
+        if not self._starting:
+            self.trigger_activate()
+        elif self._urdf_transport is None:
+            self._leave(2)
+
+    def finish(self) -> None:
+        """Shut down, from any state; on the executor's thread, or after it has ended. A second call does nothing."""
+        if not self._finalized:
+            self.trigger_shutdown()
+
+    def on_configure(self, state: Any) -> Any:
+        """Read and check the parameters; build the model, the topics and the loop."""
+        return self._attempt("configure", self._configure)
+
+    def on_activate(self, state: Any) -> Any:
+        """Start the loop."""
+        return self._attempt("activate", self._activate)
+
+    def on_deactivate(self, state: Any) -> Any:
+        """End the loop, with zero torques."""
+        return self._attempt("deactivate", self._deactivate)
+
+    def on_cleanup(self, state: Any) -> Any:
+        """Close the topics and forget the model."""
+        return self._attempt("clean up", self._clean_up)
+
+    def on_shutdown(self, state: Any) -> Any:
+        """End the loop, with zero torques, and close the topics."""
+        self._finalized = True
+        return self._attempt("shut down", self._clean_up)
+
+    def on_error(self, state: Any) -> Any:
+        """Back to unconfigured, with nothing left running."""
+        _log.error("error processing: everything is closed, the node is unconfigured; configure it again")
+        return self._attempt("process the error", self._clean_up)
+
+    def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
+        """Do a transition; its errors go to the log, since rclpy drops them."""
+        try:
+            transition()
+        except WbcError as error:
+            _log.error("cannot %s: %s", what, error)
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            _log.exception("cannot %s", what)
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        node, namespace = self.get_name(), self.get_namespace()
+        settings, source = settings_from(values(self), self.get_fully_qualified_name(), self._arguments, self._own)
+        if not settings.robot.urdf and self._urdf is None:
+            self._await_urdf()
+            raise ConfigurationError("robot.urdf is empty, and the topic robot_description has brought no URDF yet")
+        gate = Gate(Ros2Transport(self))
+        try:
+            model = make_model(settings, None if settings.robot.urdf else self._urdf)
+            topics = controller_endpoints(settings, model, node=node, namespace=namespace)
+            self._loop = make_loop(settings, model, gate, MonotonicClock(), topics, observers=(self._answers.observe,))
+        except Exception as error:
+            gate.close()
+            if isinstance(error, ConfigurationError):
+                raise ConfigurationError(f"{source}: {error}") from error
+            raise
+        self._settings, self._gate, self._changeable = settings, gate, False
+        _log.info("configured from %s: %d joints, %.0f Hz", source, model.na, settings.control.rate)
+
+    def _await_urdf(self) -> None:
+        if self._urdf_transport is not None:
+            return
+        rows = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
+        (endpoint,) = endpoints(rows, self.get_name(), namespace=self.get_namespace())
+
+        def receive(payload: bytes) -> None:
+            self._urdf = str(decode(payload, endpoint.type).data)
+            if self._starting:
+                self.start()
+
+        self._urdf_transport = Ros2Transport(self)
+        self._urdf_transport.subscribe(endpoint, receive)
+        self.create_timer(_REMINDER, lambda: self._remind(endpoint.name))
+
+    def _remind(self, topic: str) -> None:
+        if self._urdf is None:
+            _log.warning("robot.urdf is empty: still waiting for the URDF on %s", topic)
+
+    def _activate(self) -> None:
+        if self._loop is None or self._gate is None or self._settings is None:
+            raise ConfigurationError("the node is not configured")
+        if self._loop.supervisor.mode is Mode.STOPPED and self._loop.supervisor.fault is None:
+            self._loop.supervisor.request("reset", 0.0, None)  # as after a fresh start; a fault stays latched
+        self._stop = threading.Event()
+        self._failed = False
+        self._thread = threading.Thread(target=self._run, args=(self._loop, self._settings), name="control loop")
+        self._gate.open = True
+        self._thread.start()
+        _log.info("active: waiting for 'activate' on %s/command", self.get_fully_qualified_name())
+
+    def _run(self, loop: ControlLoop, settings: Settings) -> None:
+        try:
+            loop.run(
+                self._stop,
+                1.0 / settings.control.rate,
+                triggered=settings.control.trigger == "joint_states",
+                activate=bool(self.get_parameter("activate").value),
+            )
+        except Exception:
+            _log.exception("the control loop has failed")
+            self._failed = True
+            executor = self.executor
+            if executor is not None:
+                executor.create_task(self._after_failure)
+        finally:
+            self._answers.end("the control loop has ended")
+
+    def _after_failure(self) -> None:
+        """Leave the active state, by way of error processing."""
+        if self._gate is not None and self._gate.open:
+            self.trigger_deactivate()
+
+    def _deactivate(self) -> None:
+        self._stop.set()
+        if self._thread is not None and self._loop is not None:
+            # This thread is also the one that brings joint states: the loop would wait for them until they are stale.
+            self._loop.wake()
+            self._thread.join()
+            self._thread = None
+        if self._gate is not None:
+            self._gate.open = False
+        if self._failed:
+            self._failed = False
+            raise RuntimeError("the control loop had failed")
+
+    def _clean_up(self) -> None:
+        self._failed = False
+        self._deactivate()
+        if self._gate is not None:
+            self._gate.close()
+        self._settings, self._gate, self._loop, self._changeable = None, None, None, True
+
+    def _on_set_parameters(self, parameters: list[Any]) -> Any:
+        names = [parameter.name for parameter in parameters]
+        fixed = [name for name in names if name in (ROBOT, CONFIG) or is_of_the_robot(name, self._own)]
+        if fixed and not self._changeable:
+            return SetParametersResult(
+                successful=False,
+                reason=f"{', '.join(fixed)}: read when the node is configured; deactivate and clean up first",
+            )
+        return SetParametersResult(successful=True)
+
+    async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
+        gate = self._gate
+        if gate is None or not gate.open:
+            response.success = False
+            response.message = "the node is not active; ros2 lifecycle says how it is"
+            return response
+        future = Future(executor=self.executor)
+        future.add_done_callback(lambda done: None)  # what wakes the executor, so that it looks again
+        self._answers.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
+        response.success, response.message = await future
+        return response
+
+
+def serve(executor: Any, stop: threading.Event) -> int:
+    """Run the node until the event is set; gives the exit status."""
+    status: list[int] = []
+
+    def leave(code: int) -> None:
+        status.append(code)
+        stop.set()
+
+    node = ControllerNode(leave)
+    with logging_to(node):
+        with spinning(executor, node, leave):
+            executor.create_task(node.start)
+            stop.wait()
+            finished = threading.Event()
+            # On the executor, so that the loop never runs without its inputs.
+            executor.create_task(node.finish).add_done_callback(lambda task: finished.set())
+            finished.wait(_PATIENCE)
+        node.finish()
+    node.destroy_node()
+    return status[0] if status else 0

@@ -1,0 +1,51 @@
+"""What a managed node promises: messages are taken while it is active, and at no other time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from wbc_controller.interface import REQUEST, Endpoint
+from wbc_controller.messages import encode, message
+from wbc_controller.transports.transport import Publish, Transport
+
+_log = logging.getLogger(__name__)
+
+
+class Gate:
+    """A transport through which messages come only while it is open.
+
+    Attributes:
+        open: whether messages are taken.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self.open = False
+        self._transport = transport
+        self._command: Callable[[bytes], None] = lambda payload: None
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        return self._transport.advertise(endpoint)
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; what comes while the gate is closed is dropped, requests with a warning."""
+        if endpoint.key == "command":
+            self._command = callback
+
+        def deliver(payload: bytes) -> None:
+            if self.open:
+                callback(payload)
+            elif endpoint.qos == REQUEST:
+                _log.warning("message on %s ignored: the node is not active", endpoint.name)
+
+        self._transport.subscribe(endpoint, deliver)
+
+    def command(self, word: str) -> None:
+        """Leave a command where those of the command topic arrive."""
+        self._command(encode(message("std_msgs/msg/String", data=word)))
+
+    def close(self) -> None:
+        """Close the gate and all topics."""
+        self.open = False
+        self._transport.close()

@@ -1,0 +1,103 @@
+"""The process of a node: signals, the executor's thread, the log.
+
+Three threads: the main one waits for a signal, one spins the executor, and one runs the control loop (the mock robot's
+physics are on the main one).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, ShutdownException
+from rclpy.signals import SignalHandlerOptions
+
+from wbc_controller.transports.ros2 import StreamsFirstExecutor
+
+_log = logging.getLogger(__name__)
+
+
+def run(serve: Callable[[Any, threading.Event], int]) -> int:
+    """Set up ROS 2 around a service, and take it down again.
+
+    Args:
+        serve: the service; it is given an executor, and the event that a signal sets.
+
+    Returns:
+        The exit status.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: stop.set())
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy has no common base for what a wrong command line or parameter file raises
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    try:
+        return serve(StreamsFirstExecutor(), stop)
+    finally:
+        rclpy.try_shutdown()
+
+
+@contextlib.contextmanager
+def logging_to(node: Any) -> Iterator[None]:
+    """Let this package's log go to a node's."""
+    package = logging.getLogger("wbc_controller")
+    handler = _RosLog(node.get_logger())
+    package.addHandler(handler)
+    package.setLevel(logging.INFO)
+    package.propagate = False
+    try:
+        yield
+    finally:
+        package.removeHandler(handler)
+
+
+@contextlib.contextmanager
+def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator[None]:
+    """Spin a node on a thread."""
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except (ExternalShutdownException, ShutdownException):  # this is how an executor ends
+            pass
+        except Exception:
+            _log.exception("the executor has failed")
+            leave(1)
+
+    executor.add_node(node)
+    thread = threading.Thread(target=spin, name="executor")
+    thread.start()
+    try:
+        yield
+    finally:
+        executor.shutdown()
+        thread.join()
+
+
+class _RosLog(logging.Handler):
+    """Passes this package's log on to the node's."""
+
+    def __init__(self, logger: Any) -> None:
+        super().__init__()
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = self.format(record)
+        # One line of code for each severity: rclpy refuses a call that changes it.
+        if record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)
