@@ -52,6 +52,7 @@ setup(
             "wbc = wbc_controller.cli:main",
             "wbc_controller = wbc_controller.node:main",
             "mock_robot = wbc_controller.node:mock_main",
+            "guard = wbc_controller.node:guard_main",
         ],
     },
 )

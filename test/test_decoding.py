@@ -17,8 +17,9 @@ from wbc_controller.core.references import (
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.decoding import READERS, JointOrder, Vocabulary, read_odometry
+from wbc_controller.decoding import READERS, Vocabulary, read_odometry
 from wbc_controller.errors import InputRefused
+from wbc_controller.joint_order import JointOrder
 from wbc_controller.messages import decode, encode
 
 JOINTS = ("hip", "knee", "ankle")

@@ -9,6 +9,7 @@ from wbc_controller.decoding import READERS
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.interface import (
     CONTROLLER_TOPICS,
+    GUARD_TOPICS,
     MOCK_TOPICS,
     TASK_TYPES,
     Direction,
@@ -165,6 +166,25 @@ def test_what_the_mock_sends_the_controller_can_read_and_back():
         assert writer.qos.reliable >= reader.qos.reliable
         assert writer.qos.latched >= reader.qos.latched
     assert met == {"joint_states", "odom", "robot_description", "effort", "joint_commands"}
+
+
+def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_guard():
+    """Every row of the guard has its other end; no reader asks for more than the writer offers; none is heard twice."""
+    others = [
+        endpoint
+        for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
+        for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS)
+    ]
+    for endpoint in endpoints(GUARD_TOPICS, "guard", namespace="/r"):
+        met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
+        assert met or endpoint.name in ("/r/guard/state", "/diagnostics"), endpoint.name
+        for other in met:
+            assert other.type == endpoint.type
+            writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
+            assert writer.qos.reliable >= reader.qos.reliable
+            assert writer.qos.latched >= reader.qos.latched
+    written = {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.OUT}
+    assert not written & {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.IN}
 
 
 def test_there_is_no_dead_row(bench):

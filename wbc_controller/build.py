@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -39,27 +38,10 @@ from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
 from wbc_controller.outputs import Outputs
 from wbc_controller.records import CycleReport
-from wbc_controller.resources import locate
+from wbc_controller.robot_description import read_urdf
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
-
-
-def read_urdf(settings: Settings) -> str:
-    """Read the URDF that the settings name.
-
-    Raises:
-        ConfigurationError: where there is none.
-    """
-    if not settings.robot.urdf:
-        raise ConfigurationError(
-            "robot.urdf is empty and no URDF came on the topic robot_description; name a file, or publish it latched"
-        )
-    path: Path = locate(settings.robot.urdf)
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"robot.urdf = {settings.robot.urdf!r}: {path} cannot be read: {error}") from error
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
@@ -74,7 +56,7 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
     """
     robot = settings.robot
     return build_model(
-        read_urdf(settings) if urdf is None else urdf,
+        read_urdf(robot.urdf) if urdf is None else urdf,
         robot.joints,
         robot.posture,
         floating_base=robot.base == "floating",

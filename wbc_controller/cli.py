@@ -1,4 +1,4 @@
-"""The command line: `wbc run`, `wbc mock`, `wbc check`, `wbc demo`, `wbc topics`."""
+"""The command line: `wbc run`, `wbc mock`, `wbc guard`, `wbc check`, `wbc demo`, `wbc topics`."""
 
 from __future__ import annotations
 
@@ -102,6 +102,19 @@ def mock(
             real_time_factor=real_time_factor,
             lockstep=lockstep,
         )
+
+
+@main.command()
+@click.argument("config")
+@_node_options
+def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -> None:
+    """Damp the robot when the controller's commands stop: start it beside `wbc run`."""
+    from wbc_controller.guard_service import NODE_NAME, run_guard
+
+    _log_to_stderr(verbose)
+    settings, remappings = _load(config), _remappings(remaps)
+    with _stop_on_signals() as stop, _dds(NODE_NAME, namespace) as transport, _naming(config):
+        run_guard(settings, transport, stop, namespace=namespace, remappings=remappings)
 
 
 @main.command()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import reprlib
 import sys
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -25,6 +24,7 @@ from wbc_controller.core.references import (
 )
 from wbc_controller.core.trajectories import Knot
 from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.joint_order import no_duplicates
 from wbc_controller.messages import nanoseconds
 from wbc_controller.records import Array
 
@@ -116,58 +116,6 @@ def _short(array: Array) -> str:
     return f"[{shown}{', …' if flat.size > 8 else ''}]"
 
 
-class JointOrder:
-    """Reads joint states by name, and remembers where the names stood in the last message."""
-
-    def __init__(self, joints: Sequence[str]) -> None:
-        self._joints = tuple(joints)
-        self._names: list[str] | None = None  # none at all: not even an empty list is known yet
-        self._index = np.zeros(0, dtype=np.intp)
-
-    def read(self, content: Any) -> tuple[Array, Array]:
-        """Read a sensor_msgs/JointState.
-
-        Returns:
-            Positions in rad and velocities in rad/s, both (na,).
-
-        Raises:
-            InputRefused: where a joint is missing, an array has a wrong size, or a value is not finite.
-        """
-        if content.name != self._names:
-            self._index = self._find(content.name)
-            self._names = content.name
-        values = []
-        for what, unit in (("position", "rad"), ("velocity", "rad/s")):
-            array = getattr(content, what)
-            if len(array) != len(content.name):
-                raise InputRefused(f"{what} has {len(array)} values for {len(content.name)} names")
-            own = array[self._index]
-            if not np.isfinite(own).all():
-                i = int(np.flatnonzero(~np.isfinite(own))[0])
-                raise InputRefused(f"{what} of {self._joints[i]!r} is {own[i]} {unit}; every value must be finite")
-            values.append(own)
-        return values[0], values[1]
-
-    def _find(self, names: Sequence[str]) -> Any:
-        places = {name: i for i, name in enumerate(names)}
-        if len(places) < len(names):
-            _no_duplicates(names)
-        missing = [name for name in self._joints if name not in places]
-        if missing:
-            strange = [name for name in names if name not in self._joints]
-            unknown = f"; names that are none of the controller's joints: {', '.join(strange)}" if strange else ""
-            raise InputRefused(
-                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
-            )
-        return np.array([places[name] for name in self._joints], dtype=np.intp)
-
-
-def _no_duplicates(names: Sequence[str]) -> None:
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")
-
-
 def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
     """Read a nav_msgs/Odometry.
 
@@ -257,7 +205,7 @@ def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
-    _no_duplicates(names)
+    no_duplicates(names)
     given = dict(zip(names, values, strict=True))
     missing = [name for name in joints if name not in given]
     if missing:

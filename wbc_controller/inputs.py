@@ -15,6 +15,7 @@ from wbc_controller.core.model import RobotModel
 from wbc_controller.core.references import Change
 from wbc_controller.errors import InputRefused
 from wbc_controller.interface import Direction, Endpoint
+from wbc_controller.joint_order import JointOrder
 from wbc_controller.mailbox import Mailbox
 from wbc_controller.messages import decode
 from wbc_controller.records import Array, RobotState
@@ -88,7 +89,7 @@ class Inputs:
         self._model = model
         self._vocabulary = vocabulary
         self._clock = clock
-        self._joint_order = decoding.JointOrder(model.joints)
+        self._joint_order = JointOrder(model.joints)
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._parts = {"joint_states": _Part()}
         if model.floating_base:

@@ -170,6 +170,24 @@ MOCK_TOPICS: tuple[Topic, ...] = (
           "True contact wrench in the contact frame."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _OUT, LATCHED, "The robot's URDF."),
 )
+
+GUARD_TOPICS: tuple[Topic, ...] = (
+    Topic("joint_commands", "wbc_controller/joint_commands", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+          "The controller's commands: while they come, the guard is silent. As it never writes them, it does not take "
+          "its own torques for the controller's."),
+    Topic("controller_state", "wbc_controller/state", "std_msgs/msg/String", _IN, LATCHED,
+          "The controller's mode. In inactive, stopped and fault commands may end once they are zero."),
+    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+          "Velocities to damp, and the states that the controller owes commands to."),
+    Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
+          "The URDF with the effort limits, where the configuration names no file."),
+    Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
+          "Damping torques in N·m, then zero, while the controller's commands are missing; nothing otherwise."),
+    Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
+          "One of idle, watching, damping, zero, released; with the reason, in the last three."),
+    Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
+          "The same, with ages, the number of takeovers and refused inputs."),
+)
 # fmt: on
 
 

@@ -6,6 +6,7 @@ little endian, as every ROS 2 middleware puts them on the wire.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
@@ -51,3 +52,32 @@ def header(nanoseconds: int, frame: str = "") -> Any:
 def nanoseconds(time: Any) -> int:
     """Read a builtin_interfaces/Time or Duration."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def torques(tau: Any) -> Any:
+    """Make the std_msgs/Float64MultiArray that effort controllers take, from (na,) in N·m."""
+    dimension = message("std_msgs/msg/MultiArrayDimension", label="joints", size=len(tau), stride=len(tau))
+    layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
+    return message("std_msgs/msg/Float64MultiArray", layout=layout, data=tau)
+
+
+def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
+    """Make a diagnostic_msgs/DiagnosticArray of one status.
+
+    Args:
+        wall: time of day, ns.
+        level: 0 (OK), 1 (WARN) or 2 (ERROR).
+        name: ``node: what``, as diagnostic aggregators group them.
+        text: one line for a person to read.
+        hardware: the robot's name.
+        values: what is known, by key.
+    """
+    status = message(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level,
+        name=name,
+        message=text,
+        hardware_id=hardware,
+        values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+    )
+    return message("diagnostic_msgs/msg/DiagnosticArray", header=header(wall), status=[status])

@@ -23,6 +23,15 @@ def mock_main() -> None:
     sys.exit(process.run(mock_node.serve))
 
 
+def guard_main() -> None:
+    """Run the guard's node: the executable `guard`."""
+    try:
+        from wbc_controller.ros2 import guard_node, process
+    except ImportError as error:
+        sys.exit(_without_ros2("wbc guard g1", error))
+    sys.exit(process.run(guard_node.serve))
+
+
 def _without_ros2(instead: str, error: ImportError) -> int:
     """Say what to do where there is no ROS 2; gives the exit status."""
     version = ".".join(map(str, sys.version_info[:2]))

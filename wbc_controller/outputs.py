@@ -9,7 +9,7 @@ import numpy as np
 from wbc_controller.core.model import RobotModel
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.interface import Direction, Endpoint
-from wbc_controller.messages import encode, header, message
+from wbc_controller.messages import encode, header, message, torques
 from wbc_controller.records import CycleReport, Mode
 from wbc_controller.transports.transport import Publish, Transport
 
@@ -50,11 +50,7 @@ class Outputs:
         """Send the torques and the forces counted on: the part of a cycle that the robot waits for."""
         command = report.command
         if command is not None:
-            dimension = message(
-                "std_msgs/msg/MultiArrayDimension", label="joints", size=len(self._joints), stride=len(self._joints)
-            )
-            layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
-            self._send("effort", message("std_msgs/msg/Float64MultiArray", layout=layout, data=command.tau))
+            self._send("effort", torques(command.tau))
             self._send(
                 "joint_commands",
                 message(

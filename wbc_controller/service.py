@@ -11,8 +11,8 @@ from wbc_controller.build import controller_endpoints, make_loop, make_model
 from wbc_controller.clock import MonotonicClock
 from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.interface import CONTROLLER_TOPICS, endpoints
-from wbc_controller.messages import decode
+from wbc_controller.interface import CONTROLLER_TOPICS
+from wbc_controller.robot_description import wait_for_urdf
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
 
@@ -48,7 +48,7 @@ def run_controller(
     """
     urdf = None
     if not settings.robot.urdf:
-        urdf = _wait_for_urdf(transport, stop, node, namespace, remappings)
+        urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
     if stop.is_set():
         return
     model = make_model(settings, urdf)
@@ -73,31 +73,6 @@ def run_controller(
     finally:
         if recorder is not None and record is not None:
             recorder.save(record)
-
-
-def _wait_for_urdf(
-    transport: Transport,
-    stop: threading.Event,
-    node: str,
-    namespace: str,
-    remappings: Mapping[str, str] | None,
-) -> str:
-    """Wait for the latched URDF, saying so."""
-    arrived = threading.Event()
-    payloads: list[bytes] = []
-
-    def receive(payload: bytes) -> None:
-        payloads.append(payload)
-        arrived.set()
-
-    row = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
-    (endpoint,) = endpoints(row, node, namespace=namespace, remappings=remappings)
-    transport.subscribe(endpoint, receive)
-    while not arrived.wait(5.0 if not stop.is_set() else 0.0):
-        if stop.is_set():
-            return ""
-        _log.warning("robot.urdf is empty: still waiting for the URDF on %s", endpoint.name)
-    return str(decode(payloads[-1], endpoint.type).data)
 
 
 def run_mock(

@@ -136,6 +136,21 @@ class SafetySettings(_Section):
     damping: Gain = Field(2.0, description="Joint damping while holding and damping, N·m·s/rad.")
 
 
+class GuardSettings(_Section):
+    """The guard, a process of its own that damps the robot when the controller's commands stop."""
+
+    patience: Annotated[Positive, Field(le=1.0)] = Field(
+        0.01, description="How late a command may be, in wall time, before the guard takes over, s."
+    )
+    damping: Gain = Field(2.0, description="Joint damping, N·m·s/rad.")
+    damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
+    torque: Annotated[Positive, Field(le=1.0)] = Field(
+        0.2,
+        description="Largest damping torque, as a share of the effort limit: a controller that comes back takes over "
+        "from at most this.",
+    )
+
+
 class AuditSettings(_Section):
     """The live audit: how large the residuals between model and motion may be before `/diagnostics` warns."""
 
@@ -368,6 +383,7 @@ class Settings(_Section):
     solver: SolverSettings = SolverSettings()
     limits: LimitSettings = LimitSettings()
     safety: SafetySettings = SafetySettings()
+    guard: GuardSettings = GuardSettings()
     audit: AuditSettings = AuditSettings()
     tasks: dict[str, TaskSettings] = Field(min_length=1)
     contacts: dict[str, ContactSettings] = Field(default_factory=dict)

@@ -22,9 +22,10 @@ import pytest
 from wbc_controller.build import controller_endpoints, make_loop, make_model
 from wbc_controller.clock import ManualClock
 from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.decoding import JointOrder, read_odometry
+from wbc_controller.decoding import read_odometry
 from wbc_controller.demo.director import header_time
 from wbc_controller.interface import MOCK_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.joint_order import JointOrder
 from wbc_controller.messages import decode, encode, message, nanoseconds
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
@@ -44,6 +45,7 @@ class User:
         self.settings = load_settings(find_configuration(ROBOT))
         self.model = make_model(self.settings)
         self.advance = advance
+        self.transport = transport
         self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
         self._types: dict[tuple[str, str, str], str] = {}
         self._publish: dict[tuple[str, str, str], Any] = {}
@@ -53,9 +55,9 @@ class User:
         mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
         for owner, topics in (("controller", controller_endpoints(self.settings, self.model)), ("mock", mock)):
             for topic in topics:
-                self._open(owner, topic, transport)
+                self.open(owner, topic, transport)
 
-    def _open(self, owner: str, topic: Any, transport: Any) -> None:
+    def open(self, owner: str, topic: Any, transport: Any) -> None:
         key = owner, topic.key, topic.subject
         self._types[key] = topic.type
         if topic.direction is Direction.IN:

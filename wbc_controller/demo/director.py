@@ -13,11 +13,12 @@ import pinocchio as pin
 
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.trajectories import Knot, Trajectory
-from wbc_controller.decoding import JointOrder, read_odometry
+from wbc_controller.decoding import read_odometry
 from wbc_controller.demo.recording import Event
 from wbc_controller.demo.scenario import Move, Reach, Scenario, Shove
 from wbc_controller.errors import WbcError
 from wbc_controller.interface import Direction, Endpoint, counterpart
+from wbc_controller.joint_order import JointOrder
 from wbc_controller.messages import decode, encode, header, message, stamp
 from wbc_controller.records import Array
 from wbc_controller.transports.transport import Publish, Transport

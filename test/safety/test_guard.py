@@ -1,0 +1,233 @@
+"""The guard's decisions: silent while it should be, damping in time, never a torque that a robot should not get."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.records import Mode
+from wbc_controller.safety.guard import ZEROS, Guard, GuardLimits, GuardMode, Heard
+
+EFFORT = np.array([100.0, 20.0, 5.0])
+PERIOD = 0.002
+PATIENCE = 0.01
+LIMITS = GuardLimits(
+    patience=PATIENCE, period=PERIOD, triggered=True, state_timeout=0.05, damping=2.0, damping_time=0.5,
+    damping_torque=0.2 * EFFORT, torque_step=0.2 * EFFORT, effort=EFFORT,
+)  # fmt: skip
+HOLDING = np.array([60.0, -10.0, 2.0])
+SPEED = np.array([1.0, -0.5, 0.2])
+
+
+class Rig:
+    """A guard in time, with what it hears; every period it is asked, and what it says is kept."""
+
+    def __init__(self, **changes):
+        self.guard = Guard(dataclasses.replace(LIMITS, **changes))
+        self.now = 10.0
+        self.heard = Heard(-math.inf, np.zeros(3), math.inf, None, None, -math.inf)
+        self.sent = []
+
+    def hear(self, **changes):
+        self.heard = dataclasses.replace(self.heard, **changes)
+
+    def command(self, torques=HOLDING, mode=Mode.ACTIVE):
+        self.hear(command_at=self.now, torques=np.asarray(torques, dtype=float), unanswered_at=math.inf, mode=mode)
+
+    def state(self, velocity=SPEED):
+        self.hear(
+            velocity=None if velocity is None else np.asarray(velocity, dtype=float),
+            velocity_at=self.now,
+            unanswered_at=min(self.heard.unanswered_at, self.now),
+        )
+
+    def step(self):
+        self.sent.append(self.guard.step(self.now, self.heard))
+        return self.sent[-1]
+
+    def run(self, duration, *, states=True, commands=False, velocity=SPEED, torques=HOLDING, mode=Mode.ACTIVE):
+        """Let time pass in periods: a state, an answer, a decision."""
+        for _ in range(round(duration / PERIOD)):
+            self.now += PERIOD
+            if states:
+                self.state(velocity)
+            if commands:
+                self.command(torques, mode)
+            self.step()
+        return self.sent[-round(duration / PERIOD) :]
+
+
+def test_it_is_silent_while_commands_flow():
+    rig = Rig()
+    assert set(rig.run(1.0, commands=True)) == {None}
+    assert rig.guard.mode is GuardMode.WATCHING
+
+
+def test_it_is_silent_before_the_first_command_ever():
+    rig = Rig()
+    rig.hear(mode=Mode.ACTIVE)  # as latched by a controller that is dead
+    assert set(rig.run(1.0)) == {None}
+    assert rig.guard.mode is GuardMode.IDLE
+
+
+@pytest.mark.parametrize("triggered", [True, False])
+def test_it_damps_in_time_then_sends_zero_then_nothing(triggered):
+    rig = Rig(triggered=triggered)
+    rig.run(0.1, commands=True)
+    sent = rig.run(0.5 + ZEROS + 0.1)
+    first = next(i for i, tau in enumerate(sent) if tau is not None)
+    late = (first + 1) * PERIOD  # since the last command: the first missed one would have come a period after it
+    assert PATIENCE <= late - PERIOD <= PATIENCE + 2 * PERIOD
+    damping = -2.0 * SPEED
+    reached = next(i for i in range(first, len(sent)) if np.allclose(sent[i], damping))
+    assert reached - first <= 3
+    assert all(np.array_equal(tau, damping) for tau in sent[reached : first + 249])
+    zeros = [tau for tau in sent[first + 252 :] if tau is not None]
+    assert not np.any(zeros)
+    assert len(zeros) == pytest.approx(ZEROS / PERIOD, abs=5)
+    assert sent[-1] is None
+    assert rig.guard.mode is GuardMode.RELEASED
+    assert rig.guard.reason == "COMMANDS_STOPPED: the last command came 12 ms ago, in mode active"
+    assert rig.guard.takeovers == 1
+
+
+def test_a_triggered_controller_owes_nothing_without_joint_states_until_these_are_stale():
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    silent = rig.run(0.05 + PATIENCE, states=False)
+    assert set(silent) == {None}
+    assert rig.run(0.01, states=False)[-1] is not None
+
+
+@pytest.mark.parametrize("mode", [Mode.INACTIVE, Mode.STOPPED, Mode.FAULT])
+def test_a_controller_that_has_let_go_is_left_alone(mode):
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    rig.now += PERIOD
+    rig.command(np.zeros(3), mode)
+    assert set(rig.run(1.0)) == {None}
+    assert rig.guard.mode is GuardMode.IDLE
+
+
+@pytest.mark.parametrize("mode", [Mode.INACTIVE, Mode.STOPPED, Mode.FAULT])
+def test_one_that_dies_on_its_way_to_zero_is_not(mode):
+    rig = Rig()
+    rig.run(0.1, commands=True, mode=mode)
+    assert rig.run(0.1)[-1] is not None
+
+
+@pytest.mark.parametrize("mode", [Mode.ACTIVE, Mode.HOLDING, Mode.DAMPING, None])
+def test_zero_torques_in_a_mode_that_goes_on_are_no_end(mode):
+    rig = Rig()
+    rig.run(0.1, commands=True, torques=np.zeros(3), mode=mode)
+    assert rig.run(0.1)[-1] is not None
+
+
+@pytest.mark.parametrize("after", [0.05, 1.0, 2.0])  # while damping, at zero, released
+def test_a_command_ends_it_at_once_and_the_next_silence_begins_anew(after):
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    rig.run(after)
+    rig.now += 1e-6
+    rig.command()
+    assert rig.step() is None
+    assert rig.guard.mode is GuardMode.WATCHING
+    assert rig.guard.reason == ""
+    assert set(rig.run(0.5, commands=True)) == {None}
+    assert rig.run(0.1)[-1] is not None
+    assert rig.guard.takeovers == 2
+
+
+def test_a_restarted_controller_that_waits_does_not_end_the_damping():
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    rig.run(0.1)
+    rig.hear(mode=Mode.INACTIVE)
+    assert np.allclose(rig.run(0.1)[-1], -2.0 * SPEED)
+
+
+@pytest.mark.parametrize(
+    "velocity", [None, [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]], ids=["none", "not a number", "infinite"]
+)
+def test_without_usable_velocities_the_torques_sink_to_zero(velocity):
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    sent = [tau for tau in rig.run(0.1, velocity=velocity) if tau is not None]
+    assert np.isfinite(sent).all()
+    assert not sent[-1].any()
+    assert rig.guard.blind(rig.now, rig.heard)
+
+
+def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_back():
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    rig.run(0.1)
+    assert not rig.run(0.1, states=False)[-1].any()
+    assert rig.guard.blind(rig.now, rig.heard)
+    assert np.allclose(rig.run(0.02)[-1], -2.0 * SPEED)
+    assert not rig.guard.blind(rig.now, rig.heard)
+
+
+def test_a_last_command_that_no_robot_could_follow_is_not_started_from():
+    rig = Rig()
+    rig.run(0.1, commands=True, torques=[np.nan, 1e9, 0.0])
+    sent = [tau for tau in rig.run(0.1) if tau is not None]
+    assert np.isfinite(sent).all()
+    assert (np.abs(sent) <= 0.2 * EFFORT).all()
+
+
+numbers = st.floats(-1e6, 1e6) | st.sampled_from([np.nan, np.inf, -np.inf])
+events = st.lists(
+    st.tuples(
+        st.sampled_from(["command", "state", "mode", "pass"]),
+        st.floats(0.0, 0.1),
+        st.lists(numbers, min_size=3, max_size=3),
+        st.sampled_from([None, *Mode]),
+    ),
+    max_size=80,
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(events, st.booleans())
+def test_whatever_happens(history, triggered):
+    """Finite, bounded, without jumps; never right after a command; always silent in the end, at zero."""
+    rig = Rig(triggered=triggered)
+    before = None
+    for what, pause, values, mode in history:
+        rig.now += pause
+        if what == "command":
+            rig.command(values, mode)
+        elif what == "state":
+            rig.state(values)
+        elif what == "mode":
+            rig.hear(mode=mode)
+        tau = rig.step()
+        if tau is not None:
+            assert rig.now - rig.heard.command_at >= PATIENCE
+            assert np.isfinite(tau).all()
+            assert (np.abs(tau) <= EFFORT).all()
+            if before is not None:
+                assert (np.abs(tau - before) <= 0.2 * EFFORT + 1e-9).all()
+        before = tau
+    end = rig.run(0.5 + ZEROS + 0.2, states=False)
+    assert end[-1] is None
+    sent = [tau for tau in rig.sent if tau is not None]
+    if sent and rig.guard.mode is GuardMode.RELEASED:
+        assert not sent[-1].any()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3))
+def test_damping_takes_energy_and_leaves_little_for_whoever_takes_over(velocity):
+    rig = Rig()
+    rig.run(0.02, commands=True)
+    tau = rig.run(0.1, velocity=velocity)[-1]
+    assert (tau * np.array(velocity) <= 0.0).all()
+    assert (np.abs(tau) <= 0.2 * EFFORT + 1e-12).all()
+    assert (np.abs(tau) >= np.minimum(2.0 * np.abs(velocity), 0.2 * EFFORT) - 1e-12).all()

@@ -1,0 +1,81 @@
+"""The arrays of a sensor_msgs/JointState, by the names of the joints."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.records import Array
+
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
+
+
+class JointOrder:
+    """Reads joint states by name, and remembers where the names stood in the last message."""
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = tuple(joints)
+        self._names: list[str] | None = None  # none at all: not even an empty list is known yet
+        self._index = np.zeros(0, dtype=np.intp)
+
+    def read(self, content: Any) -> tuple[Array, Array]:
+        """Read a sensor_msgs/JointState of a robot.
+
+        Returns:
+            Positions in rad and velocities in rad/s, both (na,).
+
+        Raises:
+            InputRefused: where a joint is missing, an array has a wrong size, or a value is not finite.
+        """
+        position, velocity = self.columns(content, "position", "velocity")
+        return position, velocity
+
+    def columns(self, content: Any, *columns: str) -> list[Array]:
+        """Read some of the arrays of a sensor_msgs/JointState: ``position``, ``velocity``, ``effort``.
+
+        Returns:
+            Each (na,), in rad, rad/s and N·m.
+
+        Raises:
+            InputRefused: as `read`.
+        """
+        if content.name != self._names:
+            self._index = self._find(content.name)
+            self._names = content.name
+        values = []
+        for what in columns:
+            array = getattr(content, what)
+            if len(array) != len(content.name):
+                raise InputRefused(f"{what} has {len(array)} values for {len(content.name)} names")
+            own = array[self._index]
+            if not np.isfinite(own).all():
+                i = int(np.flatnonzero(~np.isfinite(own))[0])
+                raise InputRefused(
+                    f"{what} of {self._joints[i]!r} is {own[i]} {_UNITS[what]}; every value must be finite"
+                )
+            values.append(own)
+        return values
+
+    def _find(self, names: Sequence[str]) -> Any:
+        places = {name: i for i, name in enumerate(names)}
+        if len(places) < len(names):
+            no_duplicates(names)
+        missing = [name for name in self._joints if name not in places]
+        if missing:
+            strange = [name for name in names if name not in self._joints]
+            unknown = f"; names that are none of the controller's joints: {', '.join(strange)}" if strange else ""
+            raise InputRefused(
+                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
+            )
+        return np.array([places[name] for name in self._joints], dtype=np.intp)
+
+
+def no_duplicates(names: Sequence[str]) -> None:
+    """Raise `InputRefused` where a joint stands twice."""
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")
