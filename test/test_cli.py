@@ -15,7 +15,7 @@ def invoke(*words):
 def test_help_lists_every_command_and_says_what_it_does():
     result = invoke("--help")
     assert result.exit_code == 0
-    for command in ("run", "mock", "check", "demo", "topics"):
+    for command in ("run", "mock", "guard", "check", "demo", "topics"):
         assert f"  {command} " in result.output
     assert "g1, talos, go2" in result.output
 
@@ -25,6 +25,7 @@ def test_help_lists_every_command_and_says_what_it_does():
     [
         ("run", ("CONFIG", "--activate", "--record", "--namespace", "--remap FROM:=TO")),
         ("mock", ("CONFIG", "--real-time-factor", "--lockstep", "--namespace", "--remap")),
+        ("guard", ("CONFIG", "--namespace", "--remap", "commands stop")),
         ("check", ("CONFIG", "before the robot moves")),
         ("demo", ("--report", "--lockstep", "--real-time-factor")),
         ("topics", ("Markdown",)),
@@ -61,7 +62,7 @@ def test_check_says_what_was_found(robot, said):
         assert part in result.output
 
 
-@pytest.mark.parametrize("command", ["run", "mock", "check"])
+@pytest.mark.parametrize("command", ["run", "mock", "guard", "check"])
 def test_a_robot_that_is_not_shipped_suggests_one(command):
     result = invoke(command, "g2")
     assert result.exit_code == 2
@@ -79,7 +80,7 @@ def test_a_demo_that_does_not_exist_suggests_one(tmp_path):
     assert not folder.exists()
 
 
-@pytest.mark.parametrize("command", ["run", "mock"])
+@pytest.mark.parametrize("command", ["run", "mock", "guard"])
 @pytest.mark.parametrize("remapping", ["odom", "odom=/x", ":=x"])
 def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, remapping):
     result = invoke(command, "go2", "--remap", remapping)

@@ -10,14 +10,13 @@ import threading
 import numpy as np
 import pytest
 
-from wbc_controller.build import read_urdf
 from wbc_controller.clock import ManualClock
+from wbc_controller.configuration import shipped_configurations
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.guard_service import NODE_NAME, GuardService, run_guard
 from wbc_controller.interface import CONTROLLER_TOPICS, GUARD_TOPICS, Direction, counterpart, endpoints
 from wbc_controller.messages import decode, encode
-from wbc_controller.robot_description import describe
-from wbc_controller.settings import shipped_configurations
+from wbc_controller.robot_description import describe, read_urdf
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
