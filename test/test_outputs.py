@@ -114,10 +114,11 @@ def test_diagnostics_come_at_their_rate_and_at_once_with_a_refusal(bench):
     assert "refused command 'actvate' is unknown; did you mean 'activate'?" in status.message
     assert status.level == 1
     assert status.name == "wbc_controller: control loop"
+    assert status.hardware_id == "go2_description"  # the robot's name in its URDF
 
 
 def _status(*reports):
-    summary = StatusSummary(("a",))
+    summary = StatusSummary("/r1/wbc_controller", "r1")
     for each in reports:
         summary.add(each)
     (status,) = summary.message(9).status
@@ -174,7 +175,7 @@ def test_what_a_summary_holds():
 
 
 def test_each_summary_starts_over():
-    summary = StatusSummary(("a",))
+    summary = StatusSummary("/r1/wbc_controller", "r1")
     summary.add(report(refused=("x: no",)))
     summary.message(1)
     summary.add(report())

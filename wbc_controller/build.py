@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 
@@ -32,6 +33,7 @@ from wbc_controller.core.tasks import (
 )
 from wbc_controller.decoding import Vocabulary
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
+from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inputs import Inputs
 from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
@@ -263,6 +265,7 @@ def make_loop(
     *,
     timer: Callable[[], float] = time.perf_counter,
     observers: Sequence[Callable[[CycleReport], None]] = (),
+    node: str = NODE_NAME,
 ) -> ControlLoop:
     """Build the whole service on a transport.
 
@@ -274,18 +277,29 @@ def make_loop(
         topics: from `controller_endpoints`.
         timer: gives seconds, for the stage times.
         observers: called with the report of every cycle.
+        node: name of the node with its namespace, for diagnostics.
 
     Raises:
         ConfigurationError: where settings and model do not fit.
     """
     controller = make_controller(settings, model, timer)
     contact_frames = {name: contact.frame for name, contact in settings.contacts.items()}
+    markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
     return ControlLoop(
         controller,
         make_board(settings, controller),
         make_supervisor(settings, model),
         Inputs(model, make_vocabulary(settings, model), topics, transport, clock),
-        Outputs(model, contact_frames, topics, transport, 1.0 / settings.control.diagnostics_rate),
+        Outputs(
+            model,
+            contact_frames,
+            topics,
+            transport,
+            1.0 / settings.control.diagnostics_rate,
+            MarkerScene(model, controller.tasks, controller.contacts, 3.0 * markers_period),
+            markers_period,
+            node,
+        ),
         make_audit(settings, controller),
         clock,
         state_timeout=settings.safety.state_timeout,

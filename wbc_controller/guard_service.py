@@ -53,6 +53,7 @@ class GuardService:
         topics: Sequence[Endpoint],
         transport: Transport,
         clock: Clock,
+        namespace: str = "/",
     ) -> None:
         """Open the topics.
 
@@ -62,13 +63,14 @@ class GuardService:
             topics: of the guard's node.
             transport: carries the messages.
             clock: dates the messages.
+            namespace: of the node, for diagnostics.
 
         Raises:
             TransportError: where a topic cannot be opened.
         """
         self.guard = Guard(guard_limits(settings, robot.effort_limits))
         self._clock = clock
-        self._hardware = robot.name
+        self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
         self._commands, self._states = JointOrder(settings.robot.joints), JointOrder(settings.robot.joints)
         self._period = 1.0 / settings.control.rate
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
@@ -193,7 +195,7 @@ class GuardService:
         refused = dict(self._refused)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = _ERROR if self.guard.reason else _WARN if refused else _OK
-        return diagnostics(time.time_ns(), level, f"{NODE_NAME}: commands", text, self._hardware, values)
+        return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
 
     def run(self, stop: threading.Event) -> None:
         """Run until stopped; what is sent last is never a damping torque."""
@@ -258,4 +260,4 @@ def run_guard(
             return
     description = describe(urdf, robot.joints, robot.effort_limit_scale)
     topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
-    GuardService(settings, description, topics, transport, MonotonicClock()).run(stop)
+    GuardService(settings, description, topics, transport, MonotonicClock(), namespace).run(stop)

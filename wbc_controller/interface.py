@@ -150,6 +150,9 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "Mode and, in a fault, its code and reason."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "Rates, ages, missed deadlines, stage times, task errors, binding constraints, refused inputs."),
+    Topic("markers", "~/markers", "visualization_msgs/msg/MarkerArray", _OUT, COMMAND_OUT,
+          "For RViz and Foxglove, in the world frame: contact forces, friction cones, support, centre of mass, capture "
+          "point, task errors."),
 )
 
 MOCK_TOPICS: tuple[Topic, ...] = (

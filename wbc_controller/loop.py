@@ -18,7 +18,7 @@ from wbc_controller.diagnostics.audit import ModelAudit
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inputs import Inputs, Latched
 from wbc_controller.outputs import Outputs
-from wbc_controller.records import CycleReport, Fault, JointCommand, Mode, RobotState, Solution
+from wbc_controller.records import CycleReport, Fault, JointCommand, Mode, References, RobotState, Solution
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.supervisor import Supervisor
 
@@ -80,6 +80,7 @@ class ControlLoop:
         self._deadlines_missed = 0
         self._activate_when_fresh = False
         self._said: dict[str, float] = {}
+        self._references: References | None = None  # of the present cycle, where it is solved
         self._explained = -math.inf
         self._unexplained: Callable[[], object] | None = None  # solves the present failure again, with its reasons
 
@@ -92,7 +93,7 @@ class ControlLoop:
         problem = stale_inputs(latched.ages, self._state_timeout, latched.notes)
         read = self._timer()
         starts = self._take_requests(latched, now, problem, refused)
-        outcome = None
+        outcome = self._references = None
         if problem is None and self.supervisor.solving:
             outcome = self._compute(latched, now, starts, refused)
         computed = self._timer()
@@ -119,6 +120,7 @@ class ControlLoop:
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, time.time_ns())
+        self._outputs.publish_markers(now, latched.state, self._references, solution)
         self._say(report, now)
         for observer in self.observers:
             observer(report)
@@ -204,7 +206,7 @@ class ControlLoop:
                     self._board.apply(changes, self._controller.dynamics, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
-            references = self._board.sample(seconds(state))
+            references = self._references = self._board.sample(seconds(state))
             before = self.supervisor.torques_before(now)
             # Once per failure: while holding, the sentence of its first cycle stays in force.
             if self.supervisor.mode is Mode.ACTIVE and now - self._explained >= _EXPLAIN_PAUSE:

@@ -7,10 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from wbc_controller.core.model import RobotModel
+from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.interface import Direction, Endpoint
 from wbc_controller.messages import encode, header, message, torques
-from wbc_controller.records import CycleReport, Mode
+from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
 from wbc_controller.transports.transport import Publish, Transport
 
 
@@ -24,6 +25,9 @@ class Outputs:
         endpoints: Iterable[Endpoint],
         transport: Transport,
         diagnostics_period: float,
+        scene: MarkerScene,
+        markers_period: float,
+        node: str,
     ) -> None:
         """Advertise every outgoing topic.
 
@@ -33,6 +37,9 @@ class Outputs:
             endpoints: of the controller's node.
             transport: carries the messages.
             diagnostics_period: s between two diagnostics.
+            scene: draws the markers.
+            markers_period: s between two messages of them; inf for none.
+            node: name of the node, with its namespace.
         """
         self._joints = list(model.joints)
         self._contact_frames = contact_frames
@@ -42,9 +49,12 @@ class Outputs:
             if endpoint.direction is Direction.OUT
         }
         self._state_said: tuple[object, object] | None = None
-        self._summary = StatusSummary(model.joints)
+        self._summary = StatusSummary(node, model.name)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
+        self._scene = scene
+        self._markers_period = markers_period
+        self._markers_due = -np.inf if markers_period < np.inf else np.inf
 
     def publish_command(self, report: CycleReport) -> None:
         """Send the torques and the forces counted on: the part of a cycle that the robot waits for."""
@@ -88,6 +98,21 @@ class Outputs:
         if now >= self._diagnostics_due or report.refused:
             self._diagnostics_due = now + self._diagnostics_period
             self._send("diagnostics", self._summary.message(wall))
+
+    def publish_markers(
+        self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
+    ) -> None:
+        """Send a picture of the cycle where one is due.
+
+        Args:
+            now: s, on the clock of the loop.
+            state: where the robot is, where that is known.
+            references: what is wanted, in a cycle that was solved.
+            solution: the answer, if there is one.
+        """
+        if state is not None and now >= self._markers_due:
+            self._markers_due = now + self._markers_period
+            self._send("markers", self._scene.message(state, references, solution))
 
     def _send(self, key: str, content: object, subject: str = "") -> None:
         self._publish[key, subject](encode(content))

@@ -61,6 +61,7 @@ def run_controller(
         MonotonicClock(),
         topics,
         observers=(recorder.add,) if recorder is not None else (),
+        node=f"{namespace.rstrip('/')}/{node}",
     )
     _log.info("%s: %d joints, waiting for 'activate' on %s", node, model.na, f"{namespace.rstrip('/')}/{node}/command")
     try:

@@ -83,6 +83,11 @@ class ControlSettings(_Section):
     diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
         10.0, description="Messages per second on /diagnostics."
     )
+    markers_rate: NonNegative = Field(
+        10.0,
+        le=100.0,
+        description="Messages per second on ~/markers, at most, drawn when the torques are out; 0 for none.",
+    )
 
 
 class SolverSettings(_Section):

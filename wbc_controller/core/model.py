@@ -63,6 +63,11 @@ class RobotModel:
         return root_link(self.pinocchio)
 
     @property
+    def name(self) -> str:
+        """Name of the robot in its URDF."""
+        return str(self.pinocchio.name)
+
+    @property
     def mass(self) -> float:
         """Total mass, kg."""
         return float(pin.computeTotalMass(self.pinocchio))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.messages import header, message
+from wbc_controller.messages import diagnostics
 from wbc_controller.records import CycleReport, Mode
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -25,8 +25,14 @@ _LEVELS = {
 class StatusSummary:
     """Collects reports, and sums up those since the last message."""
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        self._joints = tuple(joints)
+    def __init__(self, node: str, hardware: str) -> None:
+        """Make a summary.
+
+        Args:
+            node: name of the node, with its namespace: two robots in one graph share the topic.
+            hardware: name of the robot.
+        """
+        self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
         self._reports: list[CycleReport] = []
 
     def add(self, report: CycleReport) -> None:
@@ -46,15 +52,7 @@ class StatusSummary:
         if last.fault is not None:
             level = max(level, _WARN)
             warnings.insert(0, f"{last.fault.code}: {last.fault.sentence}")
-        status = message(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=level,
-            name="wbc_controller: control loop",
-            message="; ".join([last.mode.value, *warnings]),
-            hardware_id="wbc_controller",
-            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
-        )
-        return message("diagnostic_msgs/msg/DiagnosticArray", header=header(wall), status=[status])
+        return diagnostics(wall, level, self._name, "; ".join([last.mode.value, *warnings]), self._hardware, values)
 
 
 def _per(constraint: str) -> str:

@@ -152,7 +152,15 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         try:
             model = make_model(settings, None if settings.robot.urdf else self._urdf)
             topics = controller_endpoints(settings, model, node=node, namespace=namespace)
-            self._loop = make_loop(settings, model, gate, MonotonicClock(), topics, observers=(self._answers.observe,))
+            self._loop = make_loop(
+                settings,
+                model,
+                gate,
+                MonotonicClock(),
+                topics,
+                observers=(self._answers.observe,),
+                node=self.get_fully_qualified_name(),
+            )
         except Exception as error:
             gate.close()
             if isinstance(error, ConfigurationError):
