@@ -38,6 +38,8 @@ STATE_OUT = Qos(reliable=True, latched=False, depth=1)
 COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)
 #: Requests by a user: reliable, and several in a row are all kept.
 REQUEST = Qos(reliable=True, latched=False, depth=10)
+#: Transforms out: as tf2's own broadcasters offer them.
+TF_OUT = Qos(reliable=True, latched=False, depth=100)
 #: Latched: a late subscriber is given the last value.
 LATCHED = Qos(reliable=True, latched=True, depth=1)
 
@@ -167,6 +169,8 @@ MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, STATE_OUT,
           "Measured positions, velocities and applied efforts."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT, "True pose and twist of the base."),
+    Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT,
+          "Transform from `world` to the base, for viewers: robot_state_publisher sends those of the links."),
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _OUT, STATE_OUT,
           "Orientation, angular velocity and specific force of the base, in the base frame."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, STATE_OUT,

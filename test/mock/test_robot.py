@@ -94,6 +94,11 @@ def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     (odom,), (joints,), (imu,) = peer.all("odom"), peer.all("joint_states"), peer.all("imu")
     assert stamp_of(odom) == stamp_of(joints) == stamp_of(imu) == 2_000_000
     assert (odom.header.frame_id, odom.child_frame_id, imu.header.frame_id) == ("world", "base", "base")
+    ((transform,),) = (content.transforms for content in peer.all("tf"))
+    assert (transform.header, transform.child_frame_id) == (odom.header, "base")
+    position, translation = odom.pose.pose.position, transform.transform.translation
+    assert (position.x, position.y, position.z) == (translation.x, translation.y, translation.z)
+    assert transform.transform.rotation == odom.pose.pose.orientation
     assert joints.name == list(model.joints)
     np.testing.assert_array_equal(joints.position, model.posture)
     assert {subject for key, subject, _ in peer.received if key == "contact_wrench"} == set(settings.contacts)

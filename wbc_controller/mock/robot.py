@@ -34,8 +34,8 @@ from wbc_controller.transports.transport import Publish, Transport
 NODE_NAME = "mock_robot"
 #: Frame that poses are given in.
 WORLD_FRAME = "world"
-#: Rate of the contact wrenches, Hz of simulated time: they are for people to look at.
-CONTACT_RATE = 100.0
+#: Rate of the contact wrenches and the transform, Hz of simulated time: they are for people to look at.
+SLOW_RATE = 100.0
 #: Wall time after which lockstep publishes an unanswered state again, s.
 REPUBLISH_AFTER = 0.05
 #: Lateness at which real time is given up and starts anew, s: catching up on more would flood the controller.
@@ -96,7 +96,7 @@ class MockRobot:
         self._wall_period = self._period / real_time_factor
         self._first_stamp = round(self._period * 1e9)
         self._periods = 0
-        self._contact_decimation = max(1, round(settings.control.rate / CONTACT_RATE))
+        self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None
         self._tau_time = 0.0
         self._last_refusal: dict[str, str] = {}
@@ -179,7 +179,9 @@ class MockRobot:
             effort=self.plant.applied_torques,
         )
         self._publish("joint_states", "", joint_states)
-        if self._periods % self._contact_decimation == 0:
+        if self._periods % self._slow_decimation == 0:
+            if self._robot.floating_base:
+                self._publish("tf", "", _transform(stamp, base, q))
             for name, wrench in self.plant.contact_wrenches().items():
                 surface = isinstance(self._contacts[name], SurfaceContact)
                 self._publish("contact_wrench", name, _wrench(stamp, name if surface else WORLD_FRAME, wrench))
@@ -226,7 +228,7 @@ class MockRobot:
     def _open(self, endpoint: Endpoint, transport: Transport) -> None:
         key = endpoint.key
         if endpoint.direction is Direction.OUT:
-            if key != "odom" or self._robot.floating_base:
+            if key not in ("odom", "tf") or self._robot.floating_base:
                 self._publishers[key, endpoint.subject] = transport.advertise(endpoint)
             return
         self._types[key] = endpoint.type
@@ -362,6 +364,18 @@ def _odometry(stamp: int, base: str, q: Array, v: Array) -> Any:
         pose=messages.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=exact),
         twist=messages.message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=exact),
     )
+
+
+def _transform(stamp: int, base: str, q: Array) -> Any:
+    transform = messages.message(
+        "geometry_msgs/msg/TransformStamped",
+        header=messages.header(stamp, WORLD_FRAME),
+        child_frame_id=base,
+        transform=messages.message(
+            "geometry_msgs/msg/Transform", translation=_vector(q[:3]), rotation=_quaternion(q[3:7])
+        ),
+    )
+    return messages.message("tf2_msgs/msg/TFMessage", transforms=[transform])
 
 
 def _imu(stamp: int, base: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
