@@ -8,7 +8,7 @@ import pytest
 from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.messages import nanoseconds
-from wbc_controller.records import CycleReport, Fault, Infeasibility, Mode, Solution
+from wbc_controller.records import CycleReport, Fault, Infeasibility, LevelReport, Mode, Solution
 
 
 def report(**changes):
@@ -22,7 +22,7 @@ def report(**changes):
 def solution(**changes):
     values = {
         "v_dot": np.zeros(18), "tau": np.zeros(12), "forces": {}, "residuals": {"contact_motion": 1e-9},
-        "task_errors": {"com": 0.01}, "binding": {"torque:knee:upper": 0.25}, "relaxed": (), "iterations": 7,
+        "task_errors": {"com": 0.01}, "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),), "relaxed": (), "iterations": 7,
         "stage_seconds": {},
     }  # fmt: skip
     return Solution(**{**values, **changes})
@@ -170,6 +170,7 @@ def test_what_a_summary_holds():
     assert values["task_error/com"] == "0.01000"
     assert values["residual/contact_motion"] == "1.00e-09"
     assert values["binding"] == "torque:knee:upper"
+    assert values["level/0"] == "com: cost 0.5, 7 iterations, 50 us"
     assert values["cost/torque:knee:upper"] == "0.25 1/(N·m)"
     assert values["refused/0"] == "x: no"
 

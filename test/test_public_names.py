@@ -6,10 +6,13 @@ import pytest
 
 EXPORTED = {
     "wbc_controller.core.tasks": {
+        "AccelerationTask",
         "AngularMomentumTask",
         "AxisAlignmentTask",
         "CapturePointTask",
         "ComTask",
+        "ContactWrenchTask",
+        "EffortTask",
         "FrameOrientationTask",
         "FramePoseTask",
         "FramePositionTask",
@@ -18,6 +21,7 @@ EXPORTED = {
         "PostureTask",
         "RelativePoseTask",
         "Task",
+        "TorqueTask",
     },
     "wbc_controller.core.contacts": {"Contact", "PointContact", "SurfaceContact", "wrench_cone"},
     "wbc_controller.core.limits": {"JointMotionLimit", "RowLimit", "TorqueLimit"},

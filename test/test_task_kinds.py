@@ -1,4 +1,4 @@
-"""Every kind of task from its YAML to its torques: what docs/control.md shows runs, every topic reaches its task."""
+"""Every kind of task from its YAML to its torques: what docs/tasks.md shows runs, every topic reaches its task."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from wbc_controller.build import make_task
+from wbc_controller.build_tasks import make_task
 from wbc_controller.configuration import _members, _tags_of
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.interface import TASK_TYPES
 
 TASKS = _members("tasks")
 
-PAGE = (Path(__file__).parent.parent / "docs" / "control.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parent.parent / "docs" / "tasks.md").read_text(encoding="utf-8")
 #: The tasks of the page, and its updates by the task that they set.
 SHOWN = {
     name: task
@@ -28,21 +28,24 @@ UPDATES = {
     for text in re.findall(r"`(\{tasks: \{.*?\}\}\})`", PAGE)
     for name in yaml.safe_load(text)["tasks"]
 }  # fmt: skip
+#: Tasks that are shown together.
+TOGETHER = {"inside", "reach", "rest"}
 
 
-def test_the_page_has_a_section_and_an_example_for_each_newer_kind():
-    kinds = {task["type"] for task in SHOWN.values()}
-    newer = _tags_of("tasks") - {"posture", "com", "frame_pose", "frame_position", "frame_orientation"}
-    assert newer - kinds <= {"linear_momentum"}  # shown with the angular one
-    assert set(UPDATES) == {name for name, task in SHOWN.items() if task["type"] in newer}
+def test_the_page_has_a_section_and_an_example_for_each_kind():
+    headings = " ".join(re.findall(r"^## (.*)$", PAGE, re.MULTILINE))
     for kind in _tags_of("tasks"):
-        assert f"`{kind}`" in PAGE
+        assert f"`{kind}`" in headings
+    shown = {task["type"] for task in SHOWN.values()}
+    assert _tags_of("tasks") - shown == {"linear_momentum"}  # shown with the angular one
+    assert set(SHOWN) - set(UPDATES) == {"com", "height", "rest"}  # what only shows gains, or stands beside another
     assert set(TASK_TYPES) == _tags_of("tasks")
 
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_what_the_page_shows_runs(bench, make, name):
-    robot = bench("g1", {"tasks": {name: SHOWN[name]}})
+    shown = {name: SHOWN[name]} if name not in TOGETHER else {other: SHOWN[other] for other in TOGETHER}
+    robot = bench("g1", {"tasks": shown})
     assert robot.activate().solution is not None
     if name in UPDATES:
         robot.send("update", make.string(UPDATES[name]))
@@ -99,6 +102,31 @@ def test_a_setpoint_and_a_trajectory_by_topic_move_the_reference_there(bench, ma
     assert np.isfinite(report.solution.task_errors["task"])
 
 
+@pytest.mark.parametrize("kind", ["contact_wrench", "torque"])
+def test_a_setpoint_of_an_effort_by_topic_moves_what_the_answer_has(bench, make, kind):
+    keys, goal = {
+        "contact_wrench": (
+            {"contact": "left_foot", "mask": [False, False, True, False, False, False]},
+            [0, 0, 120.0, 0, 0, 0],
+        ),
+        "torque": ({"joints": ["left_elbow_joint"]}, [1.5]),
+    }[kind]
+    robot = bench("g1", {"tasks": {"task": {"type": kind, "weight": 100.0, "setpoint_duration": 0.1} | keys}})
+    robot.activate()
+    if kind == "torque":
+        robot.send("setpoint", make.joint_state(["left_elbow_joint"], (), effort=goal), "task")
+    else:
+        robot.send("setpoint", make.wrench(goal, "left_ankle_roll_link"), "task")
+    report = robot.cycle(100)
+    assert not any(report.refused for report in robot.reports)
+    solution = report.solution
+    joint = robot.model.joints.index("left_elbow_joint")
+    reached = solution.tau[joint] if kind == "torque" else solution.forces["left_foot"][2]
+    assert reached == pytest.approx(max(goal), rel=0.02)
+    assert solution.task_errors["task"] == pytest.approx(abs(reached - max(goal)), abs=1e-6)
+    assert not any(endpoint.key == "trajectory" and endpoint.subject == "task" for endpoint in robot.topics)
+
+
 @pytest.mark.parametrize("kind", COMMANDED)
 def test_every_setting_reaches_the_task(robot_of, kind):
     _, model = robot_of("g1")
@@ -110,7 +138,7 @@ def test_every_setting_reaches_the_task(robot_of, kind):
     given |= {key: [(i + 1) * value for value in rising] for i, key in enumerate(gains)}
     given |= {"mask": [False] + [True] * (size - 1)} if masked else {}
     given |= {"support_height": -0.5} if kind == "capture_point" else {}
-    task = make_task("task", TASKS[kind].model_validate({"type": kind} | given), model)
+    task = make_task("task", TASKS[kind].model_validate({"type": kind} | given), model, {})
     assert task.dimension == size - masked
     for i, key in enumerate(gains):
         value = getattr(task, key) if hasattr(task, key) else task.gain

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller import settings as schema
+from wbc_controller.build_tasks import make_task
 from wbc_controller.clock import Clock
 from wbc_controller.core.contacts import Contact, PointContact, SurfaceContact
 from wbc_controller.core.controller import Controller
@@ -17,20 +18,6 @@ from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
-from wbc_controller.core.tasks import (
-    AngularMomentumTask,
-    AxisAlignmentTask,
-    CapturePointTask,
-    ComTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    GazeTask,
-    LinearMomentumTask,
-    PostureTask,
-    RelativePoseTask,
-    Task,
-)
 from wbc_controller.decoding import Vocabulary
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.diagnostics.markers import MarkerScene
@@ -65,42 +52,6 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
         armature=robot.armature,
         effort_limit_scale=robot.effort_limit_scale,
     )
-
-
-def make_task(name: str, task: schema.TaskSettings, model: RobotModel) -> Task:
-    """Build one task.
-
-    Raises:
-        ConfigurationError: where a frame or joint is unknown.
-    """
-    if isinstance(task, schema.PostureTask):
-        return PostureTask(name, model, task.joints, stiffness=task.stiffness, damping=task.damping)
-    if isinstance(task, schema.ComTask):
-        return ComTask(name, task.mask, stiffness=task.stiffness, damping=task.damping)
-    if isinstance(task, schema.LinearMomentumTask | schema.AngularMomentumTask):
-        momentum = LinearMomentumTask if isinstance(task, schema.LinearMomentumTask) else AngularMomentumTask
-        return momentum(name, task.mask, damping=task.damping)
-    if isinstance(task, schema.CapturePointTask):
-        return CapturePointTask(name, model.gravity, task.mask, support_height=task.support_height, gain=task.gain)
-    if isinstance(task, schema.RelativePoseTask):
-        return RelativePoseTask(
-            name,
-            model,
-            task.frame,
-            task.reference_frame,
-            task.mask,
-            stiffness=task.stiffness,
-            damping=task.damping,
-        )
-    if isinstance(task, schema.AxisAlignmentTask | schema.GazeTask):
-        alignment = GazeTask if isinstance(task, schema.GazeTask) else AxisAlignmentTask
-        return alignment(name, model, task.frame, task.axis, stiffness=task.stiffness, damping=task.damping)
-    kinds: dict[str, Callable[..., Task]] = {
-        "frame_pose": FramePoseTask,
-        "frame_position": FramePositionTask,
-        "frame_orientation": FrameOrientationTask,
-    }
-    return kinds[task.type](name, model, task.frame, task.mask, stiffness=task.stiffness, damping=task.damping)
 
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
@@ -158,10 +109,11 @@ def make_controller(
     margin = limits.position_margin
     position = (model.position_lower + margin, model.position_upper - margin) if limits.position else None
     velocity = model.velocity_limits * limits.velocity_scale if limits.velocity else None
+    contacts = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}
     return Controller(
         model,
-        [make_task(name, task, model) for name, task in settings.tasks.items()],
-        [make_contact(name, contact, model) for name, contact in settings.contacts.items()],
+        [make_task(name, task, model, contacts) for name, task in settings.tasks.items()],
+        list(contacts.values()),
         TorqueLimit(model.effort_limits, limits.torque_rate),
         JointMotionLimit(position, velocity, acceleration=limits.acceleration, horizon=limits.position_horizon),
         period=1.0 / settings.control.rate,
@@ -219,11 +171,16 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     joints = {
         name: tuple(task.joints) or model.joints
         for name, task in settings.tasks.items()
-        if isinstance(task, schema.PostureTask)
+        if isinstance(task, schema.PostureTask | schema.TorqueTask)
     }
     reference_frames = {
         name: task.reference_frame for name, task in settings.tasks.items() if isinstance(task, schema.RelativePoseTask)
     }
+    for name, task in settings.tasks.items():
+        if isinstance(task, schema.ContactWrenchTask):
+            contact = settings.contacts[task.contact]
+            if isinstance(contact, schema.SurfaceContact):  # the forces of others are in world axes
+                reference_frames[name] = contact.frame
     return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), reference_frames)
 
 

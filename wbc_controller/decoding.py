@@ -40,7 +40,7 @@ class Vocabulary:
 
     Attributes:
         kinds: kind of each task, such as ``frame_pose``, by its name.
-        joints: of each posture task, its joints.
+        joints: of each task on joints, its joints.
         contacts: names of the contacts.
         frames: names of the frames on which external wrenches are accepted.
         reference_frames: of each task whose references are not given in the world, the frame that they are given in.
@@ -78,7 +78,7 @@ class _Form:
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
 
 
-#: Form of the references of each kind of task; a posture's are joints by name.
+#: Form of the references of each other kind of task.
 _FORMS: Mapping[str, _Form] = {
     "com": _Form(),
     "frame_position": _Form(),
@@ -90,7 +90,11 @@ _FORMS: Mapping[str, _Form] = {
     "linear_momentum": _Form(),
     "angular_momentum": _Form(),
     "capture_point": _Form(vector=2),
+    "contact_wrench": _Form(vector=6),
 }
+
+#: Kinds of task whose references are joints by name, and the field of a JointState that has them.
+_JOINT_FIELDS: Mapping[str, str] = {"posture": "position", "torque": "effort"}
 
 
 def stamp_of(content: Any) -> int:
@@ -173,9 +177,12 @@ def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
 
 def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
     kind = vocabulary.kinds[task]
-    if kind == "posture":
-        return (SetSetpoint(task, _joint_values(vocabulary.joints[task], content.name, content.position, "position")),)
+    if kind in _JOINT_FIELDS:
+        what = _JOINT_FIELDS[kind]
+        return (SetSetpoint(task, _joint_values(vocabulary.joints[task], content.name, getattr(content, what), what)),)
     _in_frame_of(vocabulary, task, content)
+    if kind == "contact_wrench":
+        return (SetSetpoint(task, _wrench(content)),)
     form = _FORMS[kind]
     if form.oriented:
         return (SetSetpoint(task, _position(form, content.pose.position, content.pose.orientation)),)
@@ -264,8 +271,11 @@ def _weight(value: Any) -> float:
 
 def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
     _in_world(content)
-    wrench = content.wrench
-    return (SetExternalWrench(frame, finite([*_xyz(wrench.force), *_xyz(wrench.torque)], "the wrench")),)
+    return (SetExternalWrench(frame, _wrench(content)),)
+
+
+def _wrench(content: Any) -> Array:
+    return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
 
 
 #: Letters of an update: it is read within a control cycle.
@@ -330,7 +340,7 @@ def _is_number(value: Any) -> bool:
 
 def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     kind = vocabulary.kinds[task]
-    form = _Form(vector=len(vocabulary.joints[task])) if kind == "posture" else _FORMS[kind]
+    form = _Form(vector=len(vocabulary.joints[task])) if kind in _JOINT_FIELDS else _FORMS[kind]
     where = f"tasks.{task}.setpoint"
     if not isinstance(value, list) or not all(_is_number(number) for number in value):
         raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")

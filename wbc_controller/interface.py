@@ -66,7 +66,7 @@ class Topic:
     meaning: str
 
 
-#: Message type of a task's setpoint and trajectory, by kind of task.
+#: Message type of a task's setpoint and trajectory, by kind of task; what has no derivatives has no trajectory.
 TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "posture": {
         "setpoint": "sensor_msgs/msg/JointState",
@@ -112,6 +112,8 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
         "setpoint": "geometry_msgs/msg/PointStamped",
         "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     },
+    "contact_wrench": {"setpoint": "geometry_msgs/msg/WrenchStamped"},
+    "torque": {"setpoint": "sensor_msgs/msg/JointState"},
 }
 
 _IN, _OUT = Direction.IN, Direction.OUT
@@ -280,6 +282,8 @@ def endpoints(
         for subject in subjects[field] if field else ("",):
             type_name = topic.type
             if topic.type in ("setpoint", "trajectory"):
+                if topic.type not in TASK_TYPES[kinds[subject]]:
+                    continue
                 type_name = TASK_TYPES[kinds[subject]][topic.type]
             name = topic.name.format(**{field: subject}) if field else topic.name
             yield Endpoint(

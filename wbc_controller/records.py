@@ -80,6 +80,23 @@ class References:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelReport:
+    """One quadratic program of a cycle: that of one priority.
+
+    Attributes:
+        tasks: names of its tasks that took part.
+        cost: of the tasks and the regularization at the answer, ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ….
+        iterations: the solver's own count.
+        seconds: time that it took, s.
+    """
+
+    tasks: tuple[str, ...]
+    cost: float
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
 class Solution:
     """The answer of the quadratic program, with the residual of every equality.
 
@@ -88,12 +105,14 @@ class Solution:
         tau: joint torques in the order of the command, (na,) in N·m.
         forces: per made contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
         residuals: largest absolute violation of each group of constraints, by name.
-        task_errors: Euclidean norm of each task's error, in the unit of its reference: m, rad, kg·m/s or N·m·s.
+        task_errors: Euclidean norm of each task's error, in the unit of its reference: m, rad, kg·m/s, N·m·s, N or N·m.
         binding: the constraints that hold with equality, such as ``torque:left_knee_joint:upper``, and what each
             costs: its multiplier, by which the cost would fall per unit of the bound, in N⁻¹ for contacts, (N·m)⁻¹ for
             torques, (rad/s²)⁻¹ for joint motion.
-        relaxed: groups of constraints that had to be relaxed for a solution to exist; normally empty.
+        relaxed: groups of constraints that had to be relaxed for a solution to exist, and levels below the first whose
+            solver failed; normally empty.
         iterations: the solver's own count.
+        levels: the quadratic programs that were solved, by falling priority.
         stage_seconds: time spent in each stage of the computation, in s.
         external_wrenches: the known external wrenches that were counted on, as in `References`.
     """
@@ -105,6 +124,7 @@ class Solution:
     task_errors: Mapping[str, float]
     binding: Mapping[str, float]
     iterations: int
+    levels: tuple[LevelReport, ...] = ()
     relaxed: tuple[str, ...] = ()
     stage_seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))

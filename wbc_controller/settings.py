@@ -181,13 +181,25 @@ class _Task(_Section):
 
     weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
     enabled: bool = Field(True, description="Whether the task is on at activation.")
+    level: int = Field(
+        0,
+        ge=0,
+        le=15,
+        description="Priority: 0 is the highest, and no task worsens one of a smaller level. Tasks of one level "
+        "compete by weight.",
+    )
+    tolerance: Gains | None = Field(
+        None,
+        description="How far from its reference the task may be at no cost, in the unit of its error; one number, or a "
+        "list with one per axis.",
+    )
     setpoint_duration: NonNegative = Field(
         1.0, le=600.0, description="Time in which a new setpoint is reached, s; 0 for setpoints that are streamed."
     )
 
     @model_validator(mode="after")
     def _one_gain_for_each_axis(self) -> _Task:
-        for key in ("stiffness", "damping", "gain"):
+        for key in ("stiffness", "damping", "gain", "tolerance"):
             value = getattr(self, key, None)
             if isinstance(value, list) and self.axes and len(value) != self.axes:
                 raise ValueError(
@@ -315,6 +327,33 @@ class CapturePointTask(_Task):
     mask: list[bool] = Field([True] * 2, min_length=2, max_length=2, description="World axes concerned: x, y.")
 
 
+class ContactWrenchTask(_Task):
+    """Wrench of a contact in its own axes, N and N·m; while the contact is broken it asks for nothing."""
+
+    axes: ClassVar[int] = 6
+
+    type: Literal["contact_wrench"]
+    contact: str = Field(description="The contact, one of `contacts`.")
+    target: list[Finite] = Field(
+        [0.0] * 6, min_length=6, max_length=6, description="Wrench before another one is commanded: force, then moment."
+    )
+    mask: list[bool] = Field(
+        [True] * 6, min_length=6, max_length=6, description="Axes of the contact concerned: force, then moment."
+    )
+
+
+class TorqueTask(_Task):
+    """Joint torques, N·m; with the target of zero they become small."""
+
+    axes: ClassVar[int] = 0  # as many as joints
+
+    type: Literal["torque"]
+    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all.")
+    target: list[Finite] = Field(
+        default_factory=list, description="Torque of each before others are commanded, N·m; empty for zero."
+    )
+
+
 TaskSettings = Annotated[
     PostureTask
     | ComTask
@@ -326,7 +365,9 @@ TaskSettings = Annotated[
     | GazeTask
     | LinearMomentumTask
     | AngularMomentumTask
-    | CapturePointTask,
+    | CapturePointTask
+    | ContactWrenchTask
+    | TorqueTask,
     Field(discriminator="type"),
 ]
 

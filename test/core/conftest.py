@@ -1,5 +1,6 @@
 """The shipped robots, their random states, and their controllers."""
 
+import copy
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -15,7 +16,7 @@ from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
 from wbc_controller.preflight import stance
 from wbc_controller.records import Array, References, RobotState, frozen
-from wbc_controller.settings import Settings
+from wbc_controller.settings import Settings, TaskSettings
 
 
 @cache
@@ -33,6 +34,13 @@ class Bench:
         self.settings = settings.model_copy(update=update)
         self.controller: Controller = make_controller(self.settings, self.model, lambda: 0.0)
         self.stance = stance(self.model, self.controller, list(self.controller.contacts))
+
+    def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
+        """The same robot with other tasks."""
+        other = copy.copy(self)
+        other.settings = self.settings.model_copy(update={"tasks": tasks})
+        other.controller = make_controller(other.settings, self.model, lambda: 0.0)
+        return other
 
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
         """A state; at rest in the stance where nothing else is given."""

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.formulation import Formulation
+from wbc_controller.core.hierarchy import Hierarchy
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import Layout, QuadraticProgram
-from wbc_controller.core.solvers import Solver, make_solver
+from wbc_controller.core.solvers import Answer, Solver, make_solver
 from wbc_controller.core.tasks import Task
 from wbc_controller.core.unpacking import unpack
-from wbc_controller.errors import NoSolution
-from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution, frozen_mapping
+from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.records import Array, Infeasibility, LevelReport, References, RobotState, Solution, frozen_mapping
 
 
 class Controller:
-    """Solves one quadratic program per cycle (S10 as equality constraints, S12).
+    """Solves one quadratic program per cycle (S10 as equality constraints, S12), or one per level of priority.
 
     Minimize, over v̇, τ and f,
 
@@ -66,7 +68,7 @@ class Controller:
             timer: gives seconds, for the stage times; by default no time passes.
 
         Raises:
-            ConfigurationError: where the solver is not installed.
+            ConfigurationError: where the solver is not installed, or not accurate enough for the tasks' priorities.
         """
         self.formulation = Formulation(
             model,
@@ -82,6 +84,12 @@ class Controller:
         self._solver_name = solver
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
+        self._hierarchies: dict[tuple[str, ...], Hierarchy] = {}
+        if self.formulation.has_priorities and not self._solver_of(self.formulation.layout(())).for_levels:
+            raise ConfigurationError(
+                f"solver.name = {solver!r} is not accurate enough for tasks with a level above 0 or with a tolerance; "
+                "take daqp, or quadprog through qpsolvers"
+            )
         self._solver_of(self.formulation.layout(tuple(self.contacts)))
 
     @property
@@ -110,6 +118,22 @@ class Controller:
             self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         return self._solvers[layout.key]
 
+    def _solve(self, layout: Layout) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...]]:
+        """One quadratic program, or one per level; what each cost, and which levels below the first failed."""
+        if self.formulation.has_priorities:
+            if layout.key not in self._hierarchies:
+                self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+            hierarchy = self._hierarchies[layout.key]
+            answer = hierarchy.solve(layout.problem, layout.levels)
+            return answer, hierarchy.reports, hierarchy.unsolved
+        started = self._timer()
+        answer = self._solver_of(layout).solve(layout.problem)
+        if answer.x is None:
+            return answer, (), ()
+        (level,) = layout.levels
+        cost = layout.problem.objective(answer.x) + level.constant
+        return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
+
     def solve(
         self,
         state: RobotState,
@@ -134,7 +158,7 @@ class Controller:
         started = self._timer()
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
-        solver = self._solver_of(layout)
+        tolerance = self._solver_of(layout).tolerance
         problem = layout.problem
         if not problem.is_finite:  # back ends may spin for seconds on it, or raise
             raise NoSolution(
@@ -142,18 +166,18 @@ class Controller:
                 "not solved",
                 problem.copy(),
             )
-        answer = solver.solve(problem)
+        answer, levels, unsolved = self._solve(layout)
         iterations = answer.iterations
         relaxed: list[str] = []
         for relaxation in ("joint_motion", "torque_rate"):
-            if _usable(answer.x, problem, solver):
+            if _usable(answer.x, problem, tolerance):
                 break
             relaxed.append(relaxation)
             self.formulation.relax(layout, relaxation, references)
-            answer = solver.solve(problem)
+            answer, levels, unsolved = self._solve(layout)
             iterations += answer.iterations
         solved = self._timer()
-        if answer.x is None or not _usable(answer.x, problem, solver):
+        if answer.x is None or not _usable(answer.x, problem, tolerance):
             why = (
                 explain(layout, model=self.model, effort=self.formulation.effort_bounds(references))
                 if explained
@@ -170,7 +194,8 @@ class Controller:
         solution = unpack(self.formulation, layout, answer.x, answer.multipliers, references, iterations)
         return dataclasses.replace(
             solution,
-            relaxed=tuple(relaxed),
+            levels=levels,
+            relaxed=(*relaxed, *unsolved),
             stage_seconds=frozen_mapping(
                 {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
             ),
@@ -197,11 +222,11 @@ class Controller:
         return explain(layout, self.model, self.formulation.effort_bounds(references))
 
 
-def _usable(x: Array | None, problem: QuadraticProgram, solver: Solver) -> bool:
+def _usable(x: Array | None, problem: QuadraticProgram, tolerance: float) -> bool:
     """Whether an answer is one: there, finite, and within tolerance of every constraint."""
     if x is None:
         return False
-    return bool(problem.violation(x) <= solver.tolerance)  # False for NaN
+    return bool(problem.violation(x) <= tolerance)  # False for NaN
 
 
 def _because(why: Infeasibility | None, *, explained: bool) -> str:

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
+from wbc_controller.core.cost import LevelCost
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import FORCE_UNIT, Layout
-from wbc_controller.core.tasks import Task
+from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.records import Array, References, RobotState
-
-#: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
-ROTATION_LENGTH = 0.1
 
 
 class Formulation:
@@ -26,11 +24,11 @@ class Formulation:
         dynamics: the snapshot of the last cycle.
         tasks: the tasks, by name.
         contacts: the contacts, by name.
+        effort_tasks: those of the tasks that are about forces or torques.
         torque_limit: bounds of the torques.
         motion_limit: bounds of the joints' accelerations.
         row_limits: bounds of other combinations of v̇.
         period: time between cycles, s.
-        task_errors: norm of the error of each task that took part in the last cycle.
     """
 
     def __init__(
@@ -67,15 +65,25 @@ class Formulation:
         self.motion_limit = motion_limit
         self.row_limits = tuple(row_limits)
         self.period = period
-        self.task_errors: dict[str, float] = {}
-        self._regularization_acceleration = regularization_acceleration
-        self._regularization_force = regularization_force
+        self.effort_tasks = tuple(task for task in tasks if isinstance(task, EffortTask))
         self._layouts: dict[tuple[str, ...], Layout] = {}
-        self._joint_columns = np.arange(6 if model.floating_base else 0, model.nv)
-        self._momentum_scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3)[:, None] / model.mass
-        rows = sum(task.dimension for task in tasks) + 6
-        self._task_rows = np.zeros((rows, model.nv))
-        self._task_right = np.zeros(rows)
+        levels = sorted({task.level for task in tasks})
+        self._costs = [
+            LevelCost(
+                level,
+                tasks,
+                model,
+                last=level == levels[-1],
+                regularization_acceleration=regularization_acceleration,
+                regularization_force=regularization_force,
+            )
+            for level in levels
+        ]
+
+    @property
+    def has_priorities(self) -> bool:
+        """Whether one quadratic program is not enough: there are levels, or tolerances."""
+        return len(self._costs) > 1 or any(task.tolerance is not None for task in self.tasks.values())
 
     def layout(self, names: tuple[str, ...]) -> Layout:
         """Columns, rows and arrays of the problem with one set of made contacts."""
@@ -98,46 +106,24 @@ class Formulation:
         self.dynamics.update(state.q, state.v)
         made = tuple(name for name in self.contacts if references.contacts.get(name, 0.0) > 0.0)
         layout = self.layout(made)
-        self._fill_cost(layout, references)
         self._fill_equations_of_motion(layout, references, tau_before)
+        self._fill_cost(layout, references)
         self._fill_contacts(layout, references)
         self._fill_joint_motion(layout)
         self._fill_row_limits(layout)
         return layout
 
     def _fill_cost(self, layout: Layout, references: References) -> None:
-        problem, dynamics, nv = layout.problem, self.dynamics, self.model.nv
-        row = 0
-        self.task_errors = {}
-        for name, task in self.tasks.items():
-            weight = references.weights.get(name, 0.0)
-            if weight <= 0.0:
-                continue
-            J, right, error = task.equation(dynamics, references.tasks[name])
-            end = row + task.dimension
-            scale = weight**0.5
-            np.multiply(J, scale, out=self._task_rows[row:end])
-            np.multiply(right, scale, out=self._task_right[row:end])
-            self.task_errors[name] = error
-            row = end
-        row = self._regularize_momentum(row)
-        rows, right = self._task_rows[:row], self._task_right[:row]
-        H = problem.H
-        np.matmul(rows.T, rows, out=H[:nv, :nv])
-        diagonal = H.reshape(-1)[:: len(H) + 1]
-        diagonal[self._joint_columns] += self._regularization_acceleration
-        diagonal[nv:] = self._regularization_force * FORCE_UNIT**2
-        np.matmul(rows.T, right, out=problem.g[:nv])
-        np.negative(problem.g[:nv], out=problem.g[:nv])
+        H, g = layout.problem.H, layout.problem.g
+        first, *below = self._costs
+        layout.levels = [first.fill(layout, H, g, self.dynamics, references)]
+        for cost in below:
+            layout.levels.append(cost.fill(layout, np.zeros_like(H), np.zeros_like(g), self.dynamics, references))
 
-    def _regularize_momentum(self, row: int) -> int:
-        """Add the rows of √ε_a ḣ_G / m, for a base that moves; gives the number of rows filled."""
-        if not self.model.floating_base:
-            return row
-        scale = self._regularization_acceleration**0.5 * self._momentum_scale
-        np.multiply(self.dynamics.centroidal_matrix, scale, out=self._task_rows[row : row + 6])
-        np.multiply(-self.dynamics.centroidal_drift, scale[:, 0], out=self._task_right[row : row + 6])
-        return row + 6
+    @property
+    def task_errors(self) -> dict[str, float]:
+        """Norm of the error of each task on accelerations that took part in the last cycle."""
+        return {name: error for cost in self._costs for name, error in cost.errors.items()}
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
@@ -153,6 +139,7 @@ class Formulation:
         problem.C[torque, accelerations] = dynamics.M[model.v_index]
         problem.C[torque, forces] = -FORCE_UNIT * layout.J[:, model.v_index].T
         lower, upper = self.torque_limit.bounds(tau_before, self.period)
+        layout.torque_bias[:] = h[model.v_index]
         problem.lower[torque] = lower - h[model.v_index]
         problem.upper[torque] = upper - h[model.v_index]
 

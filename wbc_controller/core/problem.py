@@ -93,6 +93,32 @@ class QuadraticProgram:
         return float(0.5 * x @ self.H @ x + self.g @ x)
 
 
+@dataclass(slots=True)
+class Level:
+    """What the tasks of one priority ask for: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper.
+
+    Attributes:
+        tasks: names of the tasks that take part in this cycle.
+        H: (n, n), the regularization included, so that it is positive definite.
+        g: (n,).
+        constant: makes the cost the sum of squares that it is.
+        kept: rows of the tasks' least-squares problem, weighted, (r, n): what no level below may change. Empty where
+            there is no level below.
+        G: rows of the tasks with a tolerance, weighted, (k, n).
+        lower: (k,).
+        upper: (k,).
+    """
+
+    tasks: tuple[str, ...]
+    H: Array
+    g: Array
+    constant: float
+    kept: Array
+    G: Array
+    lower: Array
+    upper: Array
+
+
 class Layout:
     """Where each quantity stands in the problem, for one set of made contacts.
 
@@ -107,6 +133,8 @@ class Layout:
         row_limits: the limits on combinations of v̇.
         limits: for each of these, its rows of C.
         joints: columns of x of the actuated joints' accelerations, (na,).
+        torque_bias: of the torques, what the rows of C leave out, (na,) in N·m: τ = C x + this.
+        levels: the cost, by priority; `H` and `g` of the problem are those of the first.
     """
 
     def __init__(self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = ()) -> None:
@@ -138,6 +166,8 @@ class Layout:
         for contact, columns, rows in zip(contacts, self.forces, self.cones, strict=True):
             self.problem.C[rows, columns] = contact.cone
             self.problem.upper[rows] = 0.0
+        self.torque_bias = np.zeros(na)
+        self.levels: list[Level] = []
         self.J = np.zeros((nf, nv))  # stacked contact Jacobians
         self.acceleration_columns = slice(0, nv)
         self.force_columns = slice(nv, nv + nf)

@@ -45,11 +45,22 @@ def unpack(
         tau=frozen(generalized[model.v_index]),
         forces=frozen_mapping(forces),
         residuals=frozen_mapping(residuals),
-        task_errors=frozen_mapping(formulation.task_errors),
+        task_errors=frozen_mapping(_task_errors(formulation, layout, x, references)),
         binding=frozen_mapping(_binding(layout, model.joints, x, multipliers)),
         iterations=iterations,
         external_wrenches=frozen_mapping(references.external_wrenches),
     )
+
+
+def _task_errors(formulation: Formulation, layout: Layout, x: Array, references: References) -> dict[str, float]:
+    """Of tasks on accelerations how far the state is from the reference; of those on efforts how far the answer is."""
+    errors = formulation.task_errors
+    for task in formulation.effort_tasks:
+        if references.weights.get(task.name, 0.0) > 0.0:
+            equation = task.equation(layout, references.tasks[task.name])
+            if equation is not None:
+                errors[task.name] = float(np.linalg.norm(equation[0] @ x - equation[1]))
+    return errors
 
 
 def _binding(layout: Layout, joints: tuple[str, ...], x: Array, multipliers: Array) -> Mapping[str, float]:

@@ -9,6 +9,9 @@ from wbc_controller.core.problem import QuadraticProgram
 from wbc_controller.core.solvers.solver import Answer, Solver
 
 _EQUALITY = 5
+_OPTIMAL = 1
+#: Weight of the proximal term, where one is needed.
+_PROXIMAL = 1.0e-4
 _INFINITY = 1.0e30
 _STATUS = {
     1: "optimal",
@@ -56,17 +59,30 @@ class DaqpSolver(Solver):
             out[n + m :] = bound
             np.clip(out, -_INFINITY, _INFINITY, out=out)
         if self._model is None:
-            self._model = daqp.Model()
-            self._model.settings = {"primal_tol": 1.0e-8, "eps_prox": 0.0}
-            flag, _ = self._model.setup(problem.H, problem.g, self._A, self._upper, self._lower, self._sense)
+            self._model, flag = self._set_up(problem, 0.0)
         else:
             flag = self._model.update(H=problem.H, f=problem.g, A=self._A, bupper=self._upper, blower=self._lower)
-        if flag >= 0:
-            x, _, flag, info = self._model.solve()
-            iterations = int(info["iterations"])
-            if flag == 1:
-                return Answer(x, _STATUS[1], iterations, np.delete(info["lam"], slice(n, n + m)))
-        else:
-            iterations = 0
-        self._model = None  # what is left of a failed solve must not start the next one
+        x, flag, iterations, multipliers = self._run(self._model, flag)
+        if flag != _OPTIMAL:
+            # What is left of a failed solve must not start the next one. And where H is ill conditioned and the answer
+            # in a corner, feasible problems are called infeasible; by proximal iterations they hardly ever are.
+            self._model = None
+            x, flag, more, multipliers = self._run(*self._set_up(problem, _PROXIMAL))
+            iterations += more
+        if flag == _OPTIMAL:
+            return Answer(x, _STATUS[flag], iterations, np.delete(multipliers, slice(n, n + m)))
         return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations)
+
+    def _set_up(self, problem: QuadraticProgram, proximal: float) -> tuple[daqp.Model, int]:
+        model = daqp.Model()
+        model.settings = {"primal_tol": 1.0e-8, "eps_prox": proximal}
+        flag, _ = model.setup(problem.H, problem.g, self._A, self._upper, self._lower, self._sense)
+        return model, flag
+
+    @staticmethod
+    def _run(model: daqp.Model, flag: int) -> tuple[np.ndarray, int, int, np.ndarray]:
+        """Answer, exit flag, iterations and multipliers; where the set-up has failed, its flag."""
+        if flag < 0:
+            return np.zeros(0), flag, 0, np.zeros(0)
+        x, _, flag, info = model.solve()
+        return x, flag, int(info["iterations"]), info["lam"]

@@ -34,9 +34,11 @@ class Solver(ABC):
 
     Attributes:
         tolerance: largest constraint violation that its answers may have, in the problem's units.
+        for_levels: whether it solves the problems of levels below the first, where feasible sets are thin.
     """
 
     tolerance: float
+    for_levels = True
 
     @abstractmethod
     def solve(self, problem: QuadraticProgram) -> Answer:

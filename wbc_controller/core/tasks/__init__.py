@@ -3,17 +3,22 @@
 from wbc_controller.core.tasks.alignment import AxisAlignmentTask, GazeTask
 from wbc_controller.core.tasks.capture_point import CapturePointTask
 from wbc_controller.core.tasks.com import ComTask
+from wbc_controller.core.tasks.contact_wrench import ContactWrenchTask
 from wbc_controller.core.tasks.frame import FrameOrientationTask, FramePoseTask, FramePositionTask
 from wbc_controller.core.tasks.momentum import AngularMomentumTask, LinearMomentumTask
 from wbc_controller.core.tasks.posture import PostureTask
 from wbc_controller.core.tasks.relative import RelativePoseTask
-from wbc_controller.core.tasks.task import Task
+from wbc_controller.core.tasks.task import AccelerationTask, EffortTask, Task
+from wbc_controller.core.tasks.torque import TorqueTask
 
 __all__ = [
+    "AccelerationTask",
     "AngularMomentumTask",
     "AxisAlignmentTask",
     "CapturePointTask",
     "ComTask",
+    "ContactWrenchTask",
+    "EffortTask",
     "FrameOrientationTask",
     "FramePoseTask",
     "FramePositionTask",
@@ -22,4 +27,5 @@ __all__ = [
     "PostureTask",
     "RelativePoseTask",
     "Task",
+    "TorqueTask",
 ]

@@ -1,4 +1,4 @@
-"""What every task is: a Jacobian, a drift, an error, and the rate of change asked for."""
+"""What every task is: rows of a least-squares problem, from an error and the rate of change asked for."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.problem import Layout
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference
 
@@ -38,23 +39,23 @@ def gains(values: Gains, size: int, key: str) -> Array:
 
 
 class Task(ABC):
-    """A quantity x that should follow a reference by the choice of v̇.
+    """Something that is wanted: rows of a least-squares problem in the unknowns, with a weight and a level.
 
-    With x⁽ⁿ⁾ = J v̇ + δ, where the derivative x⁽ⁿ⁾ is the first in which v̇ appears and the drift δ is what it is at
-    v̇ = 0, the task asks for
-
-        J v̇ = x⁽ⁿ⁾* - δ
-
-    in the least-squares sense. What x⁽ⁿ⁾* is, the two kinds of task say: `MotionTask` for quantities x(q), and
-    `RateTask` for quantities x(q, v).
+    Two kinds: an `AccelerationTask` is about v̇, an `EffortTask` about contact forces or torques.
 
     Attributes:
         name: the task's name.
         rows: the components that the mask leaves, (k,).
+        level: priority; 0 is the highest, and no task worsens one of a smaller level. Set before the controller is
+            made.
+        tolerance: how far from the reference the quantity may be at no cost, in the unit of the error, () or (size,);
+            None where the task asks for the reference itself. Set before the controller is made.
     """
 
     #: Number of components before the mask.
     size: int
+    level: int = 0
+    tolerance: Array | None = None
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
@@ -64,6 +65,33 @@ class Task(ABC):
     def dimension(self) -> int:
         """Number of rows that the task adds to the cost."""
         return len(self.rows)
+
+    @abstractmethod
+    def rest(self, dynamics: Dynamics) -> Reference:
+        """Reference that the task has before it is given one."""
+
+    def band(self) -> Array:
+        """What the tolerance is in the rows of the least-squares problem, (k,): their half-width."""
+        if self.tolerance is None:
+            return np.zeros(self.dimension)
+        return np.broadcast_to(self.tolerance * self._stiffness_of_rows(), (self.size,))[self.rows]
+
+    @abstractmethod
+    def _stiffness_of_rows(self) -> Array:
+        """By what the rows move per unit of the error, () or (size,)."""
+
+
+class AccelerationTask(Task):
+    """A quantity x that should follow a reference by the choice of v̇.
+
+    With x⁽ⁿ⁾ = J v̇ + δ, where the derivative x⁽ⁿ⁾ is the first in which v̇ appears and the drift δ is what it is at
+    v̇ = 0, the task asks for
+
+        J v̇ = x⁽ⁿ⁾* - δ
+
+    in the least-squares sense. What x⁽ⁿ⁾* is, the two kinds of task say: `MotionTask` for quantities x(q), and
+    `RateTask` for quantities x(q, v).
+    """
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
@@ -106,7 +134,41 @@ class Task(ABC):
         return self.jacobian(dynamics)[rows], right[rows], float(np.linalg.norm(error[rows]))
 
 
-class MotionTask(Task):
+class EffortTask(Task):
+    """Contact forces or torques that should be what a reference says; they have no dynamics, so there are no gains.
+
+    Of a reference's three parts only the position counts.
+
+    Attributes:
+        target: the reference before another one is given, (size,).
+    """
+
+    def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
+        super().__init__(name, mask)
+        self.target = target
+
+    def rest(self, dynamics: Dynamics) -> Reference:
+        """The target."""
+        still = np.zeros(self.size)
+        return Reference(self.target, still, still)
+
+    def _stiffness_of_rows(self) -> Array:
+        return np.ones(())
+
+    @abstractmethod
+    def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array] | None:
+        """Rows of the least-squares problem R x = r in the problem's unknowns.
+
+        Args:
+            layout: with the problem's equations of motion.
+            reference: what is wanted.
+
+        Returns:
+            R (k, n), r (k,); None where the quantity is not there, such as the force of a contact that is broken.
+        """
+
+
+class MotionTask(AccelerationTask):
     """A task on a quantity x(q): a spring and a damper on its error.
 
     With ẋ = J v and ẍ = J v̇ + J̇v, it asks for
@@ -140,6 +202,9 @@ class MotionTask(Task):
             2.0 * np.sqrt(self.stiffness) if damping is None else gains(damping, len(mask), f"tasks.{name}.damping")
         )
 
+    def _stiffness_of_rows(self) -> Array:
+        return self.stiffness
+
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
         """Present velocity ẋ, (size,)."""
@@ -153,7 +218,7 @@ class MotionTask(Task):
         )
 
 
-class RateTask(Task):
+class RateTask(AccelerationTask):
     """A task on a quantity x(q, v), with ẋ = J v̇ + δ: its error decays by itself, and has no spring.
 
     It asks for
@@ -181,6 +246,9 @@ class RateTask(Task):
         """
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
+
+    def _stiffness_of_rows(self) -> Array:
+        return self.gain
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """x_ref - x, (size,)."""

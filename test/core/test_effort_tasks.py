@@ -1,0 +1,106 @@
+"""Tasks on contact forces and on torques."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings import ContactWrenchTask, TorqueTask
+
+VERTICAL = [False, False, True, False, False, False]
+
+
+def with_task(bench, robot="g1", changes=None, **keys):
+    made = bench(robot, **(changes or {}))
+    kind = ContactWrenchTask if keys["type"] == "contact_wrench" else TorqueTask
+    return made.rebuilt(dict(made.settings.tasks) | {"effort": kind.model_validate(keys)})
+
+
+def solve(robot, references=None):
+    return robot.controller.solve(robot.state(), robot.references() if references is None else references)
+
+
+@pytest.mark.parametrize(("robot", "contact", "share"), [("g1", "left_foot", 0.3), ("go2", "front_left_foot", 0.1)])
+def test_a_contact_carries_what_it_is_asked_to(bench, robot, contact, share):
+    weight = bench(robot).model.mass * 9.81
+    target = [0, 0, share * weight, 0, 0, 0]
+    made = with_task(bench, robot, type="contact_wrench", contact=contact, mask=VERTICAL, target=target, weight=1.0)
+    asked, unasked = solve(made), solve(made, made.references(effort=0.0))
+    assert asked.forces[contact][2] == pytest.approx(target[2], rel=0.02)
+    assert abs(unasked.forces[contact][2] - target[2]) > 0.1 * target[2]
+    assert asked.task_errors["effort"] == pytest.approx(abs(asked.forces[contact][2] - target[2]), abs=1e-6)
+    assert "effort" not in unasked.task_errors
+    # The robot still stands: the other contacts carry the rest.
+    assert sum(force[2] for force in asked.forces.values()) == pytest.approx(weight, rel=0.02)
+
+
+def test_a_setpoint_takes_the_place_of_the_target(bench):
+    made = with_task(bench, type="contact_wrench", contact="left_foot", mask=VERTICAL, weight=1.0)
+    references = made.references()
+    assert (references.tasks["effort"].position == 0.0).all()
+    wanted = replace(references.tasks["effort"], position=np.array([0, 0, 120.0, 0, 0, 0]))
+    solution = solve(made, replace(references, tasks={**references.tasks, "effort": wanted}))
+    assert solution.forces["left_foot"][2] == pytest.approx(120.0, rel=0.02)
+
+
+def test_the_wrench_of_a_broken_contact_asks_for_nothing(bench):
+    made = with_task(
+        bench,
+        "go2",
+        type="contact_wrench",
+        contact="front_left_foot",
+        mask=VERTICAL,
+        target=[0, 0, 500.0, 0, 0, 0],
+        weight=1.0,
+    )
+    references = made.references()
+    broken = replace(references, contacts={**references.contacts, "front_left_foot": 0.0})
+    with_it, without = solve(made, broken), solve(made, replace(broken, weights={**broken.weights, "effort": 0.0}))
+    np.testing.assert_allclose(with_it.v_dot, without.v_dot, atol=1e-9)
+    assert "effort" not in with_it.task_errors
+
+
+def test_torques_become_small(bench):
+    made = with_task(bench, type="torque", weight=1.0)
+    small, plain = solve(made), solve(made, made.references(effort=0.0))
+    assert np.linalg.norm(small.tau) < 0.9 * np.linalg.norm(plain.tau)
+    assert small.task_errors["effort"] == pytest.approx(np.linalg.norm(small.tau), rel=1e-6)
+
+
+def test_some_torques_follow_their_reference(bench):
+    joints = ["left_elbow_joint", "right_elbow_joint"]
+    made = with_task(bench, type="torque", joints=joints, target=[1.0, -2.0], weight=1.0e3)
+    solution = solve(made)
+    reached = [solution.tau[made.model.joints.index(joint)] for joint in joints]
+    np.testing.assert_allclose(reached, [1.0, -2.0], atol=1e-2)
+
+
+def test_a_wrench_within_a_tolerance_below_a_strict_level(bench):
+    """The left foot's load may be anything from 100 to 140 N; what balance needs comes first."""
+    made = bench("g1")
+    keys = {"type": "contact_wrench", "contact": "left_foot", "mask": VERTICAL, "target": [0, 0, 120, 0, 0, 0]}
+    task = ContactWrenchTask.model_validate(keys | {"weight": 1.0, "tolerance": 20.0, "level": 1})
+    made = made.rebuilt(dict(made.settings.tasks) | {"effort": task})
+    solution = solve(made)
+    plain = solve(made, made.references(effort=0.0))
+    load = solution.forces["left_foot"][2]
+    assert abs(plain.forces["left_foot"][2] - 120.0) > 25.0
+    assert load == pytest.approx(140.0, abs=1e-2)  # the near end, and no further
+    np.testing.assert_allclose(
+        made.controller.dynamics.com_jacobian @ (solution.v_dot - plain.v_dot), np.zeros(3), atol=1e-7
+    )
+
+
+def test_what_cannot_be_built_is_refused(bench):
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.contact = 'left_hand': no such contact; .*left_foot"):
+        with_task(bench, type="contact_wrench", contact="left_hand")
+    moments = [False, False, False, True, True, True]
+    with pytest.raises(
+        ConfigurationError, match=r"tasks.effort.mask leaves no axis: contact 'front_left_foot' has 3 forces"
+    ):
+        with_task(bench, "go2", type="contact_wrench", contact="front_left_foot", mask=moments)
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.target has 1 values; .* its 29 joints"):
+        with_task(bench, type="torque", target=[1.0])
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.joints: 'knee' is not an actuated joint"):
+        with_task(bench, type="torque", joints=["knee"])

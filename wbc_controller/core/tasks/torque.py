@@ -1,0 +1,44 @@
+"""Joint torques."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wbc_controller.core.model import RobotModel
+from wbc_controller.core.problem import Layout
+from wbc_controller.core.tasks.task import EffortTask
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array, Reference
+
+
+class TorqueTask(EffortTask):
+    """Torques of some joints, (k,) in N·m; with a target of zero it makes them small."""
+
+    def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
+        """Make a task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            joints: joints concerned; none means all, in the order of the command.
+            target: the torques before others are given, (k,) in N·m; none means zero.
+
+        Raises:
+            ConfigurationError: where a joint is not actuated, or the target has another length.
+        """
+        columns = model.joint_columns(joints, f"tasks.{name}.joints")
+        if target and len(target) != len(columns):
+            raise ConfigurationError(
+                f"tasks.{name}.target has {len(target)} values; it takes one for each of its {len(columns)} joints"
+            )
+        super().__init__(name, [True] * len(columns), np.array(target or np.zeros(len(columns)), dtype=np.float64))
+        self.size = len(columns)
+        self.joints = tuple(joints) or model.joints
+        self._columns = columns
+
+    def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array]:
+        """The equations of motion's rows of the joints, (k, n): τ less the bias, and what that should be, (k,)."""
+        rows = layout.problem.C[layout.torque][self._columns]
+        return rows, reference.position - layout.torque_bias[self._columns]
