@@ -22,7 +22,8 @@ def report(**changes):
 def solution(**changes):
     values = {
         "v_dot": np.zeros(18), "tau": np.zeros(12), "forces": {}, "residuals": {"contact_motion": 1e-9},
-        "task_errors": {"com": 0.01}, "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),), "relaxed": (), "iterations": 7,
+        "task_errors": {"com": 0.01}, "binding": {"torque:knee:upper": 0.25},
+        "levels": (LevelReport(("com",), 0.5, 7, 5e-5),), "relaxed": (), "iterations": 7,
         "stage_seconds": {},
     }  # fmt: skip
     return Solution(**{**values, **changes})

@@ -198,7 +198,7 @@ def test_ranges(key, low, high):
             "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list with one for each of the "
             "task's 3 axes",
         ),
-        ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, mask"),
+        ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, level, mask"),
         (
             "tasks.spin.damping",
             [1.0],

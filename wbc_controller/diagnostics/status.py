@@ -83,8 +83,8 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         values |= {f"cost/{name}": f"{cost:.4g} {_per(name)}" for name, cost in solution.binding.items()}
         values["solver_iterations"] = str(solution.iterations)
         values |= {
-            f"level/{i}": f"{', '.join(level.tasks) or 'no task'}: cost {level.cost:.4g}, {level.iterations} iterations, "
-            f"{1e6 * level.seconds:.0f} us"
+            f"level/{i}": f"{', '.join(level.tasks) or 'no task'}: cost {level.cost:.4g}, "
+            f"{level.iterations} iterations, {1e6 * level.seconds:.0f} us"
             for i, level in enumerate(solution.levels)
         }
     if last.fault is not None and last.fault.infeasibility is not None:
