@@ -1,4 +1,4 @@
-"""The command line: `wbc run`, `wbc mock`, `wbc guard`, `wbc check`, `wbc demo`, `wbc topics`."""
+"""The command line: `wbc run`, `mock`, `guard`, `check`, `demo`, `topics`, `security-policy`."""
 
 from __future__ import annotations
 
@@ -152,6 +152,23 @@ def topics() -> None:
     from wbc_controller.reference_pages import topics_page
 
     click.echo(topics_page(), nl=False)
+
+
+@main.command("security-policy")
+@click.argument("config")
+@click.option("--urdf", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="The URDF, where the configuration names none.")  # fmt: skip
+@click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes.")
+@click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A topic that is renamed; may be repeated.")
+def security_policy(config: str, urdf: Path | None, namespace: str, remaps: tuple[str, ...]) -> None:
+    """Print an SROS 2 policy of every node, with least privilege."""
+    from wbc_controller import security_policy as policy
+    from wbc_controller.build import make_model
+
+    settings, remappings = _load(config), _remappings(remaps)
+    with _naming(config):
+        model = make_model(settings, urdf.read_text(encoding="utf-8") if urdf is not None else None)
+    click.echo(policy.security_policy(settings, model, namespace, remappings), nl=False)
 
 
 def _load(config: str) -> Settings:
