@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -16,8 +17,9 @@ from wbc_controller.core.contacts import Contact, PointContact, SurfaceContact
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel, build_model
-from wbc_controller.core.references import ContactPlan, ReferenceBoard, TaskPlan
+from wbc_controller.core.references import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
+from wbc_controller.core.tasks import Task
 from wbc_controller.decoding import Vocabulary
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.diagnostics.markers import MarkerScene
@@ -26,11 +28,12 @@ from wbc_controller.inputs import Inputs
 from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
 from wbc_controller.outputs import Outputs
-from wbc_controller.records import CycleReport
+from wbc_controller.records import CycleReport, Tuning
 from wbc_controller.robot_description import read_urdf
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
+from wbc_controller.tuner import LivePart, Tuner
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
@@ -106,16 +109,14 @@ def make_controller(
     """
     require_solver(settings.solver.name)
     limits = settings.limits
-    margin = limits.position_margin
-    position = (model.position_lower + margin, model.position_upper - margin) if limits.position else None
-    velocity = model.velocity_limits * limits.velocity_scale if limits.velocity else None
     contacts = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}
+    tasks = [make_task(name, task, model, contacts) for name, task in settings.tasks.items()]
     return Controller(
         model,
-        [make_task(name, task, model, contacts) for name, task in settings.tasks.items()],
+        tasks,
         list(contacts.values()),
         TorqueLimit(model.effort_limits, limits.torque_rate),
-        JointMotionLimit(position, velocity, acceleration=limits.acceleration, horizon=limits.position_horizon),
+        JointMotionLimit.of(model, make_tuning(settings, tasks), position=limits.position, velocity=limits.velocity),
         period=1.0 / settings.control.rate,
         solver=settings.solver.name,
         regularization_acceleration=settings.solver.regularization_acceleration,
@@ -124,30 +125,63 @@ def make_controller(
     )
 
 
+def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
+    """Collect the gains and limits that can be changed while the controller runs."""
+    limits = settings.limits
+    return Tuning(
+        gains={task.name: task.gains for task in tasks},
+        position_margin=limits.position_margin,
+        position_horizon=limits.position_horizon,
+        velocity_scale=limits.velocity_scale,
+        acceleration=limits.acceleration,
+        torque_rate=limits.torque_rate,
+    )
+
+
 def make_board(settings: Settings, controller: Controller) -> ReferenceBoard:
     """Build the board that holds what the commands set."""
-    plans = [
-        TaskPlan(controller.tasks[name], task.weight, task.enabled, task.setpoint_duration)
-        for name, task in settings.tasks.items()
-    ]
-    contacts = {name: ContactPlan(contact.enabled, contact.ramp) for name, contact in settings.contacts.items()}
-    return ReferenceBoard(plans, contacts, weight_ramp=settings.control.weight_ramp)
+    return ReferenceBoard(make_live_part(settings, controller).board)
 
 
 def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
     """Build the safety supervisor."""
+    return Supervisor(model, make_supervisor_limits(settings))
+
+
+def make_supervisor_limits(settings: Settings) -> SupervisorLimits:
+    """Collect what the supervisor holds."""
     safety = settings.safety
-    return Supervisor(
-        model,
-        SupervisorLimits(
-            activation_ramp=safety.activation_ramp,
-            hold_time=safety.hold_time,
-            damping_time=safety.damping_time,
-            damping=safety.damping,
-            torque_rate=settings.limits.torque_rate,
-            period=1.0 / settings.control.rate,
-        ),
+    return SupervisorLimits(
+        activation_ramp=safety.activation_ramp,
+        hold_time=safety.hold_time,
+        damping_time=safety.damping_time,
+        damping=safety.damping,
+        torque_rate=settings.limits.torque_rate,
+        period=1.0 / settings.control.rate,
     )
+
+
+def make_live_part(settings: Settings, controller: Controller) -> LivePart:
+    """Collect what of the settings can be changed while a controller runs.
+
+    Raises:
+        ConfigurationError: where settings and model do not fit.
+    """
+    limits, model = settings.limits, controller.model
+    tuning = make_tuning(
+        settings, [make_task(name, task, model, controller.contacts) for name, task in settings.tasks.items()]
+    )
+    JointMotionLimit.of(model, tuning, position=limits.position, velocity=limits.velocity)  # raises what is wrong
+    plan = BoardPlan(
+        tasks={
+            name: TaskPlan(controller.tasks[name], task.weight, task.enabled, task.setpoint_duration)
+            for name, task in settings.tasks.items()
+        },
+        contacts={name: ContactPlan(contact.enabled, contact.ramp) for name, contact in settings.contacts.items()},
+        weight_ramp=settings.control.weight_ramp,
+        tuning=tuning,
+    )
+    return LivePart(plan, make_supervisor_limits(settings), settings.safety.state_timeout)
 
 
 def make_audit(settings: Settings, controller: Controller) -> ModelAudit:
@@ -258,8 +292,8 @@ def make_loop(
             node,
         ),
         make_audit(settings, controller),
+        Tuner(settings, partial(make_live_part, controller=controller)),
         clock,
-        state_timeout=settings.safety.state_timeout,
         timer=timer,
         observers=observers,
     )

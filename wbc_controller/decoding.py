@@ -27,6 +27,7 @@ from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.joint_order import no_duplicates
 from wbc_controller.messages import nanoseconds
 from wbc_controller.records import Array
+from wbc_controller.tuner import ChangeSettings
 
 #: Quaternions whose norm differs from 1 by more are refused.
 _QUATERNION_TOLERANCE = 1.0e-2
@@ -287,9 +288,16 @@ _UPDATE_FORM = (
     "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
     "contacts: {left_foot: {enabled: false}}}"
 )
+#: By section, the keys of an update that set references, and those that change the settings.
+_UPDATE_KEYS = {
+    "tasks": (("enabled", "weight", "setpoint"), ("stiffness", "damping", "gain", "setpoint_duration")),
+    "contacts": (("enabled",), ("ramp",)),
+}
+#: Sections of an update that change the settings as they stand.
+_UPDATE_SETTINGS = ("control", "limits", "safety")
 
 
-def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change, ...]:
+def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
     """Read several changes; one that is refused refuses all."""
     if len(content.data) > _LONGEST_UPDATE:
         raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
@@ -301,9 +309,14 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
     if not isinstance(update, dict) or not update:
         raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
     changes: list[Change] = []
+    settings: dict[str, Any] = {}
     for section, entries in update.items():
-        if section not in ("tasks", "contacts"):
-            raise InputRefused(f"unknown key {section!r}; {valid_choices(str(section), ('tasks', 'contacts'))}")
+        if section in _UPDATE_SETTINGS and isinstance(entries, dict):
+            settings[section] = entries
+            continue
+        if section not in _UPDATE_KEYS:
+            choices = (*_UPDATE_KEYS, *_UPDATE_SETTINGS)
+            raise InputRefused(f"unknown key {section!r}; {valid_choices(str(section), choices)}")
         known = vocabulary.kinds if section == "tasks" else vocabulary.contacts
         if not isinstance(entries, dict):
             raise InputRefused(f"{section} is not a mapping; {_UPDATE_FORM}")
@@ -312,16 +325,20 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
                 raise InputRefused(f"unknown {section[:-1]} {name!r}; {valid_choices(str(name), known)}")
             if not isinstance(fields, dict):
                 raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
-            changes += [_update_field(vocabulary, section, name, key, value) for key, value in fields.items()]
-    if not changes:
+            for key, value in fields.items():
+                if key in _UPDATE_KEYS[section][1]:
+                    settings.setdefault(section, {}).setdefault(name, {})[key] = value
+                else:
+                    changes.append(_update_field(vocabulary, section, name, key, value))
+    if not changes and not settings:
         raise InputRefused(f"{reprlib.repr(content.data)} changes nothing; {_UPDATE_FORM}")
-    return tuple(changes)
+    return (*changes, *([ChangeSettings(settings)] if settings else []))
 
 
 def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any) -> Change:
-    keys = ("enabled", "weight", "setpoint") if section == "tasks" else ("enabled",)
+    keys, settings = _UPDATE_KEYS[section]
     if key not in keys:
-        raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), keys)}")
+        raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), (*keys, *settings))}")
     if key == "weight":
         return SetWeight(name, _weight(value))
     if key == "setpoint":
@@ -356,7 +373,7 @@ def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
 
 
 #: How to read each row of the topic table that changes references.
-READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change, ...]]] = {
+READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSettings, ...]]] = {
     "setpoint": _read_setpoint,
     "trajectory": _read_trajectory,
     "weight": lambda vocabulary, task, content: (SetWeight(task, _weight(float(content.data))),),

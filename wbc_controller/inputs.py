@@ -20,6 +20,7 @@ from wbc_controller.mailbox import Mailbox
 from wbc_controller.messages import decode
 from wbc_controller.records import Array, RobotState
 from wbc_controller.transports.transport import Transport
+from wbc_controller.tuner import ChangeSettings
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +48,7 @@ class Latched:
     ages: dict[str, float]
     notes: dict[str, str]
     commands: tuple[str, ...]
-    changes: tuple[tuple[Change, ...], ...]
+    changes: tuple[tuple[Change | ChangeSettings, ...], ...]
     refused: tuple[str, ...]
 
 
@@ -114,7 +115,7 @@ class Inputs:
         """Read all mailboxes."""
         now = self._clock.now()
         commands: list[str] = []
-        changes: list[tuple[Change, ...]] = []
+        changes: list[tuple[Change | ChangeSettings, ...]] = []
         refused: list[str] = []
         arrivals: list[tuple[float, Endpoint, bytes]] = []
         for endpoint, box in self._boxes:
@@ -150,7 +151,7 @@ class Inputs:
         received: float,
         payload: bytes,
         commands: list[str],
-        changes: list[tuple[Change, ...]],
+        changes: list[tuple[Change | ChangeSettings, ...]],
     ) -> None:
         content = decode(payload, endpoint.type)
         if endpoint.key == "joint_states":
@@ -164,7 +165,7 @@ class Inputs:
         elif endpoint.key == "command":
             commands.append(content.data.strip())
         else:
-            reader: Callable[..., tuple[Change, ...]] = decoding.READERS[endpoint.key]
+            reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
             changes.append(reader(self._vocabulary, endpoint.subject, content))
 
     def _joint_velocity(self) -> Array | None:

@@ -141,7 +141,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
           "A known external wrench at a frame's origin, world axes; it stays until it is replaced (S4)."),
     Topic("update", "~/update", "std_msgs/msg/String", _IN, REQUEST,
-          "YAML with several weights, enables, setpoints and contacts, applied in one cycle, all or nothing."),
+          "YAML with several weights, enables, setpoints, contacts and live settings, applied in one cycle, all or "
+          "nothing."),
     Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
           "One of activate, deactivate, damp, reset, estop."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,

@@ -13,14 +13,15 @@ from functools import partial
 
 from wbc_controller.clock import Clock
 from wbc_controller.core.controller import Controller
-from wbc_controller.core.references import ReferenceBoard
+from wbc_controller.core.references import Change, ReferenceBoard
 from wbc_controller.diagnostics.audit import ModelAudit
-from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
 from wbc_controller.inputs import Inputs, Latched
 from wbc_controller.outputs import Outputs
 from wbc_controller.records import CycleReport, Fault, JointCommand, Mode, References, RobotState, Solution
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.tuner import ChangeSettings, Tuner
 
 _log = logging.getLogger(__name__)
 
@@ -35,6 +36,7 @@ class ControlLoop:
 
     Attributes:
         supervisor: the safety supervisor.
+        tuner: takes changes of the settings.
         observers: called with the report of every cycle.
     """
 
@@ -46,9 +48,9 @@ class ControlLoop:
         inputs: Inputs,
         outputs: Outputs,
         audit: ModelAudit,
+        tuner: Tuner,
         clock: Clock,
         *,
-        state_timeout: float,
         timer: Callable[[], float] = time.perf_counter,
         observers: Sequence[Callable[[CycleReport], None]] = (),
     ) -> None:
@@ -61,12 +63,13 @@ class ControlLoop:
             inputs: what comes in.
             outputs: what goes out.
             audit: compares the model with the motion.
+            tuner: takes changes of the settings.
             clock: measures ages and durations.
-            state_timeout: oldest state that torques may be computed from, s.
             timer: gives seconds, for the stage times.
             observers: called with the report of every cycle.
         """
         self.supervisor = supervisor
+        self.tuner = tuner
         self.observers = tuple(observers)
         self._controller = controller
         self._board = board
@@ -74,7 +77,7 @@ class ControlLoop:
         self._outputs = outputs
         self._audit = audit
         self._clock = clock
-        self._state_timeout = state_timeout
+        self._live = tuner.newest
         self._timer = timer
         self._cycle = 0
         self._deadlines_missed = 0
@@ -90,20 +93,21 @@ class ControlLoop:
         now = self._clock.now()
         latched = self._inputs.latch()
         refused = list(latched.refused)
-        problem = stale_inputs(latched.ages, self._state_timeout, latched.notes)
+        problem = stale_inputs(latched.ages, self._live.state_timeout, latched.notes)
         read = self._timer()
         starts = self._take_requests(latched, now, problem, refused)
+        changes = self._take_settings(latched, refused)
         outcome = self._references = None
         if problem is None and self.supervisor.solving:
-            outcome = self._compute(latched, now, starts, refused)
+            outcome = self._compute(latched.state, changes, now, starts, refused)
         computed = self._timer()
-        fresh = latched.ages["joint_states"] <= self._state_timeout
+        fresh = latched.ages["joint_states"] <= self._live.state_timeout
         command = self.supervisor.step(now, latched.state, latched.joint_velocity if fresh else None, problem, outcome)
-        if latched.changes and outcome is None:
+        if changes and outcome is None:
             mode = self.supervisor.mode
             words = "'activate'" if mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
-                f"{len(latched.changes)} task or contact commands: the controller is {mode.value}; send {words} first"
+                f"{len(changes)} task or contact commands: the controller is {mode.value}; send {words} first"
             )
         supervised = self._timer()
         solution = outcome if isinstance(outcome, Solution) else None
@@ -193,17 +197,47 @@ class ControlLoop:
             _log.info("command %r: now %s", word, self.supervisor.mode.value)
         return starts
 
-    def _compute(self, latched: Latched, now: float, starts: bool, refused: list[str]) -> Solution | NoSolution | Fault:
-        state = latched.state
+    def _take_settings(self, latched: Latched, refused: list[str]) -> list[tuple[Change, ...]]:
+        """Go over to changed settings; give the changes of references that are left to be applied."""
+        left = []
+        for changes in latched.changes:
+            references = tuple(change for change in changes if not isinstance(change, ChangeSettings))
+            if not references or self.supervisor.solving:  # all or nothing: references need an active controller
+                try:
+                    for change in changes:
+                        if isinstance(change, ChangeSettings):
+                            self.tuner.accept(change.settings, "update")
+                except ConfigurationError as error:
+                    refused.append(str(error))
+                    continue
+            if references:
+                left.append(references)
+        live = self.tuner.newest
+        if live is not self._live:
+            followed = self.supervisor.solving and latched.state is not None
+            time = seconds(latched.state) if followed and latched.state is not None else None
+            self._board.replan(live.board, self._controller.dynamics, time)
+            self.supervisor.limits = live.supervisor
+            self._live = live
+        return left
+
+    def _compute(
+        self,
+        state: RobotState | None,
+        changes: Sequence[tuple[Change, ...]],
+        now: float,
+        starts: bool,
+        refused: list[str],
+    ) -> Solution | NoSolution | Fault:
         if state is None:
             return Fault("NO_STATE", "no state has arrived")
         try:
             if starts:
                 self._controller.dynamics.update(state.q, state.v)
                 self._board.reset(self._controller.dynamics, seconds(state))
-            for changes in latched.changes:
+            for each in changes:
                 try:
-                    self._board.apply(changes, self._controller.dynamics, seconds(state))
+                    self._board.apply(each, self._controller.dynamics, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
             references = self._references = self._board.sample(seconds(state))
@@ -266,8 +300,8 @@ class ControlLoop:
 
     def _patience(self, period: float) -> float:
         """How long to wait for a joint state: until the last one is stale, then one period at a time."""
-        remaining = self._state_timeout - self._inputs.age_of_joint_states()
-        return max(period, min(remaining, self._state_timeout))
+        timeout = self._live.state_timeout
+        return max(period, min(timeout - self._inputs.age_of_joint_states(), timeout))
 
 
 def seconds(state: RobotState) -> float:

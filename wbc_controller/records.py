@@ -63,6 +63,28 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
+class Tuning:
+    """The numbers of the controller that can be changed while it runs.
+
+    Attributes:
+        gains: of each task its gains by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or
+            ``gain`` in 1/s.
+        position_margin: distance kept from the joints' position limits, rad.
+        position_horizon: time over which these look ahead, s.
+        velocity_scale: share of the velocity limits that may be used.
+        acceleration: largest joint acceleration, rad/s².
+        torque_rate: largest torque change, in effort limits per second.
+    """
+
+    gains: Mapping[str, Mapping[str, Array]]
+    position_margin: float
+    position_horizon: float
+    velocity_scale: float
+    acceleration: float
+    torque_rate: float
+
+
+@dataclass(frozen=True, slots=True)
 class References:
     """Everything that commands set, sampled at one cycle's time.
 
@@ -71,12 +93,14 @@ class References:
         weights: weight of each task, ramps applied; 0 switches a task off.
         contacts: activation of each contact, from 0 (broken) to 1 (made), ramps applied.
         external_wrenches: known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
+        tuning: gains and limits, ramps applied; None for those that the controller was made with.
     """
 
     tasks: Mapping[str, Reference]
     weights: Mapping[str, float]
     contacts: Mapping[str, float]
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    tuning: Tuning | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,9 @@ def configuration_page() -> str:
     parts = [
         _GENERATED.format(source="wbc_controller/settings.py") + "# Configuration\n\n",
         "One ROS 2 parameter file per robot; `config/g1.yaml` is an example. An unknown key is an error. "
-        "`wbc check FILE` says what it finds.\n\n```yaml\nwbc_controller:\n  ros__parameters:\n    robot: …\n```\n",
+        "`wbc check FILE` says what it finds. Keys marked *live* can be changed while the controller runs, by "
+        "`~/update` or as parameters of the ROS 2 node; all others are read when it is configured.\n\n"
+        "```yaml\nwbc_controller:\n  ros__parameters:\n    robot: …\n```\n",
     ]
     for name, field in Settings.model_fields.items():
         if name in ("tasks", "contacts"):
@@ -75,8 +77,12 @@ def configuration_page() -> str:
 
 
 def _field_table(section: type[BaseModel]) -> str:
+
+    def live(name: str) -> str:
+        return " *Live.*" if name in getattr(section, "live", ()) else ""
+
     rows = [
-        f"| `{name}` | {_kind(field)} | {_default(field)} | {field.description} |"
+        f"| `{name}` | {_kind(field)} | {_default(field)} | {field.description}{live(name)} |"
         for name, field in section.model_fields.items()
         if name != "type"
     ]

@@ -39,6 +39,9 @@ Length = Annotated[Positive, Field(le=1.0)]
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
+    #: The keys that may be changed while the controller runs.
+    live: ClassVar[tuple[str, ...]] = ()
+
 
 class RobotSettings(_Section):
     """The robot: its model, its joints in the order of the command, and how it stands."""
@@ -75,11 +78,15 @@ class RobotSettings(_Section):
 class ControlSettings(_Section):
     """The control loop."""
 
+    live = ("weight_ramp",)
+
     rate: Annotated[Positive, Field(ge=10.0, le=10000.0)] = Field(500.0, description="Cycles per second.")
     trigger: Literal["timer", "joint_states"] = Field(
         "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state."
     )
-    weight_ramp: NonNegative = Field(0.5, le=60.0, description="Time in which a new task weight is reached, s.")
+    weight_ramp: NonNegative = Field(
+        0.5, le=60.0, description="Time in which new weights, gains and limits are reached, s."
+    )
     diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
         10.0, description="Messages per second on /diagnostics."
     )
@@ -110,6 +117,8 @@ class SolverSettings(_Section):
 class LimitSettings(_Section):
     """Which limits the quadratic program holds. Torque limits always apply."""
 
+    live = ("position_margin", "position_horizon", "velocity_scale", "acceleration", "torque_rate")
+
     position: bool = Field(True, description="Hold the URDF's joint position limits.")
     position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from them, rad.")
     position_horizon: NonNegative = Field(
@@ -131,6 +140,8 @@ class LimitSettings(_Section):
 
 class SafetySettings(_Section):
     """Freshness, and the ladder down."""
+
+    live = ("state_timeout", "activation_ramp", "hold_time", "damping_time", "damping")
 
     state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
         0.05, description="Oldest joint state or base state that torques may be computed from, s."
@@ -178,6 +189,8 @@ class AuditSettings(_Section):
 class _Task(_Section):
     #: Number of axes, masked or not; 0 where the file alone does not tell it.
     axes: ClassVar[int] = 3
+
+    live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 
     weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
     enabled: bool = Field(True, description="Whether the task is on at activation.")
@@ -373,6 +386,8 @@ TaskSettings = Annotated[
 
 
 class _Contact(_Section):
+    live = ("enabled", "ramp")
+
     frame: str = Field(description="A frame of the URDF, fixed to the link that touches.")
     translation: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the contact in that frame, m.")
     enabled: bool = Field(True, description="Whether the contact is made at activation.")

@@ -4,6 +4,7 @@ import pytest
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.references import (
+    BoardPlan,
     ContactPlan,
     EnableContact,
     EnableTask,
@@ -17,6 +18,7 @@ from wbc_controller.core.references import (
 from wbc_controller.core.tasks import ComTask, FramePoseTask, PostureTask
 from wbc_controller.core.trajectories import Knot
 from wbc_controller.errors import InputRefused
+from wbc_controller.records import Tuning
 
 START, DURATION, WEIGHT_RAMP, CONTACT_RAMP = 10.0, 1.0, 0.5, 0.2
 GOAL = np.array([0.1, -0.2, 0.5])
@@ -34,13 +36,15 @@ def dynamics(load, random_state):
 @pytest.fixture
 def board(load, dynamics):
     model, _ = load("go2")
-    plans = [
-        TaskPlan(ComTask("com", [True] * 3), 50.0, True, DURATION),
-        TaskPlan(FramePoseTask("foot", model, "FL_foot"), 5.0, False, DURATION),
-        TaskPlan(PostureTask("posture", model), 0.1, True, 0.0),
-    ]
+    plans = {
+        "com": TaskPlan(ComTask("com", [True] * 3), 50.0, True, DURATION),
+        "foot": TaskPlan(FramePoseTask("foot", model, "FL_foot"), 5.0, False, DURATION),
+        "posture": TaskPlan(PostureTask("posture", model), 0.1, True, 0.0),
+    }
     contacts = {"left": ContactPlan(True, CONTACT_RAMP), "right": ContactPlan(False, CONTACT_RAMP)}
-    result = ReferenceBoard(plans, {**contacts, "stiff": ContactPlan(True, 0.0)}, weight_ramp=WEIGHT_RAMP)
+    contacts |= {"stiff": ContactPlan(True, 0.0)}
+    tuning = Tuning({name: plan.task.gains for name, plan in plans.items()}, 0.02, 0.02, 1.0, 200.0, 100.0)
+    result = ReferenceBoard(BoardPlan(plans, contacts, WEIGHT_RAMP, tuning))
     result.reset(dynamics, START)
     return result
 

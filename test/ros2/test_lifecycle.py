@@ -43,9 +43,12 @@ def log():
     """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
     records, handler = [], logging.Handler()
     handler.emit = records.append
-    logging.getLogger("wbc_controller.ros2").addHandler(handler)
+    loggers = [logging.getLogger(f"wbc_controller.ros2.{name}") for name in ("controller_node", "gate")]
+    for logger in loggers:
+        logger.addHandler(handler)
     yield records
-    logging.getLogger("wbc_controller.ros2").removeHandler(handler)
+    for logger in loggers:
+        logger.removeHandler(handler)
 
 
 def text_of(records):
@@ -159,15 +162,67 @@ def test_bad_parameters_fail_the_transition_with_the_reason_and_can_be_mended(ma
     assert node.trigger_configure() == SUCCESS
 
 
-def test_the_robots_parameters_are_fixed_while_configured(make_node):
+def set_one(node, name, value):
+    (result,) = node.set_parameters([Parameter(name, value=value)])
+    return result.successful or result.reason
+
+
+def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
     node = make_node(robot="g1", tasks__com__weight=3.0)
     assert node.trigger_configure() == SUCCESS
-    (result,) = node.set_parameters([Parameter("tasks.com.weight", value=4.0)])
-    assert not result.successful
-    assert "tasks.com.weight" in result.reason
-    assert node.set_parameters([Parameter("activate", value=True)])[0].successful
+    tuner = node._loop.tuner
+    for name, value in (
+        ("tasks.com.weight", 4),
+        ("tasks.com.stiffness", [50.0, 50.0, 80.0]),
+        ("limits.torque_rate", 9.0),
+    ):
+        assert set_one(node, name, value) is True
+        assert node.get_parameter(name).value == value
+    com = tuner.settings.tasks["com"]
+    assert (com.weight, com.stiffness, tuner.settings.limits.torque_rate) == (4.0, [50.0, 50.0, 80.0], 9.0)
+    for name, value, said in (
+        ("tasks.com.weight", -1.0, "tasks.com.weight = -1.0: input should be greater than or equal to 0"),
+        ("tasks.com.wieght", 1.0, "tasks.com.wieght: unknown key; did you mean 'weight'?"),
+        ("tasks.com.stiffness", "stiff", "should be a valid number"),
+        ("robot.joints", ["a"], "robot.posture has"),
+        ("control.rate", 100.0, "control.rate: read only when the controller is configured"),
+        ("robot", "talos", "robot: read only when the node is configured"),
+    ):
+        before = node.get_parameter_or(name).value
+        reason = set_one(node, name, value)
+        assert said in str(reason)
+        assert node.get_parameter_or(name).value == before
+    assert tuner.settings.tasks["com"] == com
+    assert set_one(node, "activate", True) is True
+
+
+def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_node):
+    node = make_node(robot="g1", tasks__com__weight=3.0)
+    assert not node.has_parameter("limits.acceleration")
+    assert node.trigger_configure() == SUCCESS
+    assert node.get_parameter("limits.acceleration").value == node._loop.tuner.settings.limits.acceleration
+    described = node.describe_parameter("limits.acceleration").description
+    assert described.startswith("Largest joint acceleration, rad/s².")
+    assert described.endswith("May be changed live.")
+    assert node.describe_parameter("tasks.com.weight").description.startswith("Weight in the cost.")
+    assert set_one(node, "tasks.com.stiffness", 70.0) is True
     assert node.trigger_cleanup() == SUCCESS
-    assert node.set_parameters([Parameter("tasks.com.weight", value=4.0)])[0].successful
+    assert not node.has_parameter("limits.acceleration")
+    assert set_one(node, "robot", "talos") is True  # and what was set stays, as if it had been given at the start
+    assert node.trigger_configure() == SUCCESS
+    com = node._loop.tuner.settings.tasks["com"]
+    assert (com.weight, com.stiffness) == (3.0, 70.0)
+
+
+def test_what_an_update_changes_is_shown(make_node, spin, context):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    publish = user.create_publisher(String, "/wbc_controller/update", 10)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    within(10, lambda: publish.get_subscription_count() == 1)
+    publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
+    within(10, lambda: node.get_parameter("tasks.com.stiffness").value == 33.0)
 
 
 def test_a_command_sent_before_activation_is_not_obeyed_later(make_node, spin, context, log):

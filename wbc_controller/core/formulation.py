@@ -13,7 +13,7 @@ from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import FORCE_UNIT, Layout
 from wbc_controller.core.tasks import EffortTask, Task
-from wbc_controller.records import Array, References, RobotState
+from wbc_controller.records import Array, References, RobotState, Tuning
 
 
 class Formulation:
@@ -66,6 +66,7 @@ class Formulation:
         self.row_limits = tuple(row_limits)
         self.period = period
         self.effort_tasks = tuple(task for task in tasks if isinstance(task, EffortTask))
+        self._tuning: Tuning | None = None
         self._layouts: dict[tuple[str, ...], Layout] = {}
         levels = sorted({task.level for task in tasks})
         self._costs = [
@@ -103,6 +104,8 @@ class Formulation:
         Returns:
             The layout, whose `problem` is ready to be solved, looked at or dumped.
         """
+        if references.tuning is not None and references.tuning is not self._tuning:
+            self._tune(references.tuning)
         self.dynamics.update(state.q, state.v)
         made = tuple(name for name in self.contacts if references.contacts.get(name, 0.0) > 0.0)
         layout = self.layout(made)
@@ -112,6 +115,18 @@ class Formulation:
         self._fill_joint_motion(layout)
         self._fill_row_limits(layout)
         return layout
+
+    def _tune(self, tuning: Tuning) -> None:
+        """Take over other gains and limits."""
+        self._tuning = tuning
+        for name, gains in tuning.gains.items():
+            for key, value in gains.items():
+                setattr(self.tasks[name], key, value)
+        motion = self.motion_limit
+        self.motion_limit = JointMotionLimit.of(
+            self.model, tuning, position=motion.position_lower is not None, velocity=motion.velocity is not None
+        )
+        self.torque_limit = TorqueLimit(self.torque_limit.effort_limits, tuning.torque_rate)
 
     def _fill_cost(self, layout: Layout, references: References) -> None:
         H, g = layout.problem.H, layout.problem.g

@@ -10,8 +10,9 @@ import numpy as np
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.tasks import Task
 from wbc_controller.core.trajectories import Knot, Ramp, Trajectory
+from wbc_controller.core.tuning import TuningRamp
 from wbc_controller.errors import InputRefused
-from wbc_controller.records import Array, Reference, References
+from wbc_controller.records import Array, Reference, References, Tuning
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,20 +97,36 @@ class ContactPlan:
     ramp: float
 
 
+@dataclass(frozen=True, slots=True)
+class BoardPlan:
+    """How everything on a board moves.
+
+    Attributes:
+        tasks: by name.
+        contacts: by name.
+        weight_ramp: time in which new weights, gains and limits are reached, s.
+        tuning: gains and limits.
+    """
+
+    tasks: Mapping[str, TaskPlan]
+    contacts: Mapping[str, ContactPlan]
+    weight_ramp: float
+    tuning: Tuning
+
+
 class ReferenceBoard:
     """Holds trajectories and ramps; changes are applied between cycles, all of a set or none of it."""
 
-    def __init__(self, tasks: Iterable[TaskPlan], contacts: Mapping[str, ContactPlan], *, weight_ramp: float) -> None:
+    def __init__(self, plan: BoardPlan) -> None:
         """Make a board.
 
         Args:
-            tasks: the tasks and how their references move.
-            contacts: the contacts, by name.
-            weight_ramp: time in which a new weight is reached, s.
+            plan: how everything on it moves.
         """
-        self.plans = {plan.task.name: plan for plan in tasks}
-        self.contact_plans = dict(contacts)
-        self._weight_ramp = weight_ramp
+        self.plans = plan.tasks
+        self.contact_plans = plan.contacts
+        self._weight_ramp = plan.weight_ramp
+        self._tuning = TuningRamp.at(plan.tuning)
         self._weights = {name: plan.weight for name, plan in self.plans.items()}
         self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
         self._weight_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
@@ -131,6 +148,30 @@ class ReferenceBoard:
             self._contact_ramps[name] = Ramp(time, 0.0, 0.0, float(contact.enabled))
         self._goals.clear()
         self._wrenches.clear()
+        self._tuning = TuningRamp.at(self._tuning.after)
+
+    def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
+        """Go over to another plan for the same tasks and contacts: to what is new in it along ramps.
+
+        Args:
+            plan: the new plan.
+            dynamics: as in `apply`.
+            time: s, on the clock of the states; None while the references are not followed.
+        """
+        before, contacts_before = self.plans, self.contact_plans
+        self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
+        if time is None:
+            self._tuning = TuningRamp.at(plan.tuning)
+            return
+        self._tuning = self._tuning.towards(plan.tuning, time, plan.weight_ramp)
+        for name, task in plan.tasks.items():
+            if task.weight != before[name].weight:
+                self._apply(SetWeight(name, task.weight), dynamics, time)
+            if task.enabled != before[name].enabled:
+                self._apply(EnableTask(name, task.enabled), dynamics, time)
+        for name, contact in plan.contacts.items():
+            if contact.enabled != contacts_before[name].enabled:
+                self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
         """Apply a set of changes.
@@ -240,6 +281,7 @@ class ReferenceBoard:
             weights={name: ramp.sample(time) for name, ramp in self._weight_ramps.items()},
             contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
             external_wrenches=dict(self._wrenches),
+            tuning=self._tuning.sample(time),
         )
 
 

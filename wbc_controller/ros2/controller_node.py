@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.task import Future
@@ -25,7 +24,8 @@ from wbc_controller.records import Mode
 from wbc_controller.ros2.answers import SERVICES, Answers
 from wbc_controller.ros2.declaration import declare, values
 from wbc_controller.ros2.gate import Gate
-from wbc_controller.ros2.parameters import CONFIG, ROBOT, is_of_the_robot, settings_from
+from wbc_controller.ros2.live import LiveParameters
+from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.ros2.process import logging_to, spinning
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.ros2 import Ros2Transport
@@ -72,6 +72,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._leave = leave
         self._arguments = arguments if arguments is not None else sys.argv
         self._own = declare(self, _PARAMETERS)
+        self._live = LiveParameters(self, self._own)
         self._settings: Settings | None = None
         self._gate: Gate | None = None
         self._loop: ControlLoop | None = None
@@ -82,9 +83,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._urdf: str | None = None
         self._urdf_transport: Any = None
         self._starting = False
-        self._changeable = True
         self._finalized = False
-        self.add_on_set_parameters_callback(self._on_set_parameters)
         group = ReentrantCallbackGroup()
         for name, (word, _) in SERVICES.items():
             self.create_service(Trigger, f"~/{name}", partial(self._on_trigger, word), callback_group=group)
@@ -152,7 +151,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         try:
             model = make_model(settings, None if settings.robot.urdf else self._urdf)
             topics = controller_endpoints(settings, model, node=node, namespace=namespace)
-            self._loop = make_loop(
+            loop = make_loop(
                 settings,
                 model,
                 gate,
@@ -161,12 +160,13 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 observers=(self._answers.observe,),
                 node=self.get_fully_qualified_name(),
             )
+            self._live.show(loop.tuner)
         except Exception as error:
             gate.close()
             if isinstance(error, ConfigurationError):
                 raise ConfigurationError(f"{source}: {error}") from error
             raise
-        self._settings, self._gate, self._changeable = settings, gate, False
+        self._settings, self._gate, self._loop = settings, gate, loop
         _log.info("configured from %s: %d joints, %.0f Hz", source, model.na, settings.control.rate)
 
     def _await_urdf(self) -> None:
@@ -240,17 +240,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._deactivate()
         if self._gate is not None:
             self._gate.close()
-        self._settings, self._gate, self._loop, self._changeable = None, None, None, True
-
-    def _on_set_parameters(self, parameters: list[Any]) -> Any:
-        names = [parameter.name for parameter in parameters]
-        fixed = [name for name in names if name in (ROBOT, CONFIG) or is_of_the_robot(name, self._own)]
-        if fixed and not self._changeable:
-            return SetParametersResult(
-                successful=False,
-                reason=f"{', '.join(fixed)}: read when the node is configured; deactivate and clean up first",
-            )
-        return SetParametersResult(successful=True)
+        self._live.hide()
+        self._settings, self._gate, self._loop = None, None, None
 
     async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
         gate = self._gate

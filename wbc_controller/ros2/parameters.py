@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel
 
 from wbc_controller.configuration import find_configuration, load_settings, parse_settings, shipped_configurations
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.tuner import merged
 
 #: Parameters that ROS 2 itself gives to nodes, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -49,6 +52,21 @@ def nest(parameters: Mapping[str, Any]) -> dict[str, Any]:
         listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
         branch[key] = list(value) if listed else value
     return tree
+
+
+def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
+    """Every setting that has a value: its dotted name, its value, and a description for people."""
+    live: tuple[str, ...] = getattr(settings, "live", ())
+    for name, field in type(settings).model_fields.items():
+        value, key = getattr(settings, name), f"{prefix}{name}"
+        if isinstance(value, BaseModel):
+            yield from flat(value, f"{key}.")
+        elif isinstance(value, dict):  # the tasks, or the contacts
+            for entry, below in value.items():
+                yield from flat(below, f"{key}.{entry}.")
+        elif value is not None and value != []:  # a ROS 2 parameter cannot hold these
+            when = "May be changed live." if name in live else "Read when the node is configured."
+            yield key, value, f"{field.description or 'Kind of task or contact.'} {when}"
 
 
 def settings_from(
@@ -91,7 +109,7 @@ def settings_from(
     if not overrides:
         return settings, str(path)
     source = f"{path} with the parameters of {node}"
-    return parse_settings(_merge(settings.model_dump(exclude_unset=True), overrides), source), source
+    return parse_settings(merged(settings.model_dump(exclude_unset=True), overrides), source), source
 
 
 def parameter_files(arguments: Sequence[str]) -> list[Path]:
@@ -112,11 +130,3 @@ def _named_file(parameters: Mapping[str, Any], node: str) -> Path | None:
             raise ConfigurationError(f"{node}: config = {value!r}: there is no such file")
         return Path(value) if key == CONFIG else find_configuration(value)
     return None
-
-
-def _merge(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in over.items():
-        below = merged.get(key)
-        merged[key] = _merge(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged

@@ -56,13 +56,14 @@ class Supervisor:
     Attributes:
         mode: the present mode.
         fault: why the active mode was left, until `reset`.
+        limits: what it holds; may be replaced between cycles.
     """
 
     def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
         self.mode = Mode.INACTIVE
         self.fault: Fault | None = None
+        self.limits = limits
         self._model = model
-        self._limits = limits
         self._since = 0.0  # when the present mode began, s
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
@@ -108,7 +109,7 @@ class Supervisor:
         elif word == "damp":
             self._enter(Mode.DAMPING, now, self.fault)
         elif self._share.after > 0.0:
-            self._share = self._share.towards(0.0, now, self._limits.activation_ramp)
+            self._share = self._share.towards(0.0, now, self.limits.activation_ramp)
         return False
 
     def explain(self, failure: NoSolution) -> None:
@@ -138,7 +139,7 @@ class Supervisor:
         if problem is not None:
             raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
         self._enter(Mode.ACTIVE, now, None)
-        self._share = Ramp(now, self._limits.activation_ramp, 0.0, 1.0)
+        self._share = Ramp(now, self.limits.activation_ramp, 0.0, 1.0)
         return True
 
     def _enter(self, mode: Mode, now: float, fault: Fault | None) -> None:
@@ -170,12 +171,12 @@ class Supervisor:
         solution = outcome if isinstance(outcome, Solution) else None
         if self.solving:
             tau = self._solving(now, problem, outcome, joint_velocity)
-        if self.mode is Mode.DAMPING and now - self._since > self._limits.damping_time:
+        if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
         if self.mode is Mode.INACTIVE and not self._tau.any():
             return None
         if self.mode is Mode.DAMPING:
-            tau = np.zeros(self._model.na) if joint_velocity is None else -self._limits.damping * joint_velocity
+            tau = np.zeros(self._model.na) if joint_velocity is None else -self.limits.damping * joint_velocity
         if tau is None or self.mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT):
             tau = np.zeros(self._model.na)
         return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None)
@@ -206,13 +207,13 @@ class Supervisor:
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
-        if now - self._since > self._limits.hold_time:
+        if now - self._since > self.limits.hold_time:
             # Only the first failure of a row is explained.
             explained = self.fault is not None and self.fault.infeasibility is not None
             self._enter(Mode.DAMPING, now, self.fault if explained else reason)
             return None
         velocity = np.zeros(self._model.na) if joint_velocity is None else joint_velocity
-        return self._held - self._limits.damping * velocity
+        return self._held - self.limits.damping * velocity
 
     def _active(self, now: float, tau: Array) -> Array | None:
         if self.mode is Mode.HOLDING:
@@ -224,7 +225,7 @@ class Supervisor:
         return share * tau
 
     def _command(self, tau: Array, state: RobotState | None, solution: Solution | None) -> JointCommand:
-        model, limits = self._model, self._limits
+        model, limits = self._model, self.limits
         step = limits.torque_rate * limits.period * model.effort_limits
         tau = np.clip(tau, self._tau - step, self._tau + step)
         tau = np.clip(tau, -model.effort_limits, model.effort_limits)

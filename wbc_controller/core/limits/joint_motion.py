@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.records import Array
+from wbc_controller.records import Array, Tuning
 
 #: Time constant of the way back of a joint that is beyond its position limit, s: gentle, as it may start there.
 RETURN_TIME = 0.1
@@ -72,6 +73,27 @@ class JointMotionLimit:
         self.velocity = velocity
         self.acceleration = acceleration
         self.horizon = horizon
+
+    @classmethod
+    def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
+        """Make the limit of a robot.
+
+        Args:
+            model: has the limits of the URDF.
+            tuning: says how much of them may be used.
+            position: whether positions are limited.
+            velocity: whether velocities are limited.
+
+        Raises:
+            ConfigurationError: where the margin leaves a joint no room.
+        """
+        margin = tuning.position_margin
+        return cls(
+            (model.position_lower + margin, model.position_upper - margin) if position else None,
+            model.velocity_limits * tuning.velocity_scale if velocity else None,
+            acceleration=tuning.acceleration,
+            horizon=tuning.position_horizon,
+        )
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
         """Lower and upper bounds of the joint accelerations, both (na,) in rad/s².

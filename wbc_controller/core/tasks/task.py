@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -56,10 +56,17 @@ class Task(ABC):
     size: int
     level: int = 0
     tolerance: Array | None = None
+    #: The attributes that are gains, each () or (size,).
+    gain_names: tuple[str, ...] = ()
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
         self.rows = np.flatnonzero(np.asarray(mask))
+
+    @property
+    def gains(self) -> Mapping[str, Array]:
+        """The gains by name."""
+        return {name: getattr(self, name) for name in self.gain_names}
 
     @property
     def dimension(self) -> int:
@@ -182,6 +189,8 @@ class MotionTask(AccelerationTask):
         damping: D, 1/s, () or (size,).
     """
 
+    gain_names = ("stiffness", "damping")
+
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
     ) -> None:
@@ -231,6 +240,8 @@ class RateTask(AccelerationTask):
     Attributes:
         gain: k, 1/s, () or (size,).
     """
+
+    gain_names = ("gain",)
 
     def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
         """Make a task.

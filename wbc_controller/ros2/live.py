@@ -1,0 +1,107 @@
+"""The settings of a configured controller as parameters of its node: shown, described, and changed live."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.parameter import Parameter
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.ros2.parameters import CONFIG, ROBOT, flat, is_of_the_robot, nest
+from wbc_controller.tuner import Tuner
+
+_log = logging.getLogger(__name__)
+
+
+class LiveParameters:
+    """Keeps the parameters of a node and the settings of its controller the same.
+
+    While there is a controller, what is set is held to the schema first, and refused with the reason; then the
+    controller's loop goes over to it between two cycles. While there is none, anything may be set: it is read, and held
+    to the schema, when the node is configured.
+
+    Args:
+        node: the node.
+        own: parameters of the node itself.
+    """
+
+    def __init__(self, node: Any, own: Sequence[str]) -> None:
+        self._node = node
+        self._own = own
+        self._tuner: Tuner | None = None
+        self._shown: dict[str, Any] = {}
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._accept)
+
+    def show(self, tuner: Tuner) -> None:
+        """Declare the settings as parameters; from now on they are changed live."""
+        settings = {key: (value, ParameterDescriptor(description=description, dynamic_typing=True))
+                    for key, value, description in flat(tuner.settings)}  # fmt: skip
+        for key, (_, descriptor) in settings.items():
+            if self._node.has_parameter(key):
+                self._node.set_descriptor(key, descriptor)
+        new = {key: pair for key, pair in settings.items() if not self._node.has_parameter(key)}
+        self._node.declare_parameters("", [(key, *pair) for key, pair in new.items()])
+        self._shown = {key: value for key, (value, _) in new.items()}
+        self._tuner = tuner
+        tuner.changed = self._on_change
+
+    def hide(self) -> None:
+        """Forget the controller, and the parameters that `show` declared; those that were set since stay."""
+        self._tuner = None
+        for key, value in self._shown.items():
+            if self._node.has_parameter(key) and _plain(self._node.get_parameter(key).value) == value:
+                self._node.undeclare_parameter(key)
+        self._shown = {}
+
+    def _change(self, parameters: Sequence[Any]) -> dict[str, Any]:
+        return {each.name: each.value for each in parameters if is_of_the_robot(each.name, self._own)}
+
+    def _check(self, parameters: Sequence[Any]) -> Any:
+        if self._tuner is None:
+            return SetParametersResult(successful=True)
+        fixed = [each.name for each in parameters if each.name in (ROBOT, CONFIG)]
+        try:
+            if fixed:
+                raise ConfigurationError(f"{', '.join(fixed)}: read only when the node is configured")
+            change = self._change(parameters)
+            if change:
+                self._tuner.check(nest(change), "parameters")
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _accept(self, parameters: Sequence[Any]) -> None:
+        change = self._change(parameters)
+        if self._tuner is None or not change:
+            return
+        try:
+            self._tuner.accept(nest(change), "parameters")
+        except ConfigurationError as error:  # a change on ~/update has come between the check and this
+            _log.error("%s", error)
+
+    def _on_change(self) -> None:
+        """Have what was changed on ``~/update`` shown; called on any thread."""
+        executor = self._node.executor
+        if executor is not None:
+            executor.create_task(self._follow)
+
+    def _follow(self) -> None:
+        if self._tuner is None:
+            return
+        node = self._node
+        changed = [
+            Parameter(key, value=value)
+            for key, value, _ in flat(self._tuner.settings)
+            if not node.has_parameter(key) or _plain(node.get_parameter(key).value) != value
+        ]
+        if changed:
+            node.set_parameters_atomically(changed)
+
+
+def _plain(value: Any) -> Any:
+    """A parameter's value as the settings have it: arrays are lists."""
+    return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else value
