@@ -21,8 +21,9 @@ lint: $(VENV)/dev.installed  ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/demo.installed  ## time the solvers side by side
+bench: $(VENV)/demo.installed  ## time the solvers side by side, and the whole cycle beside tsid's
 	$(BIN)/python benchmarks/solvers.py
+	$(BIN)/python benchmarks/against_tsid.py
 
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
 	$(BIN)/python -m wbc_controller.reference_pages docs
@@ -35,7 +36,7 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	    --output-file requirements/dev.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) build *.egg-info report .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-tsid build *.egg-info report .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'

@@ -1,0 +1,173 @@
+"""How hard a push a standing Talos takes without a step: the largest impulse, found by bisection, in each direction.
+
+The robot stands in MuJoCo at 1 kHz, its true state is known, and a force acts for 0.1 s at the origin of its base. It
+has held where it did not fall or step, and is back at rest within 5 s: no corner of a sole ever rose by more than 1 cm
+or slid by more than 3 cm, and in the end no coordinate is faster than 0.05 (m/s, rad/s) and the centre of mass is
+within 1 cm of where it was. (A foot that a push unloads wholly is free to slide while it is in the air by some 0.1 mm.)
+
+    python benchmarks/push_recovery.py                 tsid, ours with the same tasks, and with those of docs/balance.md
+    python benchmarks/push_recovery.py tsid balance    some of them
+
+Beside them stands the impulse m ω d at which a linear inverted pendulum comes to rest over the edge of the support:
+the impulse at once, the centre of pressure at the edge from then on (ω = √(g / c_z), d from the centre of mass to the
+edge).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+from our_cycle import DAMPING, STIFFNESS, WEIGHTS, Cycle, balance_tasks, state_of, talos
+from tsid_process import Tsid
+
+from wbc_controller.build import make_model
+from wbc_controller.core.model import RobotModel
+from wbc_controller.mock.plant import Plant
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+
+#: Unit vector of each direction, base axes at the start: x forward, y left.
+DIRECTIONS = {"sideways": (0.0, 1.0), "forward": (1.0, 0.0), "backward": (-1.0, 0.0)}
+PUSH_SECONDS = 0.1
+#: When the push begins, and the latest time by which the robot is back, s.
+PUSH_AT, END = 0.5, 5.5
+LIFTED, SLID, AT_REST, BACK = 0.01, 0.03, 0.05, 0.01
+#: Impulses between which the limit is looked for, and how closely, N·s.
+LOWEST, HIGHEST, RESOLUTION = 10.0, 90.0, 0.25
+
+Torques = Callable[[Array, Array], Array]
+
+
+class Stand:
+    """Talos in the simulator, on its feet."""
+
+    def __init__(self, settings: Settings, model: RobotModel) -> None:
+        """Stand it up, held by the hoist."""
+        self.settings, self.model = settings, model
+        self.plant = Plant(model, settings)
+        self.start, _ = self.plant.state()
+        self._view = Cycle(settings, model).controller
+        self._dynamics = self._view.dynamics
+        self.com = self._look()[0]
+        self.lifted = self.slid = 0.0
+
+    def _look(self) -> tuple[Array, Array]:
+        """Centre of mass, (3,), and the corners of the soles, (n, 3), in the world."""
+        self._dynamics.update(*self.plant.state())
+        corners = [contact.points(self._dynamics) for contact in self._view.contacts.values()]
+        return np.array(self._dynamics.com), np.concatenate(corners)
+
+    def bound(self, direction: tuple[float, float]) -> float:
+        """The pendulum's m ω d in a direction, N·s."""
+        com, corners = self._look()
+        edge = float(np.max((corners - com)[:, :2] @ direction))
+        return self.model.mass * math.sqrt(self.model.gravity / float(com[2])) * edge
+
+    def outcome(self, torques: Torques, direction: tuple[float, float], impulse: float) -> str:
+        """Push, and say what came of it: nothing, where the robot has held."""
+        plant = self.plant
+        force = np.zeros(6)
+        force[:2] = impulse / PUSH_SECONDS * np.array(direction)
+        corners = None
+        while plant.time < END:
+            q, v = plant.state()
+            plant.apply(torques(q, v))
+            if plant.held and plant.time >= 0.1:
+                plant.hold(False, ramp=0.1)
+            if corners is None and plant.time >= PUSH_AT:
+                corners = self._look()[1]
+                plant.push(self.model.base_link, force, PUSH_SECONDS)
+            plant.step()
+            if plant.fallen:
+                return f"fell at {plant.time:.2f} s"
+            if corners is not None and plant.stamp % 10_000_000 == 0:
+                com, now = self._look()
+                moved = now - corners
+                self.lifted = max(self.lifted, float(np.max(moved[:, 2])))
+                self.slid = max(self.slid, float(np.max(np.linalg.norm(moved[:, :2], axis=1))))
+                if not (self.lifted <= LIFTED and self.slid <= SLID):
+                    return f"a foot moved at {plant.time:.2f} s"
+                settled = np.max(np.abs(v)) <= AT_REST and np.linalg.norm(com - self.com) <= BACK
+                if settled and plant.time > PUSH_AT + 1.0:
+                    return ""
+        return "not at rest in the end"
+
+
+def ours(settings: Settings, model: RobotModel, q: Array) -> Torques:
+    """Our controller and supervisor."""
+    cycle = Cycle(settings, model)
+    references = cycle.start(q)
+    return lambda q, v: cycle.step(state_of(q, v), references).tau
+
+
+def tsids(process: Tsid, model: RobotModel, com: Array) -> Torques:
+    """tsid; where it has no solution, its last one."""
+    to_command = model.v_index - 6
+    reference = np.concatenate([com, np.zeros(6)])
+    last = np.zeros(model.na)
+
+    def torques(q: Array, v: Array) -> Array:
+        nonlocal last
+        tau = process.solve(np.concatenate([q, v, reference]))[1][0]
+        if np.isfinite(tau).all():
+            last = tau[to_command]
+        return last
+
+    return torques
+
+
+def limit(
+    settings: Settings, model: RobotModel, direction: tuple[float, float], make: Callable[[Stand], Torques]
+) -> tuple[float, Stand | None, str]:
+    """Find the largest impulse that is held.
+
+    Returns:
+        It in N·s, how the robot stood under it, and what came of the smallest one that was not held.
+    """
+    low, high, last, why = LOWEST, HIGHEST, None, ""
+    while high - low > RESOLUTION:
+        middle = 0.5 * (low + high)
+        stand = Stand(settings, model)
+        outcome = stand.outcome(make(stand), direction, middle)
+        if outcome:
+            high, why = middle, outcome
+        else:
+            low, last = middle, stand
+    return low, last, why
+
+
+def main(chosen: list[str]) -> None:
+    """Print the table."""
+    settings = talos()
+    model = make_model(settings)
+    stand = Stand(settings, model)
+    rivals: dict[str, float] = {}
+    print(
+        f"{model.mass:.1f} kg, centre of mass {1e3 * stand.com[2]:.0f} mm high; impulses in N·s over {PUSH_SECONDS} s"
+    )
+    print(f"{'':10}{'direction':12}{'m ω d':>8}{'held':>8}{'of tsid':>9}{'slid':>9}{'lifted':>9}   beyond")
+    with Tsid(
+        settings, model, stand.start, WEIGHTS, stiffness=STIFFNESS, damping=DAMPING, waist="base_link"
+    ) as process:
+        controllers: dict[str, tuple[Settings, Callable[[Stand], Torques]]] = {
+            "tsid": (settings, lambda stand: tsids(process, model, stand.com)),
+            "same": (settings, lambda stand: ours(stand.settings, model, stand.start)),
+            "balance": (talos(balance_tasks()), lambda stand: ours(stand.settings, model, stand.start)),
+        }
+        for name in chosen or controllers:
+            for direction, vector in DIRECTIONS.items():
+                held, last, why = limit(controllers[name][0], model, vector, controllers[name][1])
+                rivals.setdefault(direction, held if name == "tsid" else math.nan)
+                moved = f"{1e3 * last.slid:6.1f} mm{1e3 * last.lifted:6.1f} mm" if last is not None else ""
+                print(
+                    f"{name:10}{direction:12}{stand.bound(vector):8.1f}{held:8.1f}{held / rivals[direction]:9.2f}"
+                    f"{moved}   {why}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
