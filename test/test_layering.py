@@ -27,7 +27,7 @@ LAYERS = {
         ("core", "mechanics", "records", "errors"),
     ),
     # Of core the supervisor needs the robot's limits, and ramps; never the controller whose answers it checks.
-    "safety/*": (("numpy",), ("safety", "core.model", "core.trajectories", "records", "errors")),
+    "safety/*": (("numpy",), ("safety", "core.model", "core.limits.torque", "core.trajectories", "records", "errors")),
     "settings.py": (("pydantic",), ("settings",)),
     "configuration.py": (("pydantic", "yaml"), ("configuration", "settings", "resources", "errors")),
     "interface.py": ((), ("interface", "records", "errors")),

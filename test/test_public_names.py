@@ -24,7 +24,7 @@ EXPORTED = {
         "TorqueTask",
     },
     "wbc_controller.core.contacts": {"Contact", "PointContact", "SurfaceContact", "wrench_cone"},
-    "wbc_controller.core.limits": {"JointMotionLimit", "RowLimit", "TorqueLimit"},
+    "wbc_controller.core.limits": {"JointMotionLimit", "RowLimit", "TorqueLimit", "TorqueSpeedCurve"},
     "wbc_controller.core.solvers": {"Answer", "Solver", "available_solvers", "make_solver"},
 }
 

@@ -15,7 +15,7 @@ from wbc_controller.build_tasks import make_task
 from wbc_controller.clock import Clock
 from wbc_controller.core.contacts import Contact, PointContact, SurfaceContact
 from wbc_controller.core.controller import Controller
-from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
+from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.references import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
@@ -28,7 +28,7 @@ from wbc_controller.inputs import Inputs
 from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
 from wbc_controller.outputs import Outputs
-from wbc_controller.records import CycleReport, Tuning
+from wbc_controller.records import CycleReport, Tuning, frozen
 from wbc_controller.robot_description import read_urdf
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings import NODE_NAME, Settings
@@ -94,6 +94,22 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
     )
 
 
+def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve | None:
+    """Build the torque-speed curve of the motors; None where it is not to be held.
+
+    Raises:
+        ConfigurationError: where a joint is unknown.
+    """
+    curve = settings.limits.torque_speed
+    if not curve.enabled:
+        return None
+    corner, no_load = curve.corner * model.velocity_limits, curve.no_load * model.velocity_limits
+    for name, joint in curve.joints.items():
+        column = model.joint_columns([name], "limits.torque_speed.joints")
+        corner[column], no_load[column] = joint.corner, joint.no_load
+    return TorqueSpeedCurve(frozen(corner), frozen(no_load))
+
+
 def make_controller(
     settings: Settings, model: RobotModel, timer: Callable[[], float] = time.perf_counter
 ) -> Controller:
@@ -115,7 +131,7 @@ def make_controller(
         model,
         tasks,
         list(contacts.values()),
-        TorqueLimit(model.effort_limits, limits.torque_rate),
+        TorqueLimit(model.effort_limits, limits.torque_rate, make_torque_speed(settings, model)),
         JointMotionLimit.of(model, make_tuning(settings, tasks), position=limits.position, velocity=limits.velocity),
         period=1.0 / settings.control.rate,
         solver=settings.solver.name,
@@ -145,10 +161,10 @@ def make_board(settings: Settings, controller: Controller) -> ReferenceBoard:
 
 def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
     """Build the safety supervisor."""
-    return Supervisor(model, make_supervisor_limits(settings))
+    return Supervisor(model, make_supervisor_limits(settings, model))
 
 
-def make_supervisor_limits(settings: Settings) -> SupervisorLimits:
+def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:
     """Collect what the supervisor holds."""
     safety = settings.safety
     return SupervisorLimits(
@@ -158,6 +174,7 @@ def make_supervisor_limits(settings: Settings) -> SupervisorLimits:
         damping=safety.damping,
         torque_rate=settings.limits.torque_rate,
         period=1.0 / settings.control.rate,
+        torque_speed=make_torque_speed(settings, model),
     )
 
 
@@ -181,7 +198,7 @@ def make_live_part(settings: Settings, controller: Controller) -> LivePart:
         weight_ramp=settings.control.weight_ramp,
         tuning=tuning,
     )
-    return LivePart(plan, make_supervisor_limits(settings), settings.safety.state_timeout)
+    return LivePart(plan, make_supervisor_limits(settings, model), settings.safety.state_timeout)
 
 
 def make_audit(settings: Settings, controller: Controller) -> ModelAudit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -165,7 +165,14 @@ def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
     if members:
         member = members.get(str(location[2])) if len(location) > 3 else None
         return member.model_fields if member is not None else {}
-    model = Settings.model_fields[section].annotation if section in Settings.model_fields else None
+    model: Any = Settings
+    for part in location[:-1]:
+        if get_origin(model) is dict:
+            model = get_args(model)[1]
+        elif str(part) in getattr(model, "model_fields", {}):
+            model = model.model_fields[str(part)].annotation
+        else:
+            return {}
     return model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
 
 

@@ -72,8 +72,28 @@ def configuration_page() -> str:
                 tag = get_args(kind.model_fields["type"].annotation)[0]
                 parts.append(f"\n### `type: {tag}`\n\n{kind.__doc__}\n\n{_field_table(kind)}")
         else:
-            parts.append(f"\n## `{name}`\n\n{field.annotation.__doc__}\n\n{_field_table(field.annotation)}")  # type: ignore[arg-type]
+            parts.append(_section(name, field.annotation, "##"))
     return "".join(parts)
+
+
+def _section(key: str, section: Any, marks: str) -> str:
+    """A section, and those inside of it."""
+    text = " ".join(str(section.__doc__).split())
+    page = f"\n{marks} `{key}`\n\n{text}\n\n{_field_table(section)}"
+    for name, field in section.model_fields.items():
+        inner = _inner(field)
+        if inner is not None:
+            below = ".<name>" if get_origin(field.annotation) is dict else ""
+            page += _section(f"{key}.{name}{below}", inner, "###")
+    return page
+
+
+def _inner(field: FieldInfo) -> type[BaseModel] | None:
+    """The section that a key holds, one or one for each name; None where it holds a value."""
+    annotation = field.annotation
+    if get_origin(annotation) is dict:
+        annotation = get_args(annotation)[1]
+    return annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
 
 
 def _field_table(section: type[BaseModel]) -> str:
@@ -84,7 +104,7 @@ def _field_table(section: type[BaseModel]) -> str:
     rows = [
         f"| `{name}` | {_kind(field)} | {_default(field)} | {field.description}{live(name)} |"
         for name, field in section.model_fields.items()
-        if name != "type"
+        if name != "type" and _inner(field) is None
     ]
     return "| Key | Value | Default | Meaning |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
@@ -41,6 +41,15 @@ class _Section(BaseModel):
 
     #: The keys that may be changed while the controller runs.
     live: ClassVar[tuple[str, ...]] = ()
+
+
+_Curve = TypeVar("_Curve", bound="JointTorqueSpeed | TorqueSpeedSettings")
+
+
+def _falling(curve: _Curve) -> _Curve:
+    if not (curve.corner < curve.no_load):
+        raise ValueError(f"no_load = {curve.no_load}: must be above corner = {curve.corner}")
+    return curve
 
 
 class RobotSettings(_Section):
@@ -114,6 +123,36 @@ class SolverSettings(_Section):
     regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
 
 
+class JointTorqueSpeed(_Section):
+    """The torque-speed curve of one joint."""
+
+    corner: Positive = Field(le=1.0e4, description="Speed up to which the effort limit is available, rad/s.")
+    no_load: Positive = Field(le=1.0e4, description="Speed at which no torque is available, rad/s.")
+
+    @model_validator(mode="after")
+    def _falls(self) -> JointTorqueSpeed:
+        return _falling(self)
+
+
+class TorqueSpeedSettings(_Section):
+    """What torque the motors have at which speed: in the direction of motion it falls above the corner speed."""
+
+    enabled: bool = Field(False, description="Hold the torque-speed curve.")
+    corner: Positive = Field(
+        0.5,
+        le=10.0,
+        description="Speed up to which the effort limit is available, as a share of the URDF's velocity limit.",
+    )
+    no_load: Positive = Field(
+        1.0, le=10.0, description="Speed at which no torque is available, as a share of the URDF's velocity limit."
+    )
+    joints: dict[str, JointTorqueSpeed] = Field(default_factory=dict, description="Joints with values of their own.")
+
+    @model_validator(mode="after")
+    def _falls(self) -> TorqueSpeedSettings:
+        return _falling(self)
+
+
 class LimitSettings(_Section):
     """Which limits the quadratic program holds. Torque limits always apply."""
 
@@ -136,6 +175,7 @@ class LimitSettings(_Section):
         "limit: choose what the motors can do.",
     )
     torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
+    torque_speed: TorqueSpeedSettings = Field(TorqueSpeedSettings(), description="Torque-speed curve of the motors.")
 
 
 class SafetySettings(_Section):

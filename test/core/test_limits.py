@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wbc_controller.core.limits import JointMotionLimit, TorqueLimit
+from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.settings import JointTorqueSpeed, TorqueSpeedSettings
 
 PERIOD = 0.002
 
@@ -274,15 +275,87 @@ def test_no_limit_asks_for_more_than_the_largest_acceleration():
 
 
 def test_torque_bounds():
-    limit = TorqueLimit(np.array([10.0, 20.0]), rate=5.0)
-    np.testing.assert_array_equal(limit.bounds(None, 0.01), ([-10.0, -20.0], [10.0, 20.0]))
-    lower, upper = limit.bounds(np.array([0.0, 19.5]), 0.01)
+    limit, v = TorqueLimit(np.array([10.0, 20.0]), rate=5.0), np.array([3.0, -4.0])
+    np.testing.assert_array_equal(limit.bounds(None, v, 0.01), ([-10.0, -20.0], [10.0, 20.0]))
+    lower, upper = limit.bounds(np.array([0.0, 19.5]), v, 0.01)
     np.testing.assert_allclose(lower, [-0.5, 18.5])
     np.testing.assert_allclose(upper, [0.5, 20.0])
     # A torque beyond its limit comes back at once: never an empty interval, never beyond the limit.
-    lower, upper = limit.bounds(np.array([300.0, -300.0]), 0.01)
+    lower, upper = limit.bounds(np.array([300.0, -300.0]), v, 0.01)
     np.testing.assert_allclose(lower, [9.5, -20.0])
     np.testing.assert_allclose(upper, [10.0, -19.0])
+
+
+# Torque-speed curve ---------------------------------------------------------------------------------------------------
+
+CURVE = TorqueSpeedCurve(np.full(3, 4.0), np.full(3, 10.0))
+EFFORT = np.array([10.0, 20.0, 30.0])
+
+
+@pytest.mark.parametrize(("speed", "share"), [(0.0, 1.0), (4.0, 1.0), (7.0, 0.5), (10.0, 0.0), (25.0, 0.0)])
+def test_the_torque_falls_along_a_line_in_the_direction_of_motion_alone(speed, share):
+    forwards, backwards = (CURVE.available(EFFORT, np.full(3, v)) for v in (speed, -speed))
+    np.testing.assert_allclose(forwards[1], share * EFFORT)
+    np.testing.assert_array_equal(forwards[0], -EFFORT)  # against the motion the motor brakes: all of it
+    np.testing.assert_allclose(backwards[0], -share * EFFORT)
+    np.testing.assert_array_equal(backwards[1], EFFORT)
+
+
+def test_a_speed_that_is_not_a_number_passes_through_the_curve_to_where_it_is_refused():
+    lower, upper = CURVE.available(EFFORT, np.array([np.nan, 0.0, 0.0]))
+    assert np.isnan([lower[0], upper[0]]).all()
+    assert np.isfinite([lower[1:], upper[1:]]).all()
+
+
+def test_the_curve_and_the_rate_never_contradict_each_other():
+    rng = np.random.default_rng(4)
+    for rate in (0.1, 5.0, 1.0e4):
+        limit = TorqueLimit(EFFORT, rate, CURVE)
+        for _ in range(500):
+            v, before = rng.uniform(-15.0, 15.0, 3), rng.uniform(-2.0, 2.0, 3) * EFFORT
+            available, (lower, upper) = limit.available(v), limit.bounds(before, v, PERIOD)
+            assert (available[0] <= lower).all()
+            assert (lower <= upper).all()
+            assert (upper <= available[1]).all()
+            inside = np.clip(before, *available) == before
+            assert (np.maximum(upper - before, before - lower) <= rate * PERIOD * EFFORT + 1e-9)[inside].all()
+
+
+def test_the_torque_speed_curve_matters(bench):
+    """An elbow that is flung stays within what its motor has; without the curve it takes more."""
+    joint = {"enabled": True, "corner": 0.2, "no_load": 0.6}
+    limits = {**FREE, "torque_speed": TorqueSpeedSettings(**joint)}
+    sent = {}
+    for name, robot in (("held", bench("g1", limits=limits)), ("free", bench("g1", limits=FREE))):
+        model = robot.model
+        i = model.joints.index(ELBOW)
+        q, v, column = np.array(robot.stance), np.zeros(model.nv), model.v_index[i]
+        q[model.q_index[i]] = -0.8
+        sent[name] = []
+        while q[model.q_index[i]] < 1.5:
+            state = robot.state(q, v)
+            solution = robot.controller.solve(state, fling(robot, ELBOW, 400.0, state))
+            sent[name].append((v[column], solution.tau[i], f"torque:{ELBOW}:upper" in solution.binding))
+            q[model.q_index[i]] += PERIOD * v[column] + 0.5 * PERIOD**2 * solution.v_dot[column]
+            v[column] += PERIOD * solution.v_dot[column]
+    limit, fastest = model.effort_limits[i], model.velocity_limits[i]
+    speed, tau, binds = np.array(sent["held"]).T
+    assert (tau <= limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1e-5).all()
+    assert (binds.astype(bool) & (speed > 0.3 * fastest)).any()
+    speed, tau, _ = np.array(sent["free"]).T
+    assert (tau > limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1.0).any()
+
+
+def test_joints_have_torque_speed_curves_of_their_own(bench):
+    own = JointTorqueSpeed(corner=3.0, no_load=5.0)
+    g1 = bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, joints={ELBOW: own})})
+    curve, i = g1.controller.formulation.torque_limit.curve, g1.model.joints.index(ELBOW)
+    assert (curve.corner[i], curve.no_load[i]) == (3.0, 5.0)
+    others = np.arange(g1.model.na) != i
+    np.testing.assert_allclose(curve.corner[others], 0.5 * g1.model.velocity_limits[others])
+    np.testing.assert_allclose(curve.no_load[others], g1.model.velocity_limits[others])
+    with pytest.raises(ConfigurationError, match=r"limits.torque_speed.joints: 'elbow' is not an actuated joint"):
+        bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, joints={"elbow": own})})
 
 
 def test_nan_passes_through_the_bounds_to_where_it_is_refused():
@@ -291,7 +364,7 @@ def test_nan_passes_through_the_bounds_to_where_it_is_refused():
         lower, upper = motion.bounds(np.array(q), np.array(v), PERIOD)
         assert np.isnan([lower[0], upper[0]]).all()
         assert np.isfinite([lower[1], upper[1]]).all()
-    lower, upper = TorqueLimit(np.ones(2), 1.0).bounds(np.array([np.nan, 0.0]), PERIOD)
+    lower, upper = TorqueLimit(np.ones(2), 1.0).bounds(np.array([np.nan, 0.0]), np.zeros(2), PERIOD)
     assert np.isnan([lower[0], upper[0]]).all()
 
 

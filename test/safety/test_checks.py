@@ -59,3 +59,11 @@ def test_every_joint_with_a_bad_torque_is_named():
 
 def test_a_limit_that_is_not_a_number_lets_nothing_pass():
     assert torques_usable(np.zeros(2), np.array([np.nan, 20.0]), JOINTS) is not None
+
+
+def test_torques_beyond_what_the_motors_have_at_their_speeds_are_named_with_what_they_have():
+    available = np.array([-10.0, -5.0]), np.array([2.0, 20.0])
+    assert torques_usable(np.array([2.1, -5.2]), LIMITS, JOINTS, available=available) is None
+    fault = torques_usable(np.array([2.2, -5.3]), LIMITS, JOINTS, available=available)
+    assert fault.sentence.endswith("hip: 2.2 N·m (limit 2), knee: -5.3 N·m (limit 5)")
+    assert torques_usable(np.zeros(2), LIMITS, JOINTS, available=(np.full(2, np.nan), available[1])) is not None

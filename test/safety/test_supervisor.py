@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wbc_controller.core.limits import TorqueSpeedCurve
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.records import Fault, Infeasibility, Mode, RobotState, Solution
 from wbc_controller.safety.supervisor import REQUESTS, Supervisor, SupervisorLimits
@@ -468,3 +469,18 @@ def test_whatever_happens_commands_are_bounded_and_modes_go_as_drawn(rig_model, 
 @pytest.fixture(scope="module")
 def rig_model(robot_of):
     return robot_of("go2")[1]
+
+
+def test_no_torque_beyond_what_the_motors_have_at_their_speeds(robot_of):
+    na = robot_of("go2")[1].na
+    rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0)), torque_rate=5.0)
+    rig.bring("active")
+    assert rig.commands[-1].tau == pytest.approx(rig.tau)
+    rig.step(velocity=9.0)  # 60 % is left, and half is asked for
+    assert rig.mode is Mode.ACTIVE
+    rig.step(velocity=12.0)  # 30 %: refused; what is sent falls to it at once, faster than the rate
+    assert rig.mode is Mode.HOLDING
+    assert "hip" in rig.supervisor.fault.sentence
+    assert (rig.commands[-1].tau <= 0.3 * rig.model.effort_limits + 1e-9).all()
+    rig.step(velocity=-12.0)  # the other way it brakes
+    assert rig.mode is Mode.ACTIVE

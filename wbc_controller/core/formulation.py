@@ -153,7 +153,7 @@ class Formulation:
         problem.b[floating] = -h[unactuated]
         problem.C[torque, accelerations] = dynamics.M[model.v_index]
         problem.C[torque, forces] = -FORCE_UNIT * layout.J[:, model.v_index].T
-        lower, upper = self.torque_limit.bounds(tau_before, self.period)
+        lower, upper = self.torque_limit.bounds(tau_before, dynamics.v[model.v_index], self.period)
         layout.torque_bias[:] = h[model.v_index]
         problem.lower[torque] = lower - h[model.v_index]
         problem.upper[torque] = upper - h[model.v_index]
@@ -195,8 +195,8 @@ class Formulation:
             )
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Bounds of the problem's torque rows by the effort limits alone, without the rate."""
-        lower, upper = self.torque_limit.bounds(None, self.period)
+        """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
+        lower, upper = self.torque_limit.available(self.dynamics.v[self.model.v_index])
         h = self.bias(references)[self.model.v_index]
         return lower - h, upper - h
 

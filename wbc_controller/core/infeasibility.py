@@ -163,7 +163,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
     for i, joint in enumerate(model.joints):
         row, limit = problem.C[layout.torque][i], model.effort_limits[i]
-        h = -0.5 * (effort[0][i] + effort[1][i])  # the effort limits are symmetric
+        h = layout.torque_bias[i]
         add(f"torque:{joint}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
         add(f"torque_rate:{joint}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)
     names = dict(zip(model.v_index.tolist(), model.joints, strict=True))

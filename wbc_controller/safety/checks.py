@@ -30,7 +30,13 @@ def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, st
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 
 
-def torques_usable(tau: Array, limits: Array, joints: Sequence[str], tolerance: float = 0.01) -> Fault | None:
+def torques_usable(
+    tau: Array,
+    limits: Array,
+    joints: Sequence[str],
+    tolerance: float = 0.01,
+    available: tuple[Array, Array] | None = None,
+) -> Fault | None:
     """Check that torques are finite and within their limits.
 
     Args:
@@ -38,9 +44,12 @@ def torques_usable(tau: Array, limits: Array, joints: Sequence[str], tolerance: 
         limits: (na,) in N·m.
         joints: names, (na,).
         tolerance: share of a limit by which a solver may miss it; the supervisor clips that much.
+        available: what the motors have at the present speeds, where that is less: lower and upper, both (na,) in N·m.
     """
-    bad = ~(np.abs(tau) <= limits * (1.0 + tolerance))
+    lower, upper = (-limits, limits) if available is None else available
+    bad = ~((tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits))
     if not bad.any():
         return None
-    worst = [f"{joints[i]}: {tau[i]:.3g} N·m (limit {limits[i]:.3g})" for i in map(int, np.flatnonzero(bad))]
+    bound = np.where(tau < 0.0, -lower, upper)
+    worst = [f"{joints[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(bad))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.trajectories import Ramp
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
@@ -40,6 +41,7 @@ class SupervisorLimits:
         damping: joint damping, N·m·s/rad.
         torque_rate: largest torque change, in effort limits per second.
         period: time between cycles, s.
+        torque_speed: what the motors have at which speed; None for their effort limits at every speed.
     """
 
     activation_ramp: float
@@ -48,6 +50,7 @@ class SupervisorLimits:
     damping: float
     torque_rate: float
     period: float
+    torque_speed: TorqueSpeedCurve | None = None
 
 
 class Supervisor:
@@ -179,7 +182,7 @@ class Supervisor:
             tau = np.zeros(self._model.na) if joint_velocity is None else -self.limits.damping * joint_velocity
         if tau is None or self.mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT):
             tau = np.zeros(self._model.na)
-        return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None)
+        return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None, joint_velocity)
 
     def _solving(
         self,
@@ -193,7 +196,12 @@ class Supervisor:
             self._enter(Mode.DAMPING, now, problem)
             return None
         if isinstance(outcome, Solution):
-            unusable = torques_usable(outcome.tau, self._model.effort_limits, self._model.joints)
+            unusable = torques_usable(
+                outcome.tau,
+                self._model.effort_limits,
+                self._model.joints,
+                available=self._available(joint_velocity),
+            )
             if unusable is None:
                 return self._active(now, outcome.tau)
             reason = unusable
@@ -224,11 +232,24 @@ class Supervisor:
             return None
         return share * tau
 
-    def _command(self, tau: Array, state: RobotState | None, solution: Solution | None) -> JointCommand:
+    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
+        """Lower and upper bounds of the torques, both (na,) in N·m."""
+        limits, curve = self._model.effort_limits, self.limits.torque_speed
+        if curve is None or joint_velocity is None:
+            return -limits, limits
+        return curve.available(limits, joint_velocity)
+
+    def _command(
+        self,
+        tau: Array,
+        state: RobotState | None,
+        solution: Solution | None,
+        joint_velocity: Array | None = None,
+    ) -> JointCommand:
         model, limits = self._model, self.limits
         step = limits.torque_rate * limits.period * model.effort_limits
         tau = np.clip(tau, self._tau - step, self._tau + step)
-        tau = np.clip(tau, -model.effort_limits, model.effort_limits)
+        tau = np.clip(tau, *self._available(joint_velocity))  # last: what a motor has not got no rate can give it
         self._tau = tau
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:

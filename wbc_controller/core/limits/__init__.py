@@ -2,6 +2,6 @@
 
 from wbc_controller.core.limits.joint_motion import JointMotionLimit
 from wbc_controller.core.limits.limit import RowLimit
-from wbc_controller.core.limits.torque import TorqueLimit
+from wbc_controller.core.limits.torque import TorqueLimit, TorqueSpeedCurve
 
-__all__ = ["JointMotionLimit", "RowLimit", "TorqueLimit"]
+__all__ = ["JointMotionLimit", "RowLimit", "TorqueLimit", "TorqueSpeedCurve"]

@@ -1,34 +1,79 @@
-"""Bounds of the joint torques: size and rate."""
+"""Bounds of the joint torques: size, what the motors have at the present speeds, and rate."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.records import Array
 
 
+@dataclass(frozen=True, slots=True)
+class TorqueSpeedCurve:
+    """What torque a motor has left at a speed.
+
+    Up to the corner speed it is τ_max, and falls from there along a line to zero at the no-load speed: the voltage left
+    over the back-EMF drives the current. That holds in the direction of motion alone. Against it, where the motor
+    brakes, the back-EMF helps, and all of τ_max is there.
+
+    Attributes:
+        corner: speed up to which τ_max is available, (na,) in rad/s.
+        no_load: speed at which no torque is, (na,) in rad/s, above the corner.
+    """
+
+    corner: Array
+    no_load: Array
+
+    def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
+        """Lower and upper bounds of τ at some joint velocities, (na,) in rad/s; both (na,) in N·m.
+
+        Args:
+            effort_limits: τ_max, (na,) in N·m.
+            v: joint velocities, (na,) in rad/s.
+        """
+        left = effort_limits * np.clip((self.no_load - np.abs(v)) / (self.no_load - self.corner), 0.0, 1.0)
+        return np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)
+
+
 class TorqueLimit:
-    """Keeps |τ| ≤ τ_max, and |τ - τ_before| ≤ rate τ_max Δt where there was a torque before.
+    """Keeps τ within what the motors have, and |τ - τ_before| ≤ rate τ_max Δt where there was a torque before.
+
+    Where the torque before is not available any more, as the joint has become faster, it comes within its bounds at
+    once: the motor cannot do otherwise, whatever the rate. So the two never contradict each other.
 
     Attributes:
         effort_limits: τ_max, (na,) in N·m.
         rate: largest change, in effort limits per second.
+        curve: what is available at which speed; None for τ_max at every speed.
     """
 
-    def __init__(self, effort_limits: Array, rate: float) -> None:
+    def __init__(self, effort_limits: Array, rate: float, curve: TorqueSpeedCurve | None = None) -> None:
         self.effort_limits = effort_limits
         self.rate = rate
+        self.curve = curve
 
-    def bounds(self, before: Array | None, period: float) -> tuple[Array, Array]:
+    def available(self, v: Array) -> tuple[Array, Array]:
+        """Lower and upper bounds of τ without the rate, both (na,) in N·m.
+
+        Args:
+            v: joint velocities, (na,) in rad/s.
+        """
+        if self.curve is None:
+            return -self.effort_limits, self.effort_limits
+        return self.curve.available(self.effort_limits, v)
+
+    def bounds(self, before: Array | None, v: Array, period: float) -> tuple[Array, Array]:
         """Lower and upper bounds of τ, both (na,) in N·m.
 
         Args:
             before: the torques that the joints have now, (na,) in N·m; None where no rate is to be held.
+            v: joint velocities, (na,) in rad/s.
             period: Δt, s.
         """
-        limit = self.effort_limits
+        lower, upper = self.available(v)
         if before is None:
-            return -limit, limit
-        step = self.rate * period * limit
-        held = np.clip(before, -limit, limit)
-        return np.maximum(-limit, held - step), np.minimum(limit, held + step)
+            return lower, upper
+        step = self.rate * period * self.effort_limits
+        held = np.clip(before, lower, upper)
+        return np.maximum(lower, held - step), np.minimum(upper, held + step)
