@@ -186,11 +186,11 @@ def test_ranges(key, low, high):
         ("control.rte", 1, "control.rte: unknown key; did you mean 'rate'?"),
         ("robot.posturs", [], "robot.posturs: unknown key; did you mean 'posture'?"),
         ("contacts.foot.half_lenght", 1, "contacts.foot.half_lenght: unknown key; did you mean 'half_length'?"),
-        ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: damping"),
+        ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
         ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
         ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
         ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
-        ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: point, surface"),
+        ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: fixed, point, rolling, surface"),
         ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (A frame of the URDF)"),
         (
             "tasks.com.stiffness",

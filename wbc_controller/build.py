@@ -7,13 +7,10 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
-import numpy as np
-import pinocchio as pin
-
 from wbc_controller import settings as schema
+from wbc_controller.build_contacts import make_contact, make_loop_closure
 from wbc_controller.build_tasks import make_task
 from wbc_controller.clock import Clock
-from wbc_controller.core.contacts import Contact, PointContact, SurfaceContact
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel, build_model
@@ -23,7 +20,6 @@ from wbc_controller.core.tasks import Task
 from wbc_controller.decoding import Vocabulary
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.diagnostics.markers import MarkerScene
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.inputs import Inputs
 from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
@@ -54,43 +50,6 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
         floating_base=robot.base == "floating",
         armature=robot.armature,
         effort_limit_scale=robot.effort_limit_scale,
-    )
-
-
-def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
-    """Build one contact.
-
-    Raises:
-        ConfigurationError: where the frame is unknown.
-    """
-    if contact.min_normal_force > contact.max_normal_force:
-        raise ConfigurationError(
-            f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
-            f"max_normal_force = {contact.max_normal_force}"
-        )
-    if isinstance(contact, schema.PointContact):
-        return PointContact(
-            name,
-            model,
-            contact.frame,
-            np.array(contact.translation),
-            contact.radius,
-            friction=contact.friction,
-            min_normal_force=contact.min_normal_force,
-            max_normal_force=contact.max_normal_force,
-            damping=contact.damping,
-        )
-    return SurfaceContact(
-        name,
-        model,
-        contact.frame,
-        pin.SE3(pin.rpy.rpyToMatrix(np.array(contact.rpy)), np.array(contact.translation)),
-        contact.half_length,
-        contact.half_width,
-        friction=contact.friction,
-        min_normal_force=contact.min_normal_force,
-        max_normal_force=contact.max_normal_force,
-        damping=contact.damping,
     )
 
 
@@ -130,7 +89,7 @@ def make_controller(
     return Controller(
         model,
         tasks,
-        list(contacts.values()),
+        [*contacts.values(), *(make_loop_closure(name, loop, model) for name, loop in settings.loops.items())],
         TorqueLimit(model.effort_limits, limits.torque_rate, make_torque_speed(settings, model)),
         JointMotionLimit.of(model, make_tuning(settings, tasks), position=limits.position, velocity=limits.velocity),
         period=1.0 / settings.control.rate,
@@ -291,7 +250,7 @@ def make_loop(
         ConfigurationError: where settings and model do not fit.
     """
     controller = make_controller(settings, model, timer)
-    contact_frames = {name: contact.frame for name, contact in settings.contacts.items()}
+    published = {name: controller.contacts[name] for name in settings.contacts}
     markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
     return ControlLoop(
         controller,
@@ -300,7 +259,7 @@ def make_loop(
         Inputs(model, make_vocabulary(settings, model), topics, transport, clock),
         Outputs(
             model,
-            contact_frames,
+            published,
             topics,
             transport,
             1.0 / settings.control.diagnostics_rate,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from wbc_controller.core.contacts import Contact
 from wbc_controller.core.model import RobotModel
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.status import StatusSummary
@@ -21,7 +22,7 @@ class Outputs:
     def __init__(
         self,
         model: RobotModel,
-        contact_frames: dict[str, str],
+        contacts: Mapping[str, Contact],
         endpoints: Iterable[Endpoint],
         transport: Transport,
         diagnostics_period: float,
@@ -33,7 +34,7 @@ class Outputs:
 
         Args:
             model: the robot's model.
-            contact_frames: the link of each contact, for headers.
+            contacts: those whose forces are published, by name.
             endpoints: of the controller's node.
             transport: carries the messages.
             diagnostics_period: s between two diagnostics.
@@ -42,7 +43,7 @@ class Outputs:
             node: name of the node, with its namespace.
         """
         self._joints = list(model.joints)
-        self._contact_frames = contact_frames
+        self._contacts = contacts
         self._publish: dict[tuple[str, str], Publish] = {
             (endpoint.key, endpoint.subject): transport.advertise(endpoint)
             for endpoint in endpoints
@@ -73,11 +74,11 @@ class Outputs:
                 ),
             )
         if report.solution is not None and report.mode is Mode.ACTIVE:
-            for name, force in report.solution.forces.items():
-                six = np.zeros(6)
-                six[: len(force)] = force
-                frame = self._contact_frames[name] if len(force) == 6 else "world"
-                self._send("contact_wrench", wrench_stamped(report.stamp, frame, six), name)
+            for name, contact in self._contacts.items():
+                force = report.solution.forces.get(name)
+                if force is not None:
+                    wrench = wrench_stamped(report.stamp, contact.wrench_frame, contact.basis @ force)
+                    self._send("contact_wrench", wrench, name)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
         """Send the mode where it has changed, and diagnostics where they are due.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.build import make_board, make_controller, make_model
+from wbc_controller.core.contacts import LoopClosure, UnilateralContact
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.model import RobotModel
@@ -20,6 +22,10 @@ from wbc_controller.settings import Settings
 
 #: Contacts whose heights differ by more, with the base upright, do not stand on one floor, m.
 _LEVEL = 0.01
+#: Contacts whose normal is turned further from the floor's do not stand on it: cosine of 60°.
+_FLOOR = 0.5
+#: A loop that is open by more in the nominal posture is a mistake, m or rad.
+_CLOSED = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +41,36 @@ class Finding:
     text: str
 
 
-def stance(model: RobotModel, controller: Controller, made: list[str]) -> Array:
-    """Configuration with the nominal posture, base upright, lowest contact on the floor, (nq,)."""
+def stance(
+    model: RobotModel, controller: Controller, made: Sequence[str], floor_normal: Sequence[float] = (0.0, 0.0, 1.0)
+) -> Array:
+    """Configuration with the nominal posture, base upright, lowest contact on the floor, (nq,).
+
+    Args:
+        model: the robot's model.
+        controller: of the robot.
+        made: the contacts that are made.
+        floor_normal: normal of the floor through the world's origin, in the world, (3,).
+    """
     q = model.configuration(model.posture)
     controller.dynamics.update(q, np.zeros(model.nv))
-    if model.floating_base and made:
-        q[2] -= min(controller.contacts[name].points(controller.dynamics)[:, 2].min() for name in made)
+    normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
+    heights = [points @ normal for points in _on_the_floor(controller, made, normal).values()]
+    if model.floating_base and heights:
+        q[2] -= np.concatenate(heights).min() / normal[2]
     return q
+
+
+def _on_the_floor(controller: Controller, made: Iterable[str], normal: Array) -> dict[str, Array]:
+    """Corners of the contacts that stand on the floor, in the world: not those with a wall, a rail or another link."""
+    dynamics, found = controller.dynamics, {}
+    for name in made:
+        contact = controller.contacts[name]
+        if isinstance(contact, UnilateralContact) and not contact.internal:
+            push = contact.wrench_in_world(dynamics, np.eye(contact.size)[contact.normal])[:3]
+            if push @ normal > _FLOOR:
+                found[name] = contact.points(dynamics)
+    return found
 
 
 def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
@@ -61,7 +90,8 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
     controller = make_controller(settings, model)
     board = make_board(settings, controller)
     made = [name for name, contact in settings.contacts.items() if contact.enabled]
-    q = stance(model, controller, made)
+    normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+    q = stance(model, controller, made, normal)
     findings = [
         Finding("joints", f"{model.na} actuated, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
@@ -73,17 +103,32 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
         Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
     ]
     controller.dynamics.update(q, np.zeros(model.nv))
-    if made and model.floating_base:
-        findings.append(_support(controller, made))
+    findings += _loops(controller)
+    standing = _on_the_floor(controller, made, normal)
+    if standing and model.floating_base:
+        findings.append(_support(controller, standing, normal))
     board.reset(controller.dynamics, 0.0)
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-    findings += _static(controller, state, board.sample(0.0), made)
+    findings += _static(controller, state, board.sample(0.0), made, normal)
     return findings
 
 
-def _support(controller: Controller, made: list[str]) -> Finding:
-    points = {name: controller.contacts[name].points(controller.dynamics) for name in made}
-    heights = {name: float(corners[:, 2].max()) for name, corners in points.items()}
+def _loops(controller: Controller) -> list[Finding]:
+    """See that the nominal posture closes the loops."""
+    loops = [contact for contact in controller.contacts.values() if isinstance(contact, LoopClosure)]
+    for loop in loops:
+        error = loop.error(controller.dynamics)
+        if not (np.abs(error).max() <= _CLOSED):
+            parts = [f"{value:.3g} {'rad' if turns else 'm'}" for value, turns in zip(error, loop.moments, strict=True)]
+            raise ConfigurationError(
+                f"robot.posture: it leaves the loop {loop.name!r} open by [{', '.join(parts)}] along the axes of "
+                f"frame_a that it holds (allowed {_CLOSED:g})"
+            )
+    return [Finding("loops", ", ".join(loop.name for loop in loops) + ": closed in the posture")] if loops else []
+
+
+def _support(controller: Controller, points: Mapping[str, Array], normal: Array) -> Finding:
+    heights = {name: float((corners @ normal).max()) for name, corners in points.items()}
     high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= _LEVEL)]
     if high:
         raise ConfigurationError(
@@ -109,19 +154,22 @@ def support_margin(points: Array, position: Array) -> float:
     return float(-np.max(hull.equations[:, :2] @ position + hull.equations[:, 2]))
 
 
-def _static(controller: Controller, state: RobotState, references: References, made: list[str]) -> list[Finding]:
+def _static(
+    controller: Controller, state: RobotState, references: References, made: list[str], normal: Array
+) -> list[Finding]:
     """Solve for torques and forces that hold the robot at rest."""
     model = controller.model
     layout = controller.formulation.build(state, references)
     problem = layout.problem
     still = layout.acceleration_columns
     problem.x_lower[still] = problem.x_upper[still] = 0.0
+    problem.b[layout.floating.stop :] = 0.0  # a loop that is open by a little does not move either
     solver = make_solver("daqp", problem)
     x = solver.solve(problem).x
     if x is None:
         why = explain(layout, model, controller.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
-        raise ConfigurationError(_why_not(controller, layout.key) + because)
+        raise ConfigurationError(_why_not(controller, tuple(made), normal) + because)
     tau = (controller.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])[model.v_index]
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))
@@ -132,17 +180,17 @@ def _static(controller: Controller, state: RobotState, references: References, m
     ]  # fmt: skip
 
 
-def _why_not(controller: Controller, made: tuple[str, ...]) -> str:
+def _why_not(controller: Controller, made: tuple[str, ...], normal: Array) -> str:
     model = controller.model
     if model.floating_base and not made:
         return "contacts: none is enabled, so a robot with a floating base falls"
     begin = f"the robot cannot stand still in robot.posture on {', '.join(made) or 'its fixed base'}: "
-    if made and model.floating_base:
-        points = np.vstack([controller.contacts[name].points(controller.dynamics) for name in made])
-        margin = support_margin(points[:, :2], controller.dynamics.com[:2])
+    standing = _on_the_floor(controller, made, normal)
+    if set(standing) == set(made) and model.floating_base:
+        margin = support_margin(np.vstack(list(standing.values()))[:, :2], controller.dynamics.com[:2])
         if margin < 0.0:
             return begin + f"the centre of mass is {-1e3 * margin:.0f} mm outside the support"
-        most = sum(controller.contacts[name].max_normal_force for name in made)
+        most = sum(controller.contacts[name].bounds(1.0)[1][2] for name in made)
         weight = model.mass * model.gravity
         if most < weight:
             return begin + (f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N")

@@ -71,6 +71,9 @@ def configuration_page() -> str:
             for kind in get_args(get_args(union)[0]):
                 tag = get_args(kind.model_fields["type"].annotation)[0]
                 parts.append(f"\n### `type: {tag}`\n\n{kind.__doc__}\n\n{_field_table(kind)}")
+        elif get_origin(field.annotation) is dict:
+            kind = get_args(field.annotation)[1]
+            parts.append(f"\n## `{name}`\n\nBy name. {kind.__doc__}\n\n{_field_table(kind)}")
         else:
             parts.append(_section(name, field.annotation, "##"))
     return "".join(parts)
@@ -132,7 +135,8 @@ def _name(annotation: Any) -> str:
         return " or ".join(map(_name, members))
     inner = get_args(annotation)
     if inner:
-        return f"list of {_name(inner[0])}s"
+        name = _name(inner[0])
+        return f"list of {name.replace('list', 'lists', 1) if name.startswith('list') else name + 's'}"
     return {float: "number", str: "text", bool: "true or false", int: "whole number"}.get(annotation, str(annotation))
 
 

@@ -9,8 +9,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from wbc_controller.core.contacts import PointContact, SurfaceContact, wrench_cone
-from wbc_controller.core.contacts.point import friction_pyramid
+from wbc_controller.core.contacts import PointContact, Rectangle, SurfaceContact, wrench_cone
+from wbc_controller.core.contacts.support import friction_pyramid
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.errors import ConfigurationError
 
@@ -53,7 +53,7 @@ def test_surface_jacobian_is_the_twist_of_the_contact_frame_in_its_own_axes(load
     rng = np.random.default_rng(seed)
     q, v = random_state(model, rng)
     placement = placement_of(rng)
-    contact = SurfaceContact("foot", model, FRAMES[robot], placement, 0.1, 0.05)
+    contact = SurfaceContact("foot", model, FRAMES[robot], placement, Rectangle(0.1, 0.05))
     step, columns = 1.0e-6, []
     for direction in np.eye(model.nv):
         start, end = central(model, q, direction, step, lambda q: frame_placement(model, robot, q) * placement)
@@ -93,7 +93,7 @@ def test_drift_is_the_rate_of_the_contact_velocity_at_constant_v(load, random_st
     q, v = random_state(model, rng)
     placement = placement_of(rng)
     contact = (
-        SurfaceContact("foot", model, FRAMES[robot], placement, 0.1, 0.05)
+        SurfaceContact("foot", model, FRAMES[robot], placement, Rectangle(0.1, 0.05))
         if kind == "surface"
         else PointContact("foot", model, FRAMES[robot], placement.translation, RADIUS)
     )
@@ -110,7 +110,7 @@ def test_points_of_support_stand_where_the_geometry_says(load, random_state):
     placement = placement_of(rng)
     dynamics = Dynamics(model)
     dynamics.update(q, v)
-    contact = SurfaceContact("foot", model, FRAMES["g1"], placement, 0.1, 0.05)
+    contact = SurfaceContact("foot", model, FRAMES["g1"], placement, Rectangle(0.1, 0.05))
     world = frame_placement(model, "g1", q) * placement
     expected = {tuple(np.round(world.act(np.array([x, y, 0.0])), 9)) for x in (0.1, -0.1) for y in (0.05, -0.05)}
     assert {tuple(np.round(point, 9)) for point in contact.points(dynamics)} == expected
@@ -199,7 +199,7 @@ def test_the_friction_pyramid_touches_the_friction_cone(friction):
 
 def test_a_surface_contact_holds_every_corner_within_coulomb_friction(load):
     model, _ = load("g1")
-    contact = SurfaceContact("foot", model, FRAMES["g1"], pin.SE3.Identity(), 0.1, 0.05, friction=0.8)
+    contact = SurfaceContact("foot", model, FRAMES["g1"], pin.SE3.Identity(), Rectangle(0.1, 0.05), friction=0.8)
     np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
 
 
@@ -207,7 +207,13 @@ def test_a_surface_contact_holds_every_corner_within_coulomb_friction(load):
 def test_activation_scales_the_largest_normal_force(load, activation):
     model, _ = load("g1")
     contact = SurfaceContact(
-        "foot", model, FRAMES["g1"], pin.SE3.Identity(), 0.1, 0.05, min_normal_force=20.0, max_normal_force=500.0
+        "foot",
+        model,
+        FRAMES["g1"],
+        pin.SE3.Identity(),
+        Rectangle(0.1, 0.05),
+        min_normal_force=20.0,
+        max_normal_force=500.0,
     )
     lower, upper = contact.bounds(activation)
     assert upper[2] == pytest.approx(activation * 500.0)
@@ -220,7 +226,7 @@ def test_activation_scales_the_largest_normal_force(load, activation):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda model, frame: SurfaceContact("paw", model, frame, pin.SE3.Identity(), 0.1, 0.1),
+        lambda model, frame: SurfaceContact("paw", model, frame, pin.SE3.Identity(), Rectangle(0.1, 0.1)),
         lambda model, frame: PointContact("paw", model, frame, np.zeros(3), 0.02),
     ],
 )

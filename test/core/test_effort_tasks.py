@@ -97,7 +97,7 @@ def test_what_cannot_be_built_is_refused(bench):
         with_task(bench, type="contact_wrench", contact="left_hand")
     moments = [False, False, False, True, True, True]
     with pytest.raises(
-        ConfigurationError, match=r"tasks.effort.mask leaves no axis: contact 'front_left_foot' has 3 forces"
+        ConfigurationError, match=r"tasks.effort.mask leaves no axis: contact 'front_left_foot' has .* along x, y, z"
     ):
         with_task(bench, "go2", type="contact_wrench", contact="front_left_foot", mask=moments)
     with pytest.raises(ConfigurationError, match=r"tasks.effort.target has 1 values; .* its 29 joints"):

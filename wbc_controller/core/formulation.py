@@ -107,7 +107,11 @@ class Formulation:
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
         self.dynamics.update(state.q, state.v)
-        made = tuple(name for name in self.contacts if references.contacts.get(name, 0.0) > 0.0)
+        made = tuple(
+            name
+            for name, contact in self.contacts.items()
+            if contact.permanent or references.contacts.get(name, 0.0) > 0.0
+        )
         layout = self.layout(made)
         self._fill_equations_of_motion(layout, references, tau_before)
         self._fill_cost(layout, references)
@@ -172,8 +176,8 @@ class Formulation:
         for contact, columns, rows in zip(layout.contacts, layout.forces, layout.motion, strict=True):
             J = layout.J[columns.start - self.model.nv : columns.stop - self.model.nv]
             problem.A[rows, layout.acceleration_columns] = J
-            problem.b[rows] = -contact.drift(dynamics) - contact.damping * (J @ dynamics.v)
-            lower, upper = contact.bounds(references.contacts[contact.name])
+            problem.b[rows] = contact.acceleration(dynamics, J)
+            lower, upper = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
             problem.x_lower[columns] = lower / FORCE_UNIT
             problem.x_upper[columns] = upper / FORCE_UNIT
 

@@ -17,7 +17,7 @@ conflict by themselves.
 
 σ_g has no unit. So that newtons, newton metres and accelerations compare, a constraint's violation is measured in
 
-- normal forces: the robot's weight m g; `GROUND` m g where a contact would have to pull,
+- forces: the robot's weight m g, `GROUND` m g where a contact would have to pull; moments: m g times `LENGTH`,
 - torques and torque rates: the joint's effort limit,
 - accelerations of joints: g / `LENGTH`,
 - cones: `GROUND` m g, and m g times `LENGTH` of that for moments,
@@ -139,26 +139,29 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
 
     identity = np.eye(len(problem.g))
     for contact, columns, motion, cone in zip(layout.contacts, layout.forces, layout.motion, layout.cones, strict=True):
-        k = contact.size
-        angular = np.arange(k) >= 3
+        angular = contact.moments
         add(
             f"contact_motion:{contact.name}", problem.A[motion], (problem.b[motion], problem.b[motion]),
             GROUND * np.where(angular, _GRAVITY / LENGTH, _GRAVITY),
             ["rad/s²" if turns else "m/s²" for turns in angular], contact=contact,
         )  # fmt: skip
-        moments = np.abs(contact.cone[:, 3:]).sum(axis=1) > 0.0
+        moments = np.abs(contact.cone[:, contact.moments]).sum(axis=1) > 0.0
         add(
             f"cone:{contact.name}", problem.C[cone], (problem.lower[cone], problem.upper[cone]),
             GROUND * np.where(moments, force * LENGTH, force), ["N·m" if moment else "N" for moment in moments],
             FORCE_UNIT, contact=contact,
         )  # fmt: skip
-        none = np.full(k, np.inf)
-        pull = GROUND * force if contact.min_normal_force <= 0.0 else force  # the ground does not pull: no setting
-        add(
-            f"normal_force:{contact.name}", np.vstack([identity[columns]] * 2),
-            (np.append(-none, problem.x_lower[columns]), np.append(problem.x_upper[columns], none)),
-            np.repeat([force, pull], k), ["N"] * 2 * k, FORCE_UNIT, contact=contact,
-        )  # fmt: skip
+        for kind, first, last in contact.bound_groups:
+            k, part = last - first, slice(columns.start + first, columns.start + last)
+            none, moment = np.full(k, np.inf), bool(contact.moments[first])
+            scale = force * LENGTH if moment else force
+            # The ground does not pull: that is no setting.
+            pull = GROUND * scale if kind == "normal_force" and contact.min_normal_force <= 0.0 else scale
+            add(
+                f"{kind}:{contact.name}", np.vstack([identity[part]] * 2),
+                (np.append(-none, problem.x_lower[part]), np.append(problem.x_upper[part], none)),
+                np.repeat([scale, pull], k), ["N·m" if moment else "N"] * 2 * k, FORCE_UNIT, contact=contact,
+            )  # fmt: skip
     lower, upper = problem.lower[layout.torque], problem.upper[layout.torque]
     rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
     for i, joint in enumerate(model.joints):
@@ -345,13 +348,13 @@ def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> s
         return f"torque of {owner} (limit {abs(bound):.4g} {unit}, {amount} more needed)"
     if constraint.kind == "torque_rate":
         return f"torque rate of {owner} ({side} in this cycle, {gives})"
-    if constraint.kind == "normal_force":
-        return f"normal force of {owner} ({side}, {gives})"
+    if constraint.kind in ("normal_force", "yaw_moment", "force", "moment"):
+        return f"{constraint.kind.replace('_', ' ')} of {owner} ({side}, {gives})"
     if constraint.kind == "motion":
         return f"joint motion of {owner} ({side}, {gives})"
     if constraint.kind not in ("cone", "contact_motion"):  # a limit on a combination of accelerations
         return f"{constraint.kind} limit of {owner} ({side}, {gives})"
     if constraint.kind == "cone" and contact is not None:
-        what = "friction" if contact.size == 3 else "friction and centre of pressure"
+        what = "friction and centre of pressure" if contact.moments.any() else "friction"
         return f"{what} of {owner} (friction {contact.friction:g}, {amount} more needed)"
     return f"motion of {owner} (must not move, would move by {amount})"

@@ -90,8 +90,10 @@ def _binding(layout: Layout, joints: tuple[str, ...], x: Array, multipliers: Arr
         add(f"motion:{joint}:lower", column, column + 1, at_lower, 1.0)
         add(f"motion:{joint}:upper", column, column + 1, at_upper, 1.0)
     for contact, columns in zip(layout.contacts, layout.forces, strict=True):
-        add(f"normal_force:{contact.name}:lower", columns.start, columns.stop, at_lower, FORCE_UNIT)
-        add(f"normal_force:{contact.name}:upper", columns.start, columns.stop, at_upper, FORCE_UNIT)
+        for kind, first, last in contact.bound_groups:
+            start, stop = columns.start + first, columns.start + last
+            add(f"{kind}:{contact.name}:lower", start, stop, at_lower, FORCE_UNIT)
+            add(f"{kind}:{contact.name}:upper", start, stop, at_upper, FORCE_UNIT)
     for limit, rows in zip(layout.row_limits, layout.limits, strict=True):
         for row, name in enumerate(limit.names, n + rows.start):
             add(name, row, row + 1, at_lower | at_upper, 1.0)

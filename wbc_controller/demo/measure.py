@@ -18,7 +18,7 @@ from wbc_controller.diagnostics.recorder import AUDIT_COLUMNS
 from wbc_controller.joint_order import JointOrder
 from wbc_controller.messages import decode
 from wbc_controller.records import Array
-from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings
 
 
 def make_recording(
@@ -60,7 +60,9 @@ def make_recording(
         frame_errors=errors,
         contact_wrenches=_wrenches(log, "controller", settings, time),
         true_wrenches=_wrenches(log, "mock", settings, time),
-        friction={contact: spec.friction for contact, spec in settings.contacts.items()},
+        friction={
+            contact: spec.friction for contact, spec in settings.contacts.items() if not isinstance(spec, FixedContact)
+        },
         cycle_seconds=cycles["seconds/total"],
         stage_seconds={
             stage.removeprefix("seconds/"): seconds
@@ -133,7 +135,7 @@ def _wrenches(log: Log, owner: str, settings: Settings, time: Array) -> dict[str
 
     return {
         name: _aligned(log, (owner, "contact_wrench", name), time, six, 6)[
-            :, : 6 if isinstance(contact, SurfaceContact) else 3
+            :, : 3 if isinstance(contact, PointContact | RollingContact) else 6
         ]
         for name, contact in settings.contacts.items()
     }

@@ -167,7 +167,9 @@ def _forces(recording: Recording) -> Plot:
 def _friction(recording: Recording) -> Plot:
     figure = make_subplots(rows=1, cols=1)
     for (name, wrench), color in zip(recording.contact_wrenches.items(), cycle(PALETTE)):
-        coefficient = recording.friction[name]
+        coefficient = recording.friction.get(name)
+        if coefficient is None:  # a fixed contact: no cone
+            continue
         label = f"{name.replace('_', ' ')} (μ = {coefficient:g})"
         if name in recording.true_wrenches:
             true = friction_use(recording.true_wrenches[name], coefficient)

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.contacts import placement_of
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, frozen, frozen_mapping
-from wbc_controller.settings import PointContact, SurfaceContact
+from wbc_controller.settings import ContactSettings, SurfaceContact
 
 #: Raised by one whenever a saved recording changes its layout.
 FORMAT = 2
@@ -231,7 +232,7 @@ _ARRAYS = ("time", "q", "tau", "effort_limits", "com", "com_reference", "cycle_s
 _GROUPS = ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "audit")
 
 
-def supports_of(contacts: Mapping[str, SurfaceContact | PointContact]) -> dict[str, Support]:
+def supports_of(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
     """Say where each contact of a configuration is on the robot.
 
     Args:
@@ -239,14 +240,9 @@ def supports_of(contacts: Mapping[str, SurfaceContact | PointContact]) -> dict[s
     """
     supports = {}
     for name, contact in contacts.items():
-        if isinstance(contact, SurfaceContact):
-            x, y = contact.half_length, contact.half_width
-            rotation = pin.rpy.rpyToMatrix(*contact.rpy)
-            corners = frozen([[x, y, 0.0], [-x, y, 0.0], [-x, -y, 0.0], [x, -y, 0.0]])
-        else:
-            rotation = np.eye(3)
-            corners = frozen([[0.0, 0.0, 0.0]])
-        placement = pin.SE3ToXYZQUAT(pin.SE3(rotation, np.array(contact.translation)))
+        shape = contact.corners if isinstance(contact, SurfaceContact) else [[0.0, 0.0]]
+        corners = frozen([[*corner, 0.0] for corner in shape])
+        placement = pin.SE3ToXYZQUAT(placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0))))
         supports[name] = Support(contact.frame, frozen(placement), corners)
     return supports
 

@@ -136,6 +136,7 @@ class ModelAudit:
         contacts = tuple(
             ExternalWrench(base, self._contacts[name].wrench_in_world(dynamics, force), "WORLD")
             for name, force in solution.forces.items()
+            if not self._contacts[name].internal
         )
         external = tuple(ExternalWrench(frame, wrench) for frame, wrench in solution.external_wrenches.items())
         return _Sent(state, command.tau, solution, contacts, external)
@@ -145,7 +146,7 @@ class ModelAudit:
         share = gap / (self._limits.time_constant + gap)
         force = np.zeros(model.nv)
         force[model.v_index] = sent.tau
-        # Contacts do not move, so they do no work.
+        # Contacts do not move along what they hold, so they do no work.
         energy: EnergyBalance = energy_residual(
             model.pinocchio, sent.state, state, force, sent.external, data=self._data
         )

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from wbc_controller.core.contacts import Contact
+from wbc_controller.core.contacts import Contact, UnilateralContact
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.tasks import (
@@ -85,7 +85,8 @@ class MarkerScene:
         dynamics.update(state.q, state.v)
         forces = solution.forces if solution is not None else {}
         corners = {name: contact.points(dynamics) for name, contact in self._contacts.items()}
-        standing = np.array([point for name in (forces or corners) for point in corners[name]]).reshape(-1, 3)
+        feet = [name for name in (forces or corners) if _supports(self._contacts[name])]
+        standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
         ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
         made = []
         outlines = [edge for points in corners.values() if len(points) > 2 for edge in _edges(points)]
@@ -97,7 +98,7 @@ class MarkerScene:
                 made.append(self._marker(state, "contact_forces", i, _ARROW, (0.012, 0.024, 0.03), arrow))
                 cones += pyramid
         made.append(self._marker(state, "friction_cones", 0, _LINE_LIST, (0.003, 0.0, 0.0), cones))
-        if forces:
+        if forces and feet:
             outline = _outline(standing[:, :2])
             hull = [np.append(point, ground) for point in outline]
             made.append(self._marker(state, "support", 0, _LINE_STRIP, (0.008, 0.0, 0.0), hull))
@@ -110,6 +111,8 @@ class MarkerScene:
         """The force at its centre of pressure, and the edges of the pyramid that it must stay in."""
         dynamics, centre = self._dynamics, corners.mean(axis=0)
         wrench = contact.wrench_in_world(dynamics, force)
+        if not isinstance(contact, UnilateralContact):
+            return [centre, centre + FORCE_LENGTH / self._weight * wrench[:3]], []
         axes = [contact.wrench_in_world(dynamics, unit)[:3] for unit in np.eye(contact.size)[:3]]
         normal = axes[contact.normal]
         origin = centre
@@ -118,8 +121,6 @@ class MarkerScene:
             torque = wrench[3:] - pin.skew(centre) @ wrench[:3]
             origin = centre + pin.skew(normal) @ torque / pressure
         arrow = [origin, origin + FORCE_LENGTH / self._weight * wrench[:3]]
-        if not len(contact.cone):
-            return arrow, []
         x, y = (CONE_HEIGHT * contact.friction / math.sqrt(2.0) * axes[i] for i in range(3) if i != contact.normal)
         above = centre + CONE_HEIGHT * normal
         top = [above + x + y, above + x - y, above - x - y, above - x + y]
@@ -204,6 +205,11 @@ def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float
         observer = dynamics.placement(model.frame_id(task.reference_frame, task.name))
         return [at.translation, observer.act(wanted[:3])]
     return []
+
+
+def _supports(contact: Contact) -> bool:
+    """Whether a contact carries the robot on the world: not where it is held, nor between two links."""
+    return isinstance(contact, UnilateralContact) and not contact.internal
 
 
 def _edges(corners: Sequence[Array] | Array) -> list[Array]:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.contacts import placement_of
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.mock.grips import Attachment, add_attachment
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings, SurfaceContact
+from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
 
 #: Name of the equality constraint that holds the base.
 HOIST = "hoist"
@@ -24,6 +28,10 @@ STIFF_STEPS = 4.0
 IMPEDANCE = 0.98
 #: Radius of the balls under the corners of a flat foot, m. Small, so that the lowest point stays at the corner.
 CORNER_RADIUS = 0.001
+#: Half the thickness of a wheel, m: it touches with its rim.
+RIM_RADIUS = 0.001
+#: Half side and half thickness of what a contact between two links touches, m.
+SLAB, SLAB_DEPTH = 0.15, 0.01
 #: How much stiffer friction is than the normal direction: soft friction would let a standing foot creep.
 FRICTION_STIFFNESS = 10.0
 _ROOT_ALIAS = "root_link"
@@ -40,8 +48,7 @@ def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tup
     """
     model.frame_id(contact.frame, f"contacts.{name}.frame")
     joint, placement = frame_on_joint(model, contact.frame)
-    rotation = pin.rpy.rpyToMatrix(*contact.rpy) if isinstance(contact, SurfaceContact) else np.eye(3)
-    return joint, placement * pin.SE3(rotation, np.array(contact.translation))
+    return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
 
 
 def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
@@ -50,13 +57,41 @@ def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
     return int(frame.parentJoint), frame.placement
 
 
-def balls_of(contact: ContactSettings) -> tuple[Array, float]:
-    """Give the balls that a contact touches the floor with: centres in the contact frame, (n, 3), and radius, m."""
-    if not isinstance(contact, SurfaceContact):
-        return np.zeros((1, 3)), contact.radius
-    x, y = contact.half_length, contact.half_width
-    corners = [(x, y, CORNER_RADIUS), (x, -y, CORNER_RADIUS), (-x, -y, CORNER_RADIUS), (-x, y, CORNER_RADIUS)]
-    return np.array(corners), CORNER_RADIUS
+def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
+    """Give the balls that a contact touches with, or the wheel: centres in the contact frame, and half-axes of each.
+
+    Returns:
+        Centres (n, 3), and half-axes in m, the one along a wheel's axle last, (3,).
+    """
+    if isinstance(contact, SurfaceContact):
+        corners = contact.corners
+        return np.column_stack([corners, np.full(len(corners), CORNER_RADIUS)]), np.full(3, CORNER_RADIUS)
+    if isinstance(contact, FixedContact):
+        return np.zeros((0, 3)), np.zeros(3)
+    radius = contact.radius
+    thin = isinstance(contact, RollingContact)
+    return np.zeros((1, 3)), np.array([radius, radius, RIM_RADIUS if thin else radius])
+
+
+def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
+    """Height of a contact's lowest point along a normal, where its frame has a placement in the world, m."""
+    centres, axes = balls_of(contact)
+    rotation = frame.rotation @ _axle_frame(contact)
+    reach = np.linalg.norm(axes * (rotation.T @ normal))
+    return min((float(frame.act(centre) @ normal - reach) for centre in centres), default=math.inf)
+
+
+def _axle_frame(contact: ContactSettings) -> Array:
+    """Axes of the shape that touches in the contact frame: z along a wheel's axle."""
+    if not isinstance(contact, RollingContact):
+        return np.eye(3)
+    return rotation_to(np.array(contact.axis))
+
+
+def rotation_to(direction: Array) -> Array:
+    """A rotation that takes z to a direction of any length, (3, 3)."""
+    rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()
+    return rotation
 
 
 def geom_names(name: str, contacts: Mapping[str, ContactSettings]) -> list[str]:
@@ -143,8 +178,48 @@ def _write_inertias(spec: Any, tree: ET.Element) -> None:
         body.fullinertia = np.full(6, np.nan)  # not given
 
 
-def compile_mechanism(model: RobotModel, contacts: Mapping[str, ContactSettings], step: float) -> Any:
-    """Build MuJoCo's model: mechanism, free joint, floor, feet, hoist.
+def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
+    """Find the body of MuJoCo's specification that a Pinocchio joint moves."""
+    if joint == 0:
+        return spec.worldbody
+    name = model.pinocchio.names[joint]
+    return spec.joint(name).parent if name in model.joints else spec.body(root)
+
+
+def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int, placement: pin.SE3, root: str) -> Any:
+    """Put what a contact is against on its link: a slab whose face is where the contact is in the nominal posture."""
+    data = model.pinocchio.createData()
+    pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
+    other, frame = frame_on_joint(model, str(contact.against))
+    face = data.oMi[other].actInv(data.oMi[joint] * placement)
+    if isinstance(contact, PointContact | RollingContact):
+        normal = frame.rotation @ np.array(contact.normal) / np.linalg.norm(contact.normal)
+        centre = face.translation + lowest(contact, pin.SE3(face.rotation, np.zeros(3)), normal) * normal
+        face = pin.SE3(rotation_to(normal), centre)
+    slab = _body(spec, model, other, root).add_geom(type=mujoco.mjtGeom.mjGEOM_BOX)
+    slab.size = [SLAB, SLAB, SLAB_DEPTH]
+    slab.pos = face.act(np.array([0.0, 0.0, -SLAB_DEPTH]))
+    slab.quat = position_and_wxyz(face)[3:]
+    slab.mass = 0.0
+    slab.conaffinity = 0
+    return slab
+
+
+def compile_mechanism(
+    model: RobotModel,
+    contacts: Mapping[str, ContactSettings],
+    step: float,
+    floor_normal: Sequence[float] = (0.0, 0.0, 1.0),
+    attachments: Mapping[str, Attachment] = MappingProxyType({}),
+) -> Any:
+    """Build MuJoCo's model: mechanism, free joint, floor, feet, hoist, grips and the joints that close loops.
+
+    Args:
+        model: the robot.
+        contacts: of the configuration.
+        step: of the physics, s.
+        floor_normal: of the floor through the world's origin, of any length but zero, (3,).
+        attachments: grips and joints.
 
     Raises:
         ConfigurationError: where MuJoCo refuses the URDF.
@@ -178,24 +253,36 @@ def compile_mechanism(model: RobotModel, contacts: Mapping[str, ContactSettings]
         hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     if contacts:
         floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name="floor")
+        floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(floor_normal)), np.zeros(3)))[3:]
         floor.contype, floor.conaffinity = 1, 0
-    for name, contact in contacts.items():
+    for number, (name, contact) in enumerate(contacts.items()):
         joint, placement = contact_frame(model, name, contact)
-        joint_name = model.pinocchio.names[joint]
-        body = spec.joint(joint_name).parent if joint_name in model.joints else spec.body(root)
-        balls, radius = balls_of(contact)
-        for geom_name, ball in zip(geom_names(name, contacts), balls, strict=True):
-            geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, name=geom_name)
-            geom.pos = placement.act(ball)
-            geom.size = [radius, 0.0, 0.0]
+        body = _body(spec, model, joint, root)
+        # Each contact touches its own link alone, or the floor: they meet by a bit of their own.
+        bit = 1
+        if contact.against is not None and not isinstance(contact, FixedContact):
+            bit = 2 << (1 + number % 28)
+            _add_slab(spec, model, contact, joint, placement, root).contype = bit
+        centres, axes = balls_of(contact)
+        ball_axes = pin.SE3(placement.rotation @ _axle_frame(contact), np.zeros(3))
+        for geom_name, centre in zip(geom_names(name, contacts), centres, strict=True):
+            geom = body.add_geom(name=geom_name)
+            round_ = axes[0] == axes[2]
+            geom.type = mujoco.mjtGeom.mjGEOM_SPHERE if round_ else mujoco.mjtGeom.mjGEOM_ELLIPSOID
+            geom.pos = placement.act(centre)
+            geom.quat = position_and_wxyz(ball_axes)[3:]
+            geom.size = [axes[0], 0.0, 0.0] if round_ else axes
             geom.mass = 0.0
             geom.condim = 3
             # Of two geoms MuJoCo takes the larger friction, unless one has priority: then it takes that one's.
             geom.priority = 1
-            geom.friction = [contact.friction, 0.0, 0.0]
+            geom.friction = [getattr(contact, "friction", 0.0), 0.0, 0.0]
             geom.solref = stiff
             geom.solimp = impedance
-            geom.contype, geom.conaffinity = 0, 1
+            geom.contype, geom.conaffinity = 0, bit
+    for attachment in attachments.values():
+        holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
+        add_attachment(spec, attachment, (holder, link), stiff, impedance)
     try:
         return spec.compile()
     except (ValueError, RuntimeError) as error:

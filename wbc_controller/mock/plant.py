@@ -17,16 +17,17 @@ import pinocchio as pin
 
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import InputRefused, WbcError, valid_choices
+from wbc_controller.mock.grips import closures_of, grips_of, place, wrench
 from wbc_controller.mock.hoist import RAMP, Hoist
 from wbc_controller.mock.mechanism import (
-    balls_of,
     compile_mechanism,
     contact_frame,
     frame_on_joint,
     geom_names,
+    lowest,
 )
 from wbc_controller.records import Array
-from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.settings import FixedContact, Settings, SurfaceContact
 
 #: Largest force or torque of a push, N or N·m: more is a mistaken unit, and would break the physics.
 PUSH_LIMIT = 1.0e5
@@ -80,7 +81,11 @@ class Plant:
         #: Largest torque of each motor, (na,) in N·m: the URDF's limits, whatever share of them a controller may use.
         self.effort_limits = np.array(model.pinocchio.upperEffortLimit)[model.v_index]
         self._contacts = dict(settings.contacts)
-        self._model = compile_mechanism(model, self._contacts, self.step_seconds)
+        self._grips, self._closures = grips_of(model, self._contacts), closures_of(model, settings.loops)
+        self._floor_normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+        self._model = compile_mechanism(
+            model, self._contacts, self.step_seconds, settings.mock.floor_normal, {**self._grips, **self._closures}
+        )
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in model.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
@@ -100,7 +105,11 @@ class Plant:
         # Without contacts there is no floor to fall on.
         self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self._contacts else -math.inf
         self._hoist = Hoist(self._model, self._data, start) if model.floating_base else None
+        for closure in self._closures.values():
+            place(self._model, closure, closure.placements[0])
         self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
+        for name in self._grips:
+            self.grip(name, self._contacts[name].enabled)
 
     @property
     def time(self) -> float:
@@ -180,8 +189,9 @@ class Plant:
         """Give the true force of the floor on the robot at each contact of the configuration.
 
         Returns:
-            For a surface contact the wrench about the contact's origin in the contact frame, (6,) in N and N·m, force
-            first; for a point contact the force in world axes, (3,) in N.
+            For a surface or fixed contact the wrench about the contact's origin in the contact frame, (6,) in N and
+            N·m, force first; for a point or wheel the force in N, (3,), in world axes, or in those of the link that it
+            is against.
         """
         force = {name: np.zeros(3) for name in self._contacts}
         moment = {name: np.zeros(3) for name in self._contacts}
@@ -189,17 +199,24 @@ class Plant:
         local = np.zeros(6)
         for index in range(self._data.ncon):
             touch = self._data.contact[index]
-            name = self._foot_of_geom[int(touch.geom[1])]
+            first, second = (self._foot_of_geom.get(int(geom)) for geom in touch.geom)
+            name, sign = (str(first), -1.0) if second is None else (second, 1.0)
             mujoco.mj_contactForce(self._model, self._data, index, local)
             # The rows of a contact's frame are its axes, the normal first; the force is that on the second geom.
-            at_point = touch.frame.reshape(3, 3).T @ local[:3]
+            at_point = sign * touch.frame.reshape(3, 3).T @ local[:3]
             force[name] += at_point
             moment[name] += np.cross(touch.pos - frames[name].translation, at_point)
+        for name, grip in self._grips.items():
+            held = wrench(self._model, self._data, grip)
+            force[name], moment[name] = held[:3], held[3:]
         wrenches = {}
         for name, contact in self._contacts.items():
-            if isinstance(contact, SurfaceContact):
+            if isinstance(contact, SurfaceContact | FixedContact):
                 to_local = frames[name].rotation.T
                 wrenches[name] = np.concatenate([to_local @ force[name], to_local @ moment[name]])
+            elif contact.against is not None:
+                other = self._body_of(frame_on_joint(self._robot, contact.against))
+                wrenches[name] = self._placement(other).rotation.T @ force[name]
             else:
                 wrenches[name] = force[name]
         return wrenches
@@ -287,6 +304,26 @@ class Plant:
             self._hoist.let_go(ramp)
         self.forward()
 
+    def grip(self, contact: str, held: bool) -> None:
+        """Hold the link of a fixed contact where it is from now on, or let it go.
+
+        Args:
+            contact: name of the contact.
+            held: whether to hold it.
+
+        Raises:
+            InputRefused: where there is no fixed contact of this name.
+        """
+        if contact not in self._grips:
+            raise InputRefused(f"a grip at {contact!r}: {valid_choices(contact, list(self._grips))}")
+        grip = self._grips[contact]
+        if held:
+            holder = self._placement(self._body_of((grip.joints[0], pin.SE3.Identity())))
+            place(self._model, grip, holder.actInv(self._placement(self._feet[contact])))
+        for constraint in grip.names:
+            self._data.eq_active[self._model.equality(constraint).id] = held
+        self.forward()
+
     def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
         """Put the robot into a state, without memory of the one before; time, torques, pushes and hoist stay.
 
@@ -358,13 +395,15 @@ class Plant:
             return pin.SE3.Identity()
         data = self._robot.pinocchio.createData()
         pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
-        lowest = math.inf
+        normal = self._floor_normal
+        height = math.inf
         for name, contact in self._contacts.items():
-            joint, placement = contact_frame(self._robot, name, contact)
-            balls, radius = balls_of(contact)
-            for ball in balls:
-                lowest = min(lowest, float((data.oMi[joint] * placement).act(ball)[2]) - radius)
-        return pin.SE3(np.eye(3), np.array([0.0, 0.0, -lowest]))
+            if contact.against is None:
+                joint, placement = contact_frame(self._robot, name, contact)
+                height = min(height, lowest(contact, data.oMi[joint] * placement, normal))
+        if height == math.inf:
+            return pin.SE3.Identity()
+        return pin.SE3(np.eye(3), np.array([0.0, 0.0, -height / normal[2]]))
 
     def _base(self) -> pin.SE3:
         return pin.XYZQUATToSE3(np.concatenate([self._data.qpos[:3], self._quaternion()]))

@@ -1,7 +1,25 @@
 """The contacts: one file per kind, on the base class of `contact`."""
 
-from wbc_controller.core.contacts.contact import Contact
+from wbc_controller.core.contacts.contact import Contact, UnilateralContact
+from wbc_controller.core.contacts.fixed import FixedContact
+from wbc_controller.core.contacts.loop import LoopClosure
+from wbc_controller.core.contacts.mount import placement_of
 from wbc_controller.core.contacts.point import PointContact
-from wbc_controller.core.contacts.surface import SurfaceContact, wrench_cone
+from wbc_controller.core.contacts.rolling import RollingContact
+from wbc_controller.core.contacts.support import Polygon, Rectangle, polygon_wrench_cone, wrench_cone
+from wbc_controller.core.contacts.surface import SurfaceContact
 
-__all__ = ["Contact", "PointContact", "SurfaceContact", "wrench_cone"]
+__all__ = [
+    "Contact",
+    "FixedContact",
+    "LoopClosure",
+    "PointContact",
+    "Polygon",
+    "Rectangle",
+    "RollingContact",
+    "SurfaceContact",
+    "UnilateralContact",
+    "placement_of",
+    "polygon_wrench_cone",
+    "wrench_cone",
+]

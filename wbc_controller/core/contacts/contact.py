@@ -11,41 +11,44 @@ from wbc_controller.records import Array
 
 
 class Contact(ABC):
-    """A contact with the environment.
+    """A contact of a link with the environment, or with another link of the robot.
 
     It forbids motion, J v̇ + J̇v = -D J v (equation (30) of the note; D takes out what velocity there is), and in
-    return exerts the generalized force Jᵀf (section 4.2.2), where f lies in the cone C f ≤ 0 and between bounds.
+    return exerts the generalized force Jᵀf (section 4.2.2), where f lies in the cone C f ≤ 0 and between bounds. For a
+    contact between two links J v is their relative velocity, so that Jᵀf is what both of them feel.
 
     Attributes:
         name: the contact's name.
-        friction: Coulomb friction coefficient.
+        basis: (6, k) with orthonormal columns: the wrench [force, moment] of f, as it is published, is basis f, and f
+            is basisᵀ times the wrench.
+        wrench_frame: the link in whose contact frame the wrench is given, or ``world``.
         cone: C, (rows, k).
-        normal: index in f of the normal force.
-        min_normal_force: smallest normal force, N.
-        max_normal_force: largest normal force, N.
         damping: D, 1/s.
+        internal: whether it is between two links of the robot: then it exerts nothing on the robot as a whole.
+        permanent: whether it is always made: no command makes or breaks it.
+        bound_groups: what is bounded: a name, and the first and last-but-one component of f that it stands for.
+        friction: Coulomb friction coefficient; 0 where the force has no cone.
+        min_normal_force: smallest normal force, N; -inf where the contact also pulls.
     """
 
-    #: Number of force components, k.
-    size: int
+    permanent = False
+    bound_groups: tuple[tuple[str, int, int], ...] = ()
+    friction = 0.0
+    min_normal_force = -np.inf
 
     def __init__(
-        self,
-        name: str,
-        cone: Array,
-        *,
-        friction: float,
-        min_normal_force: float,
-        max_normal_force: float,
-        damping: float,
+        self, name: str, basis: Array, cone: Array, wrench_frame: str, *, damping: float, internal: bool
     ) -> None:
         self.name = name
-        self.friction = friction
+        self.basis = basis
+        self.wrench_frame = wrench_frame
         self.cone = cone
-        self.normal = 2
-        self.min_normal_force = min_normal_force
-        self.max_normal_force = max_normal_force
         self.damping = damping
+        self.internal = internal
+        #: Which components of f are moments, (k,).
+        self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))
+        #: Number of force components, k.
+        self.size = basis.shape[1]
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -63,14 +66,67 @@ class Contact(ABC):
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
         """The force as a wrench about the world's origin, in world axes, (6,) in N and N·m."""
 
+    @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Lower and upper bounds of f, both (k,).
 
         Args:
-            activation: from 0 (about to break) to 1 (made); the largest normal force is scaled by it.
+            activation: from 0 (about to break) to 1 (made); the largest forces are scaled by it.
         """
+
+    def acceleration(self, dynamics: Dynamics, J: Array) -> Array:
+        """What J v̇ has to be, (k,): the contact keeps still, and velocity that there is decays.
+
+        Args:
+            dynamics: the snapshot.
+            J: what `jacobian` gives there.
+        """
+        return np.asarray(-self.drift(dynamics) - self.damping * (J @ dynamics.v))
+
+
+class UnilateralContact(Contact):
+    """A contact that only pushes, and slides where friction does not hold it.
+
+    Attributes:
+        normal: index in f of the normal force.
+        friction: Coulomb friction coefficient.
+        min_normal_force: smallest normal force, N.
+        max_normal_force: largest normal force, N.
+        max_yaw_moment: largest moment about the normal, N·m; inf where the cone alone bounds it.
+    """
+
+    normal = 2
+
+    def __init__(
+        self,
+        name: str,
+        basis: Array,
+        cone: Array,
+        wrench_frame: str,
+        *,
+        internal: bool,
+        friction: float = 0.7,
+        min_normal_force: float = 0.0,
+        max_normal_force: float = 1000.0,
+        max_yaw_moment: float = np.inf,
+        damping: float = 20.0,
+    ) -> None:
+        super().__init__(name, basis, cone, wrench_frame, damping=damping, internal=internal)
+        self.friction = friction
+        self.min_normal_force = min_normal_force
+        self.max_normal_force = max_normal_force
+        self.max_yaw_moment = max_yaw_moment
+        self.bound_groups = (("normal_force", 2, 3),)
+        if max_yaw_moment < np.inf:
+            self.bound_groups += (("yaw_moment", 5, 6),)
+
+    def bounds(self, activation: float) -> tuple[Array, Array]:
+        """Lower and upper bounds of f, both (k,): the activation scales the largest normal force and yaw moment."""
         lower = np.full(self.size, -np.inf)
         upper = np.full(self.size, np.inf)
-        upper[self.normal] = activation * self.max_normal_force
-        lower[self.normal] = min(self.min_normal_force, upper[self.normal])
+        upper[2] = activation * self.max_normal_force
+        lower[2] = min(self.min_normal_force, upper[2])
+        if self.max_yaw_moment < np.inf:
+            upper[5] = activation * self.max_yaw_moment
+            lower[5] = -upper[5]
         return lower, upper

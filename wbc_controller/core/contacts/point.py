@@ -2,37 +2,53 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.contacts.contact import Contact
+from wbc_controller.core.contacts.contact import UnilateralContact
+from wbc_controller.core.contacts.mount import support_link
+from wbc_controller.core.contacts.support import friction_pyramid
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
+_WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
+UP = (0.0, 0.0, 1.0)
 
-def friction_pyramid(friction: float) -> Array:
-    """Four-sided pyramid inside the friction cone.
 
-    Args:
-        friction: Coulomb friction coefficient.
+def unit(key: str, vector: Array) -> Array:
+    """A vector's direction, (3,).
 
-    Returns:
-        C, (4, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
+    Raises:
+        ConfigurationError: where it has no length.
     """
-    mu = friction / math.sqrt(2.0)
-    return np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
+    length = float(np.linalg.norm(vector))
+    if not length > 1.0e-9:
+        raise ConfigurationError(f"{key} = {np.asarray(vector).tolist()}: it must have a length")
+    return np.asarray(vector, dtype=np.float64) / length
 
 
-class PointContact(Contact):
-    """A ball that rolls on the ground without slipping; the force is in world axes, normal along world z.
+def axes_with_normal(normal: Array) -> Array:
+    """Turn the world's axes the short way so that z is along a unit normal, (3, 3): axes as columns."""
+    x, y, z = normal
+    if z < -1.0 + 1.0e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array([[1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x],
+                     [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
+                     [-x, -y, z]])  # fmt: skip
 
-    The ball's lowest point has no velocity: with its centre at p and r = -radius z, ṗ + ω × r = 0.
+
+class PointContact(UnilateralContact):
+    """A ball that rolls on a plane without slipping.
+
+    The ball's lowest point has no velocity: with its centre at p, the plane's unit normal n and r = -radius n,
+
+        E ᵀ(ṗ + ω × r) = 0,    and where the plane is on a link B    Eᵀ(ṗ + ω × r - ṗ_B - ω_B × (p + r - p_B)) = 0.
+
+    E has the axes in which the force is: the last is n, the first two span the plane; for n along the world's z they
+    are the world's. On a link they turn with it.
     """
-
-    size = 3
 
     def __init__(
         self,
@@ -42,10 +58,10 @@ class PointContact(Contact):
         translation: Array,
         radius: float,
         *,
+        normal: Array | tuple[float, ...] = UP,
+        against: str | None = None,
         friction: float = 0.7,
-        min_normal_force: float = 0.0,
-        max_normal_force: float = 1000.0,
-        damping: float = 20.0,
+        **limits: float,
     ) -> None:
         """Make a point contact.
 
@@ -55,47 +71,91 @@ class PointContact(Contact):
             frame: a frame of the URDF, fixed to the link that touches.
             translation: centre of the ball in that frame, (3,) in m.
             radius: of the ball, m.
+            normal: of the plane, of any length but zero, away from it, (3,); in the world, or in `against`.
+            against: a frame of the URDF, fixed to the link that is touched; None for the world.
             friction: Coulomb friction coefficient.
-            min_normal_force: smallest normal force, N.
-            max_normal_force: largest normal force, N.
-            damping: D, 1/s.
+            **limits: the other keywords of `UnilateralContact`.
 
         Raises:
-            ConfigurationError: where the model has no such frame.
+            ConfigurationError: where the model has no such frame, or the normal has no length.
         """
+        self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))
         super().__init__(
             name,
+            np.vstack([self._axes, np.zeros((3, 3))]),
             friction_pyramid(friction),
+            against or "world",
+            internal=against is not None,
             friction=friction,
-            min_normal_force=min_normal_force,
-            max_normal_force=max_normal_force,
-            damping=damping,
+            **limits,
         )
         self._frame_id = model.frame_id(frame, f"contacts.{name}.frame")
+        self._other = support_link(model, name, frame, against)
+        self._level = self._other is None and bool(self._axes[2, 2] == 1.0)
         self._translation = np.array(translation)
-        self._down = np.array([0.0, 0.0, -radius])
+        self.radius = radius
 
-    def _arm(self, dynamics: Dynamics) -> Array:
-        """From the frame's origin to the lowest point, in world axes, (3,) in m."""
-        return np.asarray(dynamics.placement(self._frame_id).rotation @ self._translation + self._down)
+    def axes(self, dynamics: Dynamics) -> Array:
+        """E: axes of the force in the world, as columns, (3, 3)."""
+        if self._other is None:
+            return self._axes
+        return np.asarray(dynamics.placement(self._other).rotation @ self._axes)
+
+    def arm(self, dynamics: Dynamics, normal: Array) -> Array:
+        """r, from the centre to the point that touches, in world axes, (3,) in m."""
+        return -self.radius * normal
+
+    def arm_rate(self, dynamics: Dynamics, normal: Array, normal_rate: Array) -> Array:
+        """ṙ, (3,) in m/s."""
+        return -self.radius * normal_rate
+
+    def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
+        """From the frame's origin to the centre, and from there to the point that touches, in world axes."""
+        centre = dynamics.placement(self._frame_id).rotation @ self._translation
+        return centre, self.arm(dynamics, self.axes(dynamics)[:, 2])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the lowest point in world axes, (3, nv)."""
-        J = dynamics.jacobian(self._frame_id, pin.LOCAL_WORLD_ALIGNED)
-        return np.asarray(J[:3] - pin.skew(self._arm(dynamics)) @ J[3:])
+        """Jacobian of the point that touches, along E, (3, nv)."""
+        centre, arm = self._arms(dynamics)
+        J = dynamics.jacobian(self._frame_id, _WORLD_AXES)
+        J_point = J[:3] - pin.skew(centre + arm) @ J[3:]
+        if self._other is not None:
+            other = dynamics.jacobian(self._other, _WORLD_AXES)
+            J_point -= other[:3] - pin.skew(self._from_other(dynamics, self._other, centre + arm)) @ other[3:]
+        return np.asarray(J_point) if self._level else np.asarray(self.axes(dynamics).T @ J_point)
+
+    def _from_other(self, dynamics: Dynamics, other: int, arm: Array) -> Array:
+        """From the origin of B to the point that touches, in world axes."""
+        here, there = dynamics.placement(self._frame_id), dynamics.placement(other)
+        return np.asarray(here.translation + arm - there.translation)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Acceleration of the centre at v̇ = 0, plus that of the rolling, in world axes, (3,) in m/s²."""
+        """d/dt of the velocity of the point that touches at v̇ = 0, along E, (3,) in m/s²."""
+        centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
-        arm = self._arm(dynamics)
-        # The part of the arm that is fixed to the link turns with it; the part that points down does not.
-        spin = pin.skew(dynamics.velocity(self._frame_id, pin.LOCAL_WORLD_ALIGNED)[3:])
-        return np.asarray(drift[:3] + pin.skew(drift[3:]) @ arm + spin @ spin @ (arm - self._down))
+        velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
+        spin = pin.skew(velocity[3:])
+        other = None if self._other is None else dynamics.velocity(self._other, _WORLD_AXES)
+        axes = self.axes(dynamics)
+        turn = pin.skew(np.zeros(3) if other is None else other[3:])
+        rate = self.arm_rate(dynamics, axes[:, 2], turn @ axes[:, 2])
+        # The arm to the centre is fixed to the link and turns with it; the one from there to the plane does not.
+        result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + spin @ (spin @ centre + rate)
+        if other is not None and self._other is not None:
+            from_other = self._from_other(dynamics, self._other, centre + arm)
+            other_drift = dynamics.drift_world(self._other)
+            moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the point that touches, against B's origin
+            result -= other_drift[:3] + pin.skew(other_drift[3:]) @ from_other + turn @ moving
+            slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other
+            result -= turn @ slip  # the axes turn with B
+        return np.asarray(result) if self._level else np.asarray(axes.T @ result)
 
     def points(self, dynamics: Dynamics) -> Array:
-        """The lowest point in the world, (1, 3) in m."""
-        return np.asarray(dynamics.placement(self._frame_id).translation + self._arm(dynamics))[None, :]
+        """The point that touches, in the world, (1, 3) in m."""
+        centre, arm = self._arms(dynamics)
+        return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The force at the lowest point, moved to the world's origin, (6,) in N and N·m."""
-        return np.concatenate([force, pin.skew(self.points(dynamics)[0]) @ force])
+        """The force at the point that touches, moved to the world's origin, (6,) in N and N·m."""
+        along = self.axes(dynamics) @ force
+        return np.concatenate([along, pin.skew(self.points(dynamics)[0]) @ along])

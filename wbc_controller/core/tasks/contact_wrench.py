@@ -12,9 +12,11 @@ from wbc_controller.core.tasks.task import EffortTask
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference
 
+_AXES = ("x", "y", "z", "about x", "about y", "about z")
+
 
 class ContactWrenchTask(EffortTask):
-    """Wrench of a contact in its own axes, (6,) in N and N·m; of a contact with three forces the first three.
+    """Wrench of a contact, (6,) in N and N·m, in the axes in which it is published (`Contact.basis`).
 
     While the contact is broken the task asks for nothing.
     """
@@ -34,19 +36,21 @@ class ContactWrenchTask(EffortTask):
             ConfigurationError: where the mask leaves none of the contact's forces.
         """
         super().__init__(name, mask, np.array(target, dtype=np.float64))
-        self.rows = self.rows[self.rows < contact.size]
+        borne = np.flatnonzero(contact.basis.any(axis=1))
+        self.rows = np.intersect1d(self.rows, borne)
         if not len(self.rows):
             raise ConfigurationError(
-                f"tasks.{name}.mask leaves no axis: contact {contact.name!r} has {contact.size} forces, along "
-                f"the first {contact.size} axes"
+                f"tasks.{name}.mask leaves no axis: contact {contact.name!r} has forces and moments along "
+                f"{', '.join(_AXES[axis] for axis in borne)}"
             )
+        self._basis = FORCE_UNIT * contact.basis[self.rows]
         self.contact = contact.name
 
     def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array] | None:
-        """Selection of the contact's columns, (k, n), and the wrench, (k,)."""
+        """What makes the wrench of the contact's columns, (k, n), and the wrench, (k,)."""
         if self.contact not in layout.key:
             return None
         columns = layout.forces[layout.key.index(self.contact)]
         rows = np.zeros((self.dimension, len(layout.problem.g)))
-        rows[np.arange(self.dimension), columns.start + self.rows] = FORCE_UNIT
+        rows[:, columns] = self._basis
         return rows, reference.position[self.rows]

@@ -1,0 +1,101 @@
+"""Where a contact is on the robot, and what it touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.model import RobotModel
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array
+
+
+def placement_of(translation: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> pin.SE3:
+    """Make a placement of a translation in m and of roll, pitch and yaw in rad."""
+    return pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy, dtype=np.float64)), np.array(translation, dtype=np.float64))
+
+
+def support_link(model: RobotModel, name: str, frame: str, against: str | None) -> int | None:
+    """Frame id of the link that a contact is against; None for the world.
+
+    Raises:
+        ConfigurationError: where the model has no such frame, or both frames move together.
+    """
+    if against is None:
+        return None
+    other = model.frame_id(against, f"contacts.{name}.against")
+    frames = model.pinocchio.frames
+    if frames[other].parentJoint == frames[model.frame_id(frame, f"contacts.{name}.frame")].parentJoint:
+        raise ConfigurationError(
+            f"contacts.{name}.against = {against!r}: it moves together with {frame!r}, no joint is between them"
+        )
+    return other
+
+
+class Mount:
+    """A contact frame C fixed to a link, and its motion against the world or another link B.
+
+    The twist of C as seen from B, in the axes of C, is ν = ν_C - X ν_B, where X takes a twist of B to C. As the axes
+    turn with C, Ẋ = -(ν ×) X, and
+
+        ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
+
+    with the cross product of spatial motion vectors (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 2.9).
+
+    Attributes:
+        frame: name of the link's frame.
+        against: name of the frame of B; None for the world.
+    """
+
+    def __init__(
+        self, model: RobotModel, name: str, frame: str, placement: pin.SE3, against: str | None = None
+    ) -> None:
+        """Make a mount.
+
+        Args:
+            model: the robot's model.
+            name: the contact's name, for errors.
+            frame: a frame of the URDF, fixed to the link that touches.
+            placement: of C in that frame.
+            against: a frame of the URDF, fixed to the link that is touched; None for the world.
+
+        Raises:
+            ConfigurationError: where the model has no such frame, or both frames move together.
+        """
+        self.frame = frame
+        self.against = against
+        self._id = model.frame_id(frame, f"contacts.{name}.frame")
+        self._other = support_link(model, name, frame, against)
+        self._placement = placement
+        # (6, 6): twist in the frame to twist in the contact
+        self._to_contact: Array = placement.inverse().toActionMatrix()
+
+    def placement(self, dynamics: Dynamics) -> pin.SE3:
+        """Placement of C in the world."""
+        return dynamics.placement(self._id) * self._placement
+
+    def _from_other(self, dynamics: Dynamics, other: int) -> Array:
+        """X, (6, 6)."""
+        change: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
+        return change
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Jacobian of ν, (6, nv)."""
+        J = np.asarray(self._to_contact @ dynamics.jacobian(self._id, pin.LOCAL))
+        if self._other is not None:
+            J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
+        return J
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """ν̇ at v̇ = 0, (6,)."""
+        drift = np.asarray(self._to_contact @ dynamics.drift_local(self._id))
+        if self._other is not None:
+            X = self._from_other(dynamics, self._other)
+            carried = X @ dynamics.velocity(self._other, pin.LOCAL)
+            relative = self._to_contact @ dynamics.velocity(self._id, pin.LOCAL) - carried
+            drift -= X @ dynamics.drift_local(self._other)
+            drift += pin.Motion(relative).cross(pin.Motion(carried)).vector
+        return drift

@@ -1,0 +1,80 @@
+"""A wheel that rolls without slipping: three forces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.contacts.point import UP, PointContact, unit
+from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.model import RobotModel
+from wbc_controller.records import Array
+
+#: Least length of the normal's part in the plane of the wheel: below it the wheel lies flat, and no point is lowest.
+_UPRIGHT = 1.0e-6
+
+
+class RollingContact(PointContact):
+    """A thin wheel that rolls on a plane, and slips neither along its way nor to the side.
+
+    As a `PointContact`, with the lowest point of a disc: with its axle a, a unit vector that turns with the link,
+
+        r = -radius u / ‖u‖,    u = n - (n · a) a
+        ṙ = -radius (u̇ - u (u · u̇) / ‖u‖²) / ‖u‖,    u̇ = ṅ - (ṅ · a + n · ȧ) a - (n · a) ȧ,    ȧ = ω × a
+
+    The same as `wbc_controller.mechanics.Rolling`, in other axes.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        frame: str,
+        translation: Array,
+        radius: float,
+        axis: Array,
+        *,
+        normal: Array | tuple[float, ...] = UP,
+        against: str | None = None,
+        friction: float = 0.7,
+        **limits: float,
+    ) -> None:
+        """Make a rolling contact.
+
+        Args:
+            name: the contact's name.
+            model: the robot's model.
+            frame: a frame of the URDF, fixed to the wheel.
+            translation: centre of the wheel in that frame, (3,) in m.
+            radius: of the wheel, m.
+            axis: the axle in that frame, of any length but zero, (3,).
+            normal: as in `PointContact`.
+            against: as in `PointContact`.
+            friction: Coulomb friction coefficient.
+            **limits: the other keywords of `UnilateralContact`.
+
+        Raises:
+            ConfigurationError: where the model has no such frame, or normal or axis have no length.
+        """
+        super().__init__(
+            name, model, frame, translation, radius, normal=normal, against=against, friction=friction, **limits
+        )
+        self._axle = unit(f"contacts.{name}.axis", axis)
+
+    def _upward(self, dynamics: Dynamics, normal: Array) -> tuple[Array, Array, float]:
+        """The axle, u and its length."""
+        axle = np.asarray(dynamics.placement(self._frame_id).rotation @ self._axle)
+        up = normal - (normal @ axle) * axle
+        return axle, up, max(_UPRIGHT, float(np.linalg.norm(up)))
+
+    def arm(self, dynamics: Dynamics, normal: Array) -> Array:
+        """r, from the centre to the point that touches, in world axes, (3,) in m."""
+        _, up, length = self._upward(dynamics, normal)
+        return -self.radius / length * up
+
+    def arm_rate(self, dynamics: Dynamics, normal: Array, normal_rate: Array) -> Array:
+        """ṙ, (3,) in m/s."""
+        axle, up, length = self._upward(dynamics, normal)
+        turning = pin.skew(dynamics.velocity(self._frame_id, pin.LOCAL_WORLD_ALIGNED)[3:]) @ axle
+        rate = normal_rate - (normal_rate @ axle + normal @ turning) * axle - (normal @ axle) * turning
+        return np.asarray(-self.radius / length * (rate - up * (up @ rate) / length**2))

@@ -1,0 +1,168 @@
+"""The shapes that touch, and the wrenches that they can bear."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array
+
+#: Facets of the cone that differ by less, in units of the polygon, are one: the accuracy of their computation.
+_SAME_FACET = 1.0e-7
+#: Share of a polygon's size by which a vertex has to stand out of the others' hull.
+_CORNER = 1.0e-6
+
+
+def friction_pyramid(friction: float) -> Array:
+    """Four-sided pyramid inside the friction cone.
+
+    Args:
+        friction: Coulomb friction coefficient.
+
+    Returns:
+        C, (4, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
+    """
+    mu = friction / math.sqrt(2.0)
+    return np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
+
+
+def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:
+    """Exact cone of the wrenches that a rectangle can bear, by friction pyramids at its corners.
+
+    From Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots: closed-form formulae of the contact
+    wrench cone for rectangular support areas" (ICRA 2015).
+
+    Args:
+        friction: half-width of the friction pyramid: |fx| ≤ friction fz and |fy| ≤ friction fz.
+        half_length: half of the side along x, m.
+        half_width: half of the side along y, m.
+
+    Returns:
+        C, (16, 6), so that a wrench w = [fx, fy, fz, τx, τy, τz] about the rectangle's centre can be borne where
+        C w ≤ 0 (which implies fz ≥ 0).
+    """
+    mu, x, y = friction, half_length, half_width
+    rows = []
+    for sign in (1.0, -1.0):
+        rows.append([sign, 0, -mu, 0, 0, 0])  # sliding along x
+        rows.append([0, sign, -mu, 0, 0, 0])  # sliding along y
+        rows.append([0, 0, -y, sign, 0, 0])  # centre of pressure along y
+        rows.append([0, 0, -x, 0, sign, 0])  # centre of pressure along x
+    # Yaw: τz ≥ -μ(X+Y)fz + |Y fx - μ τx| + |X fy - μ τy|, and τz ≤ μ(X+Y)fz - |Y fx + μ τx| - |X fy + μ τy|.
+    for a, b in itertools.product((1.0, -1.0), repeat=2):
+        rows.append([a * y, b * x, -mu * (x + y), -a * mu, -b * mu, -1.0])
+        rows.append([a * y, b * x, -mu * (x + y), a * mu, b * mu, 1.0])
+    return np.array(rows, dtype=np.float64)
+
+
+def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
+    """Exact cone of the wrenches that a convex polygon can bear, by friction pyramids at its vertices.
+
+    Forces along the edges of the pyramids, four at each vertex, span the cone. With fz = 1 they are the corners of a
+    polytope in (fx, fy, τx, τy, τz), whose facets are the rows of C (Caron, Pham, Nakamura, "Leveraging cone double
+    description for multi-contact stability of humanoids", RSS 2015).
+
+    Args:
+        friction: half-width of the friction pyramid: |fx| ≤ friction fz and |fy| ≤ friction fz.
+        vertices: (n, 2) in m.
+
+    Returns:
+        C, (rows, 6), so that a wrench w = [fx, fy, fz, τx, τy, τz] about the origin of the vertices can be borne where
+        C w ≤ 0. Each row has a coefficient of size 1: of the moment about z, else of those about x and y, else of the
+        force; so have the rows of `wrench_cone`, which are the same for a rectangle.
+    """
+    middle = vertices.mean(axis=0)
+    size = float(np.abs(vertices - middle).max())
+    corners = (vertices - middle) / size  # well-conditioned: a polygon of size 1 about the origin, friction 1
+    rays = np.array([[fx, fy, y, -x, x * fy - y * fx] for x, y in corners for fx in (1, -1) for fy in (1, -1)])
+    kept: list[Array] = []
+    for facet in ConvexHull(rays).equations:  # (k, 6): a p + b ≤ 0, several of one facet
+        if all(np.abs(facet - other).max() > _SAME_FACET for other in kept):
+            kept.append(facet)
+    facets = np.array(kept)
+    facets[np.abs(facets) < 1.0e-12] = 0.0
+    # Back to the given friction and size ...
+    C = facets[:, [0, 1, 5, 2, 3, 4]] / np.array([friction, friction, 1.0, size, size, friction * size])
+    # ... and to moments about the origin: τ about the middle m is τ - m × f.
+    mx, my = middle
+    C[:, :3] += C[:, 3:] @ np.array([[0.0, 0.0, -my], [0.0, 0.0, mx], [my, -mx, 0.0]])
+    yaw, tilt, slide = np.abs(C[:, 5]), np.hypot(C[:, 3], C[:, 4]), np.abs(C[:, :2]).max(axis=1)
+    return np.asarray(C / np.where(yaw > 0.0, yaw, np.where(tilt > 0.0, tilt, slide))[:, None])
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """A rectangle about the origin of the contact frame.
+
+    Attributes:
+        half_length: half of the side along x, m.
+        half_width: half of the side along y, m.
+    """
+
+    half_length: float
+    half_width: float
+
+    @property
+    def vertices(self) -> Array:
+        """The corners in order, (4, 2) in m."""
+        x, y = self.half_length, self.half_width
+        return np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
+
+    def cone(self, friction: float) -> Array:
+        """The rows of `wrench_cone`."""
+        return wrench_cone(friction, self.half_length, self.half_width)
+
+
+class Polygon:
+    """A convex polygon in the plane z = 0 of the contact frame.
+
+    Attributes:
+        vertices: in order around it, (n, 2) in m.
+    """
+
+    def __init__(self, vertices: Array, key: str) -> None:
+        """Make a polygon of vertices in any order.
+
+        Args:
+            vertices: (n, 2) in m.
+            key: the configuration key that names them, for the error.
+
+        Raises:
+            ConfigurationError: where they are fewer than three, or one is no corner of a convex polygon.
+        """
+        points = np.array(vertices, dtype=np.float64)
+        if len(points) < 3:
+            raise ConfigurationError(f"{key} has {len(points)} vertices; a polygon takes three or more")
+        try:
+            hull = ConvexHull(points)
+        except QhullError as error:
+            raise ConfigurationError(f"{key} = {points.tolist()}: the vertices are on one line") from error
+        size = float(np.abs(points - points.mean(axis=0)).max())
+        for index, point in enumerate(points):
+            if not _stands_out(np.delete(points, index, axis=0), point, _CORNER * size):
+                raise ConfigurationError(
+                    f"{key}[{index}] = {point.tolist()}: no corner; it is on an edge of the polygon of the other "
+                    "vertices, or inside it, and the polygon has to be convex"
+                )
+        self.vertices: Array = points[hull.vertices]
+
+    def cone(self, friction: float) -> Array:
+        """The rows of `polygon_wrench_cone`."""
+        return polygon_wrench_cone(friction, self.vertices)
+
+
+def _stands_out(others: Array, point: Array, least: float) -> bool:
+    """Whether a point is outside the hull of others by at least a distance."""
+    try:
+        hull = ConvexHull(others)
+    except QhullError:  # two points, or points on a line: nothing is inside
+        return len(others) < 3 or bool(np.linalg.norm(others - point, axis=1).min() > least)
+    return bool((hull.equations[:, :2] @ point + hull.equations[:, 2]).max() > least)
+
+
+Support = Rectangle | Polygon
