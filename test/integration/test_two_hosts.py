@@ -1,0 +1,186 @@
+"""Robot and controller on two hosts, and a cable that is cut for 5 s in mid-run."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from network import Network, NotPermitted
+
+#: Patient, and slow: what is tested here is the network, not how late a shared machine may be.
+CHANGES = {
+    "control": {"rate": 200.0},
+    "safety": {"state_timeout": 0.3, "damping_time": 1.0, "activation_ramp": 0.3},
+    "guard": {"patience": 0.2},
+    "mock": {"command_timeout": 1.0},
+}
+SUPPORT = Path(__file__).resolve().parent.parent / "support"
+CUT = 5.0
+PATIENCE = 30.0
+
+
+class Host:
+    """Processes on one of the hosts, and what an observer on it hears."""
+
+    def __init__(self, network, side, folder, robot):
+        self._network, self._side, self._folder, self._robot = network, side, folder, robot
+        self._started = []
+        self.heard = []
+        self._lines = queue.Queue()
+
+    def start(self, *words):
+        environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_DOMAIN_ID": "7"}
+        with (self._folder / f"{self._side}-{len(self._started)}.log").open("wb") as log:
+            process = subprocess.Popen(
+                self._network.words(self._side, sys.executable, *words), env=environment,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True,
+            )  # fmt: skip
+        self._started.append(process)
+        return process
+
+    def observe(self):
+        self._observer = self.start(str(SUPPORT / "observer.py"), self._robot)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self):
+        for line in self._observer.stdout:
+            self._lines.put(json.loads(line))
+
+    def command(self, word):
+        self._observer.stdin.write(word + "\n")
+        self._observer.stdin.flush()
+
+    def listen(self):
+        while not self._lines.empty():
+            self.heard.append(self._lines.get())
+        return self.heard
+
+    def last(self, kind):
+        found = [said for said in self.listen() if said["kind"] == kind]
+        return found[-1] if found else None
+
+    def says(self, kind, start):
+        said = self.last(kind)
+        return said is not None and said["text"].startswith(start)
+
+    def since(self, at, kind):
+        return [said for said in self.listen() if said["kind"] == kind and said["at"] >= at]
+
+    def running(self):
+        return all(process.poll() is None for process in self._started)
+
+    def stop(self):
+        for process in self._started:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self._started:
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+@pytest.fixture
+def network():
+    try:
+        made = Network()
+    except NotPermitted as error:
+        print(f"skipped: {error}")
+        pytest.skip(str(error))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def hosts(network, tmp_path, robot_of, changed):
+    """Mock robot and guard on one host, the controller on the other; an observer on each."""
+    settings = changed(robot_of("go2")[0], CHANGES)
+    path = str(tmp_path / "robot.yaml")
+    values = {"wbc_controller": {"ros__parameters": settings.model_dump(mode="json")}}
+    Path(path).write_text(yaml.safe_dump(values), encoding="utf-8")
+    robot, controller = Host(network, "robot", tmp_path, path), Host(network, "controller", tmp_path, path)
+    robot.start("-m", "wbc_controller", "mock", path)
+    robot.start("-m", "wbc_controller", "guard", path)
+    controller.start("-m", "wbc_controller", "run", path)
+    robot.observe()
+    controller.observe()
+    yield robot, controller
+    robot.stop()
+    controller.stop()
+    for path in sorted(tmp_path.glob("*.log")):
+        print(f"--- {path.name}\n{path.read_text()}")  # shown where the test fails
+
+
+def until(condition, what, again=lambda: None):
+    deadline, due = time.monotonic() + PATIENCE, 0.0
+    while not condition():
+        if time.monotonic() >= due:
+            again()
+            due = time.monotonic() + 0.5
+        assert time.monotonic() < deadline, f"waited {PATIENCE} s in vain for {what}"
+        time.sleep(0.01)
+
+
+def test_a_cut_of_five_seconds_is_survived_on_both_sides(network, hosts, record_property):
+    robot, controller = hosts
+    until(lambda: controller.last("robot"), "the robot's states to cross")
+    until(lambda: controller.says("controller", "active"), "activation", lambda: controller.command("activate"))
+    until(lambda: robot.says("guard", "watching"), "the guard to watch")
+    time.sleep(0.5)  # until the torques have ramped in
+    assert robot.last("robot")["largest"] > 0.5
+
+    network.cut()
+    cut = time.monotonic()
+    until(lambda: controller.since(cut, "controller"), "the controller to notice")
+    until(lambda: robot.since(cut, "guard"), "the guard to notice")
+    noticed = controller.since(cut, "controller")[0]
+    assert re.match(r"damping STALE_INPUT: (joint_states|odom) is \d+ ms old", noticed["text"])
+    guarded = robot.since(cut, "guard")[0]
+    assert guarded["text"].startswith("damping COMMANDS_STOPPED: the last command came ")
+    figures = {"fault": noticed["at"] - cut, "guard": guarded["at"] - cut}
+    record_property("noticed_after_ms", {name: round(1e3 * value) for name, value in figures.items()})
+    print({name: f"{1e3 * value:.0f} ms after the cut" for name, value in figures.items()})
+    assert figures["fault"] < 1.0
+    assert figures["guard"] < 1.0
+
+    # On the robot's side the joints are damped all the while, by torques that nobody on the other side sends.
+    time.sleep(CUT - 0.5 - (time.monotonic() - cut))
+    damped = robot.since(cut + 0.5, "robot")
+    assert len(damped) > 50
+    assert all(said["from_damping"] < 0.1 for said in damped[-50:])  # at first they lag behind the swinging legs
+    assert not controller.since(cut + 0.5, "robot")  # the cable is cut indeed
+    assert controller.says("controller", "fault STALE_INPUT: ")
+    time.sleep(max(0.0, cut + CUT - time.monotonic()))
+    network.heal()
+    healed = time.monotonic()
+
+    # Nothing resumes by itself; the documented commands do it, and the guard is silent again.
+    until(lambda: controller.since(healed, "robot"), "the robot's states to come back")
+    record_property("heard_again_after_ms", round(1e3 * (controller.since(healed, "robot")[0]["at"] - healed)))
+    assert not controller.says("controller", "active")
+
+    def resume():
+        controller.command("reset")
+        controller.command("activate")
+
+    until(lambda: controller.says("controller", "active"), "activation after the cut", resume)
+    until(lambda: robot.says("guard", "watching"), "the guard to watch again")
+    until(lambda: robot.says("controller", "active"), "the robot's side to be told")
+    resumed = time.monotonic()
+    time.sleep(0.6)
+    assert robot.says("guard", "watching")
+    assert robot.last("robot")["largest"] > 0.5
+    assert [said["text"] for said in controller.since(resumed, "controller")] == []
+    assert robot.running()
+    assert controller.running()

@@ -1,0 +1,68 @@
+"""A user in a process of its own: prints what it hears as lines of JSON, and sends the commands that it reads.
+
+Run as ``python observer.py <robot>``; each line read is a word for the command topic. Printed are the states
+of controller and guard as they change, and fifty times a second the robot's torques: the largest, and the largest
+difference from a damping of 2 N·m·s/rad.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+
+import numpy as np
+
+from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.guard_service import NODE_NAME as GUARD
+from wbc_controller.interface import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, counterpart, endpoints
+from wbc_controller.messages import decode, encode, message
+from wbc_controller.settings import NODE_NAME as CONTROLLER
+from wbc_controller.transports.dds import DdsTransport
+
+PAUSE = 0.02
+
+
+def say(kind, **values):
+    print(json.dumps({"at": time.monotonic(), "kind": kind, **values}), flush=True)
+
+
+def main(robot):
+    settings = load_settings(find_configuration(robot))
+    transport = DdsTransport("observer")
+    due = 0.0
+
+    def state(kind):
+        return lambda payload: say(kind, text=decode(payload, "std_msgs/msg/String").data)
+
+    def joint_states(payload):
+        nonlocal due
+        if time.monotonic() < due:
+            return
+        due = time.monotonic() + PAUSE
+        content = decode(payload, "sensor_msgs/msg/JointState")
+        expected = -settings.guard.damping * content.velocity
+        say(
+            "robot",
+            largest=float(np.max(np.abs(content.effort))),
+            from_damping=float(np.max(np.abs(content.effort - expected))),
+            speed=float(np.max(np.abs(content.velocity))),
+        )
+
+    def find(table, node, key):
+        (endpoint,) = endpoints([topic for topic in table if topic.key == key], node)
+        return counterpart(endpoint)
+
+    transport.subscribe(find(CONTROLLER_TOPICS, CONTROLLER, "state"), state("controller"))
+    transport.subscribe(find(GUARD_TOPICS, GUARD, "state"), state("guard"))
+    transport.subscribe(find(MOCK_TOPICS, "mock_robot", "joint_states"), joint_states)
+    publish = transport.advertise(find(CONTROLLER_TOPICS, CONTROLLER, "command"))
+    with contextlib.suppress(KeyboardInterrupt):
+        for line in sys.stdin:
+            publish(encode(message("std_msgs/msg/String", data=line.strip())))
+    transport.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
