@@ -1,11 +1,10 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import qpsolvers
 
 from wbc_controller.core.problem import QuadraticProgram
 from wbc_controller.core.solvers import available_solvers, make_solver
+from wbc_controller.core.solvers.active_set import ActiveSet
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.errors import ConfigurationError
 
@@ -37,7 +36,7 @@ def random_problem(rng, n=20, equalities=5, inequalities=15):
 
 def drift(problem, rng, size=0.01):
     """The next cycle's problem: every finite number is a little different; equalities stay feasible."""
-    moved = replace(problem, **{name: np.array(getattr(problem, name)) for name in FIELDS})
+    moved = problem.copy()
     n = len(problem.g)
     change = size * rng.normal(size=(n, n))
     moved.H[:] += change @ change.T
@@ -238,3 +237,43 @@ def test_all_solvers_agree_on_the_standing_robot(bench, robot, name):
         # Forces that press the feet against each other hardly cost anything: only exact solvers agree on them.
         if name in ("daqp", "proxqp", "quadprog"):
             assert np.abs(answer.tau - expected.tau).max() <= 1.0e-2
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
+    """From the right one at once; from none, all, or the wrong side either by mending it, or there is no answer."""
+    problem = random_problem(np.random.default_rng(seed))
+    expected = reference_answer(problem)
+    answer = make_solver("daqp", problem).solve(problem)
+    sizes = len(problem.g), len(problem.b), len(problem.upper)
+    active_set = ActiveSet(*sizes)
+    active_set.learn(answer.multipliers)
+    x, multipliers, guesses = active_set.solve(problem)
+    assert guesses == 1
+    np.testing.assert_allclose(x, expected, atol=1e-7)
+    np.testing.assert_allclose(multipliers, answer.multipliers, atol=1e-6)
+    for start in (0.0 * multipliers, -multipliers, np.where(multipliers == 0.0, 0.0, 1.0)):
+        active_set.learn(start)
+        mended = active_set.solve(problem)
+        if mended is not None:
+            np.testing.assert_allclose(mended[0], expected, atol=1e-7)
+
+
+def test_the_active_set_is_followed_without_a_search():
+    rng = np.random.default_rng(7)
+    problem = random_problem(rng)
+    sizes = len(problem.g), len(problem.b), len(problem.upper)
+    active_set = ActiveSet(*sizes)
+    active_set.learn(make_solver("daqp", problem).solve(problem).multipliers)
+    found = [active_set.solve(problem := drift(problem, rng)) for _ in range(25)]
+    assert sum(answer is not None for answer in found) >= 23
+
+
+def test_an_active_set_beyond_what_determines_x_is_given_up():
+    problem = random_problem(np.random.default_rng(0))
+    active_set = ActiveSet(len(problem.g), len(problem.b), len(problem.upper))
+    active_set.learn(np.ones(len(problem.g) + len(problem.upper)))
+    assert active_set.solve(problem) is None
+    problem.A[1] = problem.A[0]  # a singular system
+    active_set.learn(np.zeros(len(problem.g) + len(problem.upper)))
+    assert active_set.solve(problem) is None

@@ -1,4 +1,4 @@
-"""DAQP, a dual active-set solver: persistent workspace, warm-started from the last active set."""
+"""DAQP, a dual active-set solver: persistent workspace, warm-started; first the last active set is tried by itself."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import daqp
 import numpy as np
 
 from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.solvers.active_set import ActiveSet
 from wbc_controller.core.solvers.solver import Answer, Solver
 
 _EQUALITY = 5
@@ -27,7 +28,7 @@ _STATUS = {
 
 
 class DaqpSolver(Solver):
-    """DAQP.
+    """DAQP, where the active set of the last problem is not that of this one.
 
     From Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive LDLᵀ
     updates" (IEEE Transactions on Automatic Control, 2022).
@@ -37,31 +38,31 @@ class DaqpSolver(Solver):
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         rows = equalities + inequalities
-        self._equalities = equalities
-        self._A = np.zeros((rows, n))
+        self._inequalities = n + inequalities  # the bounds of x are the first
+        self._rows = np.zeros((rows, n))
         self._upper = np.zeros(n + rows)
         self._lower = np.zeros(n + rows)
         self._sense = np.zeros(n + rows, dtype=np.int32)
-        self._sense[n : n + equalities] = _EQUALITY
+        self._sense[n + inequalities :] = _EQUALITY
+        self._active_set = ActiveSet(n, equalities, inequalities)
         self._model: daqp.Model | None = None
 
     def solve(self, problem: QuadraticProgram) -> Answer:
         """Solve a problem."""
-        n, m = len(problem.g), self._equalities
-        self._A[:m] = problem.A
-        self._A[m:] = problem.C
-        for out, x_bound, b, bound in (
-            (self._upper, problem.x_upper, problem.b, problem.upper),
-            (self._lower, problem.x_lower, problem.b, problem.lower),
-        ):
-            out[:n] = x_bound
-            out[n : n + m] = b
-            out[n + m :] = bound
-            np.clip(out, -_INFINITY, _INFINITY, out=out)
+        guessed = self._active_set.solve(problem)
+        if guessed is not None:
+            x, multipliers, guesses = guessed
+            return Answer(x, _STATUS[_OPTIMAL], guesses, multipliers)
+        m = self._inequalities
+        self._rows[: len(problem.C)] = problem.C
+        self._rows[len(problem.C) :] = problem.A
+        for out, bound in ((self._lower, problem.bounds[0]), (self._upper, problem.bounds[1])):
+            np.clip(bound, -_INFINITY, _INFINITY, out=out[:m])
+            out[m:] = problem.b
         if self._model is None:
             self._model, flag = self._set_up(problem, 0.0)
         else:
-            flag = self._model.update(H=problem.H, f=problem.g, A=self._A, bupper=self._upper, blower=self._lower)
+            flag = self._model.update(H=problem.H, f=problem.g, A=self._rows, bupper=self._upper, blower=self._lower)
         x, flag, iterations, multipliers = self._run(self._model, flag)
         if flag != _OPTIMAL:
             # What is left of a failed solve must not start the next one. And where H is ill conditioned and the answer
@@ -70,13 +71,15 @@ class DaqpSolver(Solver):
             x, flag, more, multipliers = self._run(*self._set_up(problem, _PROXIMAL))
             iterations += more
         if flag == _OPTIMAL:
-            return Answer(x, _STATUS[flag], iterations, np.delete(multipliers, slice(n, n + m)))
+            self._active_set.learn(multipliers[:m])
+            return Answer(x, _STATUS[flag], iterations, multipliers[:m])
+        self._active_set.learn(np.zeros(m))
         return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations)
 
     def _set_up(self, problem: QuadraticProgram, proximal: float) -> tuple[daqp.Model, int]:
         model = daqp.Model()
         model.settings = {"primal_tol": 1.0e-8, "eps_prox": proximal}
-        flag, _ = model.setup(problem.H, problem.g, self._A, self._upper, self._lower, self._sense)
+        flag, _ = model.setup(problem.H, problem.g, self._rows, self._upper, self._lower, self._sense)
         return model, flag
 
     @staticmethod
