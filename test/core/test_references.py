@@ -261,10 +261,11 @@ def test_a_setpoint_without_duration_holds_at_once(board, dynamics):
 def test_a_weight_is_ramped_and_survives_being_switched_off(board, dynamics):
     board.apply([SetWeight("com", 150.0)], dynamics, START)
     weights = [board.sample(START + share * WEIGHT_RAMP).weights["com"] for share in (0.0, 0.25, 1.0, 5.0)]
-    assert weights == pytest.approx([50.0, 75.0, 150.0, 150.0])
+    quarter = (0.75 * 50.0 ** (1 / 3) + 0.25 * 150.0 ** (1 / 3)) ** 3
+    assert weights == pytest.approx([50.0, quarter, 150.0, 150.0])
     board.apply([EnableTask("com", False)], dynamics, START + 1.0)
     board.apply([SetWeight("com", 20.0)], dynamics, START + 1.0 + 0.5 * WEIGHT_RAMP)  # off: it stays on its way to 0
-    assert board.sample(START + 1.0 + 0.5 * WEIGHT_RAMP).weights["com"] == pytest.approx(75.0)
+    assert board.sample(START + 1.0 + 0.5 * WEIGHT_RAMP).weights["com"] == pytest.approx(150.0 / 8)
     assert board.sample(START + 3.0).weights["com"] == 0.0
     board.apply([EnableTask("com", True)], dynamics, START + 3.0)
     assert board.sample(START + 4.0).weights["com"] == 20.0
@@ -273,11 +274,11 @@ def test_a_weight_is_ramped_and_survives_being_switched_off(board, dynamics):
 def test_a_contact_is_loaded_and_unloaded_by_a_ramp(board, dynamics):
     board.apply([EnableContact("left", False), EnableContact("right", True)], dynamics, START)
     half = board.sample(START + 0.5 * CONTACT_RAMP).contacts
-    assert half["left"] == pytest.approx(0.5)
-    assert half["right"] == pytest.approx(0.5)
+    assert half["left"] == pytest.approx(0.125)
+    assert half["right"] == pytest.approx(0.125)
     back = START + 0.5 * CONTACT_RAMP
     board.apply([EnableContact("left", True)], dynamics, back)
-    assert board.sample(back).contacts["left"] == pytest.approx(0.5)
+    assert board.sample(back).contacts["left"] == pytest.approx(0.125)
     assert board.sample(START + 1.0).contacts == {"left": 1.0, "right": 1.0, "stiff": 1.0}
 
 

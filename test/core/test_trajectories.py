@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from wbc_controller.core.trajectories import Knot, Ramp, Trajectory, rest
+from wbc_controller.core.trajectories import Knot, Ramp, SoftRamp, Trajectory, rest
 
 SIZES = {"vector": 3, "joints": 9, "orientation": 3, "pose": 6}
 KINDS = tuple(SIZES)
@@ -124,6 +124,19 @@ def test_a_resting_reference_has_zero_derivatives_of_the_given_size():
 def test_a_ramp_goes_straight_from_one_value_to_the_other():
     ramp = Ramp(start=1.0, duration=2.0, before=4.0, after=8.0)
     assert [ramp.sample(t) for t in (0.0, 1.0, 1.5, 2.0, 3.0, 9.0)] == [4.0, 4.0, 5.0, 6.0, 8.0, 8.0]
+
+
+def test_a_soft_ramp_comes_to_zero_without_a_last_step():
+    """However small what it is compared with: from 5 down to 0, the last step of 250 is below 1e-6."""
+    ramp = SoftRamp(0.0, 0.5, 5.0, 0.0)
+    steps = -np.diff([ramp.sample(0.002 * i) for i in range(252)])
+    assert steps.min() >= 0.0
+    assert steps[249] < 1e-6
+    assert ramp.sample(0.5) == 0.0
+    back = ramp.towards(5.0, 0.25, 0.5)
+    assert isinstance(back, SoftRamp)
+    assert back.sample(0.25) == pytest.approx(ramp.sample(0.25))
+    assert SoftRamp(0.0, 0.0, 5.0, 2.0).sample(0.0) == 2.0
 
 
 def test_a_ramp_without_duration_is_a_step():

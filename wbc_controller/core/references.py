@@ -9,7 +9,7 @@ import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.tasks import Task
-from wbc_controller.core.trajectories import Knot, Ramp, Trajectory
+from wbc_controller.core.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.core.tuning import TuningRamp
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array, Reference, References, Tuning
@@ -129,8 +129,8 @@ class ReferenceBoard:
         self._tuning = TuningRamp.at(plan.tuning)
         self._weights = {name: plan.weight for name, plan in self.plans.items()}
         self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
-        self._weight_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
-        self._contact_ramps = {name: Ramp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self._weight_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
+        self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
         self._trajectories: dict[str, Trajectory] = {}
         # What tasks that are switched off should do when they are switched on.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
@@ -142,10 +142,10 @@ class ReferenceBoard:
             self._enabled[name] = plan.enabled
             self._weights[name] = plan.weight
             weight = plan.weight if plan.enabled else 0.0
-            self._weight_ramps[name] = Ramp(time, 0.0, weight, weight)
+            self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
             self._trajectories[name] = _stay(plan.task.rest(dynamics), time)
         for name, contact in self.contact_plans.items():
-            self._contact_ramps[name] = Ramp(time, 0.0, 0.0, float(contact.enabled))
+            self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
         self._goals.clear()
         self._wrenches.clear()
         self._tuning = TuningRamp.at(self._tuning.after)

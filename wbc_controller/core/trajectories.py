@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -127,6 +128,9 @@ def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: fl
     return np.stack([x0, v0, 0.5 * a0, c3, c4, c5])
 
 
+_Ramp = TypeVar("_Ramp", bound="Ramp")
+
+
 @dataclass(frozen=True, slots=True)
 class Ramp:
     """A number that goes from one value to another along a straight line.
@@ -150,6 +154,23 @@ class Ramp:
         share = max(0.0, (time - self.start) / self.duration)
         return self.before + share * (self.after - self.before)
 
-    def towards(self, target: float, time: float, duration: float) -> Ramp:
+    def towards(self: _Ramp, target: float, time: float, duration: float) -> _Ramp:
         """A ramp from where this one is to a new target."""
-        return Ramp(time, duration, self.sample(time), target)
+        return type(self)(time, duration, self.sample(time), target)
+
+
+class SoftRamp(Ramp):
+    """A ramp of a number that is not negative, along a straight line in its cube root.
+
+    Along a straight line the last step to zero would be a jump: a weight of 5 that falls by 0.02 in a cycle still
+    outweighs one of 0.002 in the cycle before the last. So would be a force bound of 1000 N that falls by 10 N.
+    """
+
+    __slots__ = ()
+
+    def sample(self, time: float) -> float:
+        """Value at a time, in s."""
+        roots = Ramp(self.start, self.duration, float(np.cbrt(self.before)), float(np.cbrt(self.after)))
+        if time >= self.start + self.duration:
+            return self.after
+        return roots.sample(time) ** 3

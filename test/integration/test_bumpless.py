@@ -1,0 +1,175 @@
+"""G1 sways from foot to foot in the simulator while contacts and tasks are switched: 100 switches, and no jump."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+import yaml
+
+from wbc_controller.build import controller_endpoints, make_loop, make_model
+from wbc_controller.clock import ManualClock
+from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.interface import Direction, counterpart
+from wbc_controller.messages import encode, message
+from wbc_controller.mock.robot import MockRobot
+from wbc_controller.settings import Settings
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+
+SWITCHES = 100
+#: Sideways from the middle, m; time for the way and on each side, and between two switches of tasks, s.
+SWAY, WAY, STAY, PAUSE = 0.1, 2.0, 0.6, 0.06
+#: Largest torque step, as a share of what the configured rate allows: far from it there is no jump to be cut off.
+SMOOTH = 0.2
+#: How far a foot that stands may move, m.
+STANDS = 2.0e-3
+
+
+def swaying_settings():
+    """G1, with a task for each sole while it carries nothing."""
+    content = load_settings(find_configuration("g1")).model_dump()
+    content["tasks"]["com"]["setpoint_duration"] = WAY
+    for side in ("left", "right"):
+        content["tasks"][f"{side}_sole"] = {
+            "type": "frame_pose", "frame": f"{side}_ankle_roll_link", "weight": 100.0, "enabled": False,
+        }  # fmt: skip
+    return Settings.model_validate(content)
+
+
+@dataclass
+class Run:
+    settings: Settings
+    reports: list = field(default_factory=list)
+    switches: int = 0
+    fallen: bool = False
+    moved: float = 0.0
+
+
+class Robot:
+    """Controller and mock robot on the memory transport, and a user of the topics."""
+
+    def __init__(self, settings, observer):
+        self.model, self.clock, bus = make_model(settings), ManualClock(), MemoryBus()
+        topics = controller_endpoints(settings, self.model)
+        self.mock = MockRobot(self.model, settings, MemoryTransport(bus))
+        self.loop = make_loop(
+            settings, self.model, MemoryTransport(bus), self.clock, topics, observers=(observer,)
+        )  # fmt: skip
+        user = MemoryTransport(bus)
+        self._publish = {t.key: user.advertise(counterpart(t)) for t in topics if t.direction is Direction.IN}
+
+    def send(self, key, text):
+        self._publish[key](encode(message("std_msgs/msg/String", data=text)))
+
+    def cycle(self, count=1):
+        for _ in range(count):
+            self.clock.time = self.mock.stamp * 1e-9
+            self.mock.publish()
+            self.loop.cycle()
+            self.mock.advance()
+
+    @property
+    def dynamics(self):
+        return self.loop._controller.dynamics
+
+    def soles(self):
+        contacts = self.loop._controller.contacts
+        return {name: contact.points(self.dynamics).mean(axis=0) for name, contact in contacts.items()}
+
+
+def random_task_switch(rng, enabled, weights):
+    """One or two tasks on, off, or with another weight; gives the change and the number of switches in it."""
+    kind = rng.integers(3)
+    if kind == 0:
+        task = str(rng.choice(["left_hand", "right_hand", "torso", "pelvis", "com"]))
+        return {task: {"weight": float(weights[task] * 10.0 ** rng.uniform(-1.0, 1.0))}}, 1
+    tasks = [str(rng.choice(["left_hand", "right_hand", "torso"]))] if kind == 1 else ["left_hand", "right_hand"]
+    for task in tasks:
+        enabled[task] = not enabled[task]
+    return {task: {"enabled": enabled[task]} for task in tasks}, len(tasks)
+
+
+@pytest.fixture(scope="module")
+def run():
+    settings = swaying_settings()
+    result = Run(settings)
+    robot = Robot(settings, result.reports.append)
+    robot.cycle(5)
+    robot.send("command", "activate")
+    robot.cycle(600)
+    robot.mock.plant.hold(False)
+    robot.cycle(400)
+    result.reports.clear()
+    rng, start, stood = np.random.default_rng(0), np.array(robot.dynamics.com), robot.soles()
+    enabled = {name: task.enabled for name, task in settings.tasks.items()}
+    weights = {name: task.weight for name, task in settings.tasks.items()}
+    begun = time = robot.clock.time
+    side, arrives, due, light, back = -1, time, time, None, 0.0
+    while result.switches < SWITCHES or light:
+        changes: dict[str, dict] = {"tasks": {}, "contacts": {}}
+        time = robot.clock.time
+        if time >= arrives + STAY or begun == time:
+            side, arrives = -side, time + WAY
+            changes["tasks"]["com"] = {"setpoint": [float(start[0]), float(start[1] + side * SWAY), float(start[2])]}
+        foot = "right" if side > 0 else "left"
+        if light is None and arrives <= time < arrives + 0.01:
+            # The foot that carries nothing leaves, for a random while; its task takes over in the same cycle.
+            light, back = foot, time + rng.uniform(0.2, STAY - 0.05)
+            changes["contacts"][f"{foot}_foot"] = {"enabled": False}
+            changes["tasks"] |= {f"{foot}_sole": {"enabled": True}}
+            result.switches += 2
+        elif light is not None and time >= back:
+            changes["contacts"][f"{light}_foot"] = {"enabled": True}
+            changes["tasks"] |= {f"{light}_sole": {"enabled": False}}
+            light = None
+            result.switches += 2
+        if time >= due:
+            due = time + PAUSE
+            change, count = random_task_switch(rng, enabled, weights)
+            for task, fields in change.items():
+                changes["tasks"][task] = changes["tasks"].get(task, {}) | fields
+            result.switches += count
+        changes = {section: entries for section, entries in changes.items() if entries}
+        if changes:
+            robot.send("update", yaml.safe_dump(changes))
+        robot.cycle()
+        result.fallen = result.fallen or robot.mock.plant.fallen
+        for name, place in robot.soles().items():
+            if light is None or name != f"{light}_foot":
+                result.moved = max(result.moved, float(np.linalg.norm(place - stood[name])))
+    robot.cycle(300)
+    result.fallen = result.fallen or robot.mock.plant.fallen
+    return result
+
+
+def test_the_robot_stands_through_it(run):
+    assert run.switches >= SWITCHES
+    assert not run.fallen
+    assert {report.mode.value for report in run.reports} == {"active"}
+    assert not [sentence for report in run.reports for sentence in report.refused]
+    assert not any(report.solution.relaxed for report in run.reports)
+    assert {len(report.solution.forces) for report in run.reports} == {1, 2}  # a foot did leave
+    assert run.moved < STANDS
+
+
+def test_no_torque_jumps(run):
+    tau = np.array([report.command.tau for report in run.reports])
+    limits = make_model(run.settings).effort_limits
+    allowed = run.settings.limits.torque_rate * limits / run.settings.control.rate
+    share = np.abs(np.diff(tau, axis=0)) / allowed
+    print(f"largest torque step: {share.max():.2f} of the rate, {np.abs(np.diff(tau, axis=0)).max():.2f} N·m per cycle")
+    assert share.max() < SMOOTH
+
+
+def test_no_foot_pulls_and_none_slips(run):
+    model = make_model(run.settings)
+    least, most = np.inf, 0.0
+    for report in run.reports:
+        for name, force in report.solution.forces.items():
+            friction = run.settings.contacts[name].friction
+            least = min(least, force[2])
+            most = max(most, np.hypot(force[0], force[1]) - friction * force[2])
+    print(f"least normal force {least:.2e} N, largest friction beyond its cone {most:.2e} N")
+    assert least > -1e-6 * model.mass * 9.81
+    assert most < 1e-6 * model.mass * 9.81
