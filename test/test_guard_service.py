@@ -17,6 +17,7 @@ from wbc_controller.guard_service import NODE_NAME, GuardService, run_guard
 from wbc_controller.interface import CONTROLLER_TOPICS, GUARD_TOPICS, Direction, counterpart, endpoints
 from wbc_controller.messages import decode, encode
 from wbc_controller.robot_description import describe, read_urdf
+from wbc_controller.settings import RobotSettings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
@@ -32,7 +33,7 @@ class Stage:
         self.make = make
         self.clock = ManualClock(100.0)
         self.bus = MemoryBus()
-        robot = describe(self.model.urdf, self.model.joints, 1.0)
+        robot = describe(self.model.urdf, self.settings.robot)
         self.service = GuardService(self.settings, robot, TABLE, MemoryTransport(self.bus), self.clock)
         self.user = MemoryTransport(self.bus)
         self.kept = {}
@@ -192,7 +193,7 @@ def test_stopped_while_watching_it_leaves_nothing(stage):
 @pytest.mark.parametrize("name", sorted(shipped_configurations()))
 def test_it_reads_the_limits_as_the_controller_does(robot_of, name):
     settings, model = robot_of(name)
-    robot = describe(read_urdf(settings.robot.urdf), settings.robot.joints, settings.robot.effort_limit_scale)
+    robot = describe(read_urdf(settings.robot.urdf), settings.robot)
     np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
     assert robot.name == model.pinocchio.name
 
@@ -202,15 +203,15 @@ def test_it_reads_the_limits_as_the_controller_does(robot_of, name):
     [
         ("<robot", "not a usable URDF"),
         ("<robot name='r'/>", "'a' is not a joint of the URDF; Valid: (none)"),
-        ("<robot><joint name='a'/></robot>", "joint 'a' has the effort limit ''"),
-        ("<robot><joint name='a'><limit effort='0'/></joint></robot>", "joint 'a' has the effort limit '0'"),
-        ("<robot><joint name='a'><limit effort='nan'/></joint></robot>", "joint 'a' has the effort limit 'nan'"),
-        ("<robot><joint name='a'><limit effort='much'/></joint></robot>", "joint 'a' has the effort limit 'much'"),
+        ("<robot><joint name='a'/></robot>", "joint 'a' has the effort limit nan"),
+        ("<robot><joint name='a'><limit effort='0'/></joint></robot>", "joint 'a' has the effort limit 0.0"),
+        ("<robot><joint name='a'><limit effort='nan'/></joint></robot>", "joint 'a' has the effort limit nan"),
+        ("<robot><joint name='a'><limit effort='much'/></joint></robot>", "joint 'a' has the effort limit nan"),
     ],
 )
 def test_a_description_that_cannot_be_used_is_refused(urdf, said):
     with pytest.raises(ConfigurationError, match=r"^robot\.") as caught:
-        describe(urdf, ["a"], 1.0)
+        describe(urdf, RobotSettings(joints=["a"], posture=[0.0]))
     assert said in str(caught.value)
 
 

@@ -314,11 +314,20 @@ def test_every_setting_says_what_it_is():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"cornr": 0.5}, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: corner, enabled"),
+        ({"cornr": 0.5}, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: actuators, corner"),
         ({"corner": 1.2}, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
-        ({"joints": {"a": {"corner": 3.0, "no_load": 2.0}}}, "joints.a.no_load = 2.0: must be above corner = 3.0"),
-        ({"joints": {"a": {"corner": 3.0}}}, "joints.a.no_load: this key is missing (Speed at which no torque is"),
-        ({"joints": {"a": {"corner": 3.0, "no_load": 5.0, "x": 1}}}, "joints.a.x: unknown key; Valid: corner, no_load"),
+        (
+            {"actuators": {"a": {"corner": 3.0, "no_load": 2.0}}},
+            "actuators.a.no_load = 2.0: must be above corner = 3.0",
+        ),
+        (
+            {"actuators": {"a": {"corner": 3.0}}},
+            "actuators.a.no_load: this key is missing (Speed at which no torque is",
+        ),
+        (
+            {"actuators": {"a": {"corner": 3.0, "no_load": 5.0, "x": 1}}},
+            "actuators.a.x: unknown key; Valid: corner, no_load",
+        ),
     ],
 )
 def test_a_mistake_inside_of_a_nested_section_is_said_as_everywhere(given, said):

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
+import numpy as np
+
 from wbc_controller import settings as schema
 from wbc_controller.build_contacts import make_contact, make_loop_closure
 from wbc_controller.build_tasks import make_task
@@ -14,18 +16,20 @@ from wbc_controller.clock import Clock
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel, build_model
+from wbc_controller.core.passive import PassiveJoint
 from wbc_controller.core.references import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.core.tasks import Task
 from wbc_controller.decoding import Vocabulary
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.diagnostics.markers import MarkerScene
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inputs import Inputs
 from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
 from wbc_controller.outputs import Outputs
-from wbc_controller.records import CycleReport, Tuning, frozen
-from wbc_controller.robot_description import read_urdf
+from wbc_controller.records import Array, CycleReport, Tuning, frozen
+from wbc_controller.robot_description import read_urdf, transmissions
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
@@ -50,6 +54,13 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
         floating_base=robot.base == "floating",
         armature=robot.armature,
         effort_limit_scale=robot.effort_limit_scale,
+        actuators=robot.actuators,
+        transmission=transmissions(robot),
+        passive_joints={
+            name: PassiveJoint(joint.stiffness, joint.damping, joint.rest)
+            for name, joint in robot.passive_joints.items()
+        },
+        locked_joints=robot.locked_joints,
     )
 
 
@@ -57,15 +68,27 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
     """Build the torque-speed curve of the motors; None where it is not to be held.
 
     Raises:
-        ConfigurationError: where a joint is unknown.
+        ConfigurationError: where an actuator is unknown, or a transmission has no speeds.
     """
     curve = settings.limits.torque_speed
     if not curve.enabled:
         return None
-    corner, no_load = curve.corner * model.velocity_limits, curve.no_load * model.velocity_limits
-    for name, joint in curve.joints.items():
-        column = model.joint_columns([name], "limits.torque_speed.joints")
-        corner[column], no_load[column] = joint.corner, joint.no_load
+    for name in curve.actuators:
+        if name not in model.actuators:
+            raise ConfigurationError(
+                f"limits.torque_speed.actuators: {name!r} is no actuator; {valid_choices(name, model.actuators)}"
+            )
+    limits = dict(zip(model.joints, model.velocity_limits.tolist(), strict=True))
+    corner, no_load = [], []
+    for name in model.actuators:
+        own = curve.actuators.get(name)
+        if own is None and name in settings.robot.transmission:
+            raise ConfigurationError(
+                f"limits.torque_speed.actuators: {name!r} of robot.transmission needs a corner and a no_load of its "
+                "own, as the URDF's velocity limits are those of joints"
+            )
+        corner.append(own.corner if own is not None else curve.corner * limits[name])
+        no_load.append(own.no_load if own is not None else curve.no_load * limits[name])
     return TorqueSpeedCurve(frozen(corner), frozen(no_load))
 
 
@@ -160,6 +183,16 @@ def make_live_part(settings: Settings, controller: Controller) -> LivePart:
     return LivePart(plan, make_supervisor_limits(settings, model), settings.safety.state_timeout)
 
 
+def joint_efforts(model: RobotModel) -> Array:
+    """The largest torque that the actuators can give at each joint, (nj,) in N·m.
+
+    At a joint that none drives it is the median of the others: what there is to measure its torques against.
+    """
+    efforts = np.asarray(model.effort_limits @ np.abs(model.actuation.ratios))
+    driven = efforts > 0.0
+    return np.where(driven, efforts, np.median(efforts[driven]))
+
+
 def make_audit(settings: Settings, controller: Controller) -> ModelAudit:
     """Build the live audit of the model."""
     audit, model = settings.audit, controller.model
@@ -169,7 +202,7 @@ def make_audit(settings: Settings, controller: Controller) -> ModelAudit:
         energy=audit.energy,
         power=audit.power,
         force=audit.force * model.mass * model.gravity,
-        torques=audit.torque * model.effort_limits,
+        torques=audit.torque * joint_efforts(model),
         period=1.0 / settings.control.rate,
     )
     return ModelAudit(model, controller.contacts, limits)
@@ -179,7 +212,7 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     """Collect the names that messages are checked against."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     joints = {
-        name: tuple(task.joints) or model.joints
+        name: tuple(task.joints) or (model.joints if isinstance(task, schema.PostureTask) else model.driven_joints)
         for name, task in settings.tasks.items()
         if isinstance(task, schema.PostureTask | schema.TorqueTask)
     }

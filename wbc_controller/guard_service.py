@@ -59,7 +59,7 @@ class GuardService:
 
         Args:
             settings: the robot's settings.
-            robot: what the URDF says.
+            robot: what the URDF and the settings say of its actuators.
             topics: of the guard's node.
             transport: carries the messages.
             clock: dates the messages.
@@ -77,7 +77,8 @@ class GuardService:
         self._diagnostics_due = -math.inf
         self._said = ""
         self._lock = threading.Lock()
-        self._command_at, self._torques = -math.inf, np.zeros(len(settings.robot.joints))
+        self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
+        self._drive = robot.drive
         self._unanswered_at = math.inf
         self._mode: Mode | None = None
         self._joint_states: tuple[float, bytes] | None = None
@@ -104,7 +105,8 @@ class GuardService:
             self._refuse("joint_commands", refusal)
             return
         with self._lock:
-            self._command_at, self._torques, self._unanswered_at = now, tau, math.inf
+            self._command_at, self._unanswered_at = now, math.inf
+            self._torques = self._drive.from_joints(tau)
             self._refused.pop("joint_commands", None)
 
     def _take_mode(self, payload: bytes) -> None:
@@ -139,7 +141,7 @@ class GuardService:
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
-                self._velocity_at, self._velocity = newest[0], velocity
+                self._velocity_at, self._velocity = newest[0], self._drive.from_joints(velocity)
                 with self._lock:
                     self._refused.pop("joint_states", None)
         velocity_or_none = self._velocity if len(self._velocity) else None
@@ -214,7 +216,7 @@ def guard_limits(settings: Settings, effort: Array) -> GuardLimits:
 
     Args:
         settings: the robot's settings.
-        effort: largest torque of each joint, (na,) in N·m.
+        effort: largest torque of each actuator, (na,) in N·m.
     """
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
@@ -258,6 +260,6 @@ def run_guard(
         urdf = wait_for_urdf(transport, stop, GUARD_TOPICS, NODE_NAME, namespace, remappings)
         if stop.is_set():
             return
-    description = describe(urdf, robot.joints, robot.effort_limit_scale)
+    description = describe(urdf, robot)
     topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
     GuardService(settings, description, topics, transport, MonotonicClock(), namespace).run(stop)

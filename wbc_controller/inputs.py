@@ -35,7 +35,7 @@ class Latched:
 
     Attributes:
         state: the newest state; None until both of its parts have arrived.
-        joint_velocity: newest joint velocities, (na,) in rad/s; None until they have arrived.
+        joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
         ages: age of each part of the state, s; infinite where it has not arrived.
         notes: for the parts of the state, why the last message was refused, where it was.
         commands: words on the command topic, in order.
@@ -177,12 +177,8 @@ class Inputs:
         if any(not len(part.v) for part in self._parts.values()):
             return None
         joints = self._parts["joint_states"]
-        q, v = np.zeros(model.nq), np.zeros(model.nv)
-        if model.floating_base:
-            base = self._parts["odom"]
-            q[:7], v[:6] = base.q, base.v
-        q[model.q_index] = joints.q
-        v[model.v_index] = joints.v
+        base = self._parts.get("odom")
+        q, v = model.state(joints.q, joints.v) if base is None else model.state(joints.q, joints.v, base.q, base.v)
         q.setflags(write=False)
         v.setflags(write=False)
         return RobotState(joints.stamp, q, v)

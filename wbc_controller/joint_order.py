@@ -26,7 +26,7 @@ class JointOrder:
         """Read a sensor_msgs/JointState of a robot.
 
         Returns:
-            Positions in rad and velocities in rad/s, both (na,).
+            Positions in rad and velocities in rad/s, both (nj,).
 
         Raises:
             InputRefused: where a joint is missing, an array has a wrong size, or a value is not finite.
@@ -38,7 +38,7 @@ class JointOrder:
         """Read some of the arrays of a sensor_msgs/JointState: ``position``, ``velocity``, ``effort``.
 
         Returns:
-            Each (na,), in rad, rad/s and N·m.
+            Each (nj,), in rad, rad/s and N·m.
 
         Raises:
             InputRefused: as `read`.

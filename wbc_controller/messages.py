@@ -56,7 +56,7 @@ def nanoseconds(time: Any) -> int:
 
 def torques(tau: Any) -> Any:
     """Make the std_msgs/Float64MultiArray that effort controllers take, from (na,) in N·m."""
-    dimension = message("std_msgs/msg/MultiArrayDimension", label="joints", size=len(tau), stride=len(tau))
+    dimension = message("std_msgs/msg/MultiArrayDimension", label="actuators", size=len(tau), stride=len(tau))
     layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
     return message("std_msgs/msg/Float64MultiArray", layout=layout, data=tau)
 

@@ -42,6 +42,7 @@ class Outputs:
             markers_period: s between two messages of them; inf for none.
             node: name of the node, with its namespace.
         """
+        self._actuation = model.actuation
         self._joints = list(model.joints)
         self._contacts = contacts
         self._publish: dict[tuple[str, str], Publish] = {
@@ -70,7 +71,7 @@ class Outputs:
                     name=self._joints,
                     position=command.q_desired,
                     velocity=command.v_desired,
-                    effort=command.tau,
+                    effort=self._actuation.at_joints(command.tau),
                 ),
             )
         if report.solution is not None and report.mode is Mode.ACTIVE:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.build import make_board, make_controller, make_model
@@ -26,6 +25,8 @@ _LEVEL = 0.01
 _FLOOR = 0.5
 #: A loop that is open by more in the nominal posture is a mistake, m or rad.
 _CLOSED = 1.0e-3
+#: Torque by which a passive joint may be out of balance, N·m.
+_BALANCE = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,7 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
     normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
     q = stance(model, controller, made, normal)
     findings = [
-        Finding("joints", f"{model.na} actuated, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
+        Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
@@ -111,6 +112,15 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
     findings += _static(controller, state, board.sample(0.0), made, normal)
     return findings
+
+
+def _joints(model: RobotModel) -> str:
+    if model.passive is None and model.followers is None and model.actuators == model.joints:
+        return f"{model.na} actuated"
+    parts = [f"{model.nj}", f"{model.na} actuators"]
+    parts += [f"{len(model.passive.joints)} passive"] if model.passive is not None else []
+    parts += [f"{len(model.followers)} that follow others"] if model.followers is not None else []
+    return ", ".join(parts)
 
 
 def _loops(controller: Controller) -> list[Finding]:
@@ -163,20 +173,20 @@ def _static(
     problem = layout.problem
     still = layout.acceleration_columns
     problem.x_lower[still] = problem.x_upper[still] = 0.0
-    problem.b[layout.floating.stop :] = 0.0  # a loop that is open by a little does not move either
+    problem.b[layout.mechanism.stop :] = 0.0  # a loop that is open by a little does not move either
     solver = make_solver("daqp", problem)
     x = solver.solve(problem).x
     if x is None:
         why = explain(layout, model, controller.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
         raise ConfigurationError(_why_not(controller, tuple(made), normal) + because)
-    tau = (controller.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])[model.v_index]
+    tau = model.actuation.torques(controller.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))
     names = ", ".join(made) or "no contact"
     return [
         Finding("standing", f"possible on {names}; the largest torque is {abs(tau[worst]):.1f} N·m at "
-                            f"{model.joints[worst]}, {100 * share[worst]:.0f} % of its limit")
+                            f"{model.actuators[worst]}, {100 * share[worst]:.0f} % of its limit")
     ]  # fmt: skip
 
 
@@ -194,13 +204,18 @@ def _why_not(controller: Controller, made: tuple[str, ...], normal: Array) -> st
         weight = model.mass * model.gravity
         if most < weight:
             return begin + (f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N")
-    gravity = np.abs(
-        pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), controller.dynamics.q)
-    )
+    h = controller.dynamics.h  # at rest: gravity, and the springs of passive joints
+    loose = [
+        f"{name} {-torque:.3g} N·m"
+        for name, torque, driven in zip(model.joints, model.joint_forces(h), model.actuation.driven, strict=True)
+        if not driven and abs(torque) > _BALANCE
+    ]
+    if loose and not (made or model.floating_base):
+        return begin + "gravity and springs of these passive joints do not balance: " + ", ".join(loose)
     over = [
-        f"{name} {gravity[i]:.1f} of {limit:g} N·m"
-        for name, i, limit in zip(model.joints, model.v_index, model.effort_limits, strict=True)
-        if gravity[i] > limit
+        f"{name} {abs(torque):.1f} of {limit:g} N·m"
+        for name, torque, limit in zip(model.actuators, model.actuation.torques(h), model.effort_limits, strict=True)
+        if abs(torque) > limit
     ]
     if over and not model.floating_base:
         return begin + "gravity needs more than the effort limit of " + ", ".join(over)

@@ -126,7 +126,7 @@ class Solution:
 
     Attributes:
         v_dot: generalized acceleration, (nv,).
-        tau: joint torques in the order of the command, (na,) in N·m.
+        tau: torques of the actuators in the order of the command, (na,) in N·m.
         forces: per made contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
         residuals: largest absolute violation of each group of constraints, by name.
         task_errors: Euclidean norm of each task's error, in the unit of its reference: m, rad, kg·m/s, N·m·s, N or N·m.
@@ -206,9 +206,9 @@ class JointCommand:
 
     Attributes:
         stamp: source time of the state that this command answers, in nanoseconds.
-        tau: joint torques in the order of the ``joints`` parameter, (na,) in N·m.
-        q_desired: joint positions that the torques lead to, (na,) in rad; NaN where there is none.
-        v_desired: joint velocities that the torques lead to, (na,) in rad/s; NaN where there is none.
+        tau: torques of the actuators, in their order, (na,) in N·m.
+        q_desired: joint positions that the torques lead to, (nj,) in rad; NaN where there is none.
+        v_desired: joint velocities that the torques lead to, (nj,) in rad/s; NaN where there is none.
     """
 
     stamp: int
@@ -225,7 +225,7 @@ class AuditReport:
         energy: power that no torque accounts for, W.
         throughput: sum of the absolute powers of the joints, W: what the energy residual is to be measured against.
         force: force on the centre of mass that the model does not account for, world axes, (3,) in N.
-        joint_torques: the same for each joint, (na,) in N·m.
+        joint_torques: the same for each joint, (nj,) in N·m.
         warnings: a sentence for each residual that has been too large for too long.
     """
 

@@ -7,7 +7,7 @@ import sys
 import types
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, TypeGuard, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
@@ -96,7 +96,16 @@ def _inner(field: FieldInfo) -> type[BaseModel] | None:
     annotation = field.annotation
     if get_origin(annotation) is dict:
         annotation = get_args(annotation)[1]
-    return annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
+    return annotation if _is_section(annotation) else None
+
+
+def _is_section(annotation: Any) -> TypeGuard[type[BaseModel]]:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _named(annotation: Any) -> Any:
+    """What a mapping from names holds; None of anything else."""
+    return get_args(annotation)[1] if get_origin(annotation) is dict else None
 
 
 def _field_table(section: type[BaseModel]) -> str:
@@ -133,6 +142,9 @@ def _name(annotation: Any) -> str:
     members = _members(annotation)
     if len(members) > 1 or members[0] is not annotation:
         return " or ".join(map(_name, members))
+    value = _named(annotation)
+    if value is not None:
+        return f"{'section' if _is_section(value) else _name(value)} by name"
     inner = get_args(annotation)
     if inner:
         name = _name(inner[0])

@@ -1,4 +1,4 @@
-"""What can be known of a robot from its URDF's text alone, and the waiting for it on its topic. Knows no Pinocchio."""
+"""What can be known of a robot without Pinocchio, from the URDF's text and the settings; the waiting for the URDF."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
+from wbc_controller.core.transmission import Drive, Transmission, make_drive
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.interface import Topic, endpoints
 from wbc_controller.messages import decode
 from wbc_controller.records import Array, frozen
 from wbc_controller.resources import locate
+from wbc_controller.settings import RobotSettings
 from wbc_controller.transports.transport import Transport
 
 _log = logging.getLogger(__name__)
@@ -77,46 +81,55 @@ def wait_for_urdf(
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a URDF says of the robot and of the joints that are asked for.
+    """What a URDF and the settings say of a robot's actuators.
 
     Attributes:
         name: of the robot.
-        effort_limits: largest torque of each joint, (na,) in N·m.
+        drive: the actuators.
+        effort_limits: largest torque of each that may be used, (na,) in N·m.
     """
 
     name: str
+    drive: Drive
     effort_limits: Array
 
 
-def describe(urdf: str, joints: Sequence[str], scale: float) -> Description:
+def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
+    """The actuators of a robot that are not simply the motor of one joint, by name."""
+    return {name: Transmission(given.ratios, given.effort_limit) for name, given in robot.transmission.items()}
+
+
+def describe(urdf: str, robot: RobotSettings) -> Description:
     """Read a URDF's text.
 
     Args:
         urdf: text of the URDF.
-        joints: names, (na,).
-        scale: share of the effort limits that may be used.
+        robot: what the settings say of the robot.
 
     Raises:
-        ConfigurationError: where the text is no URDF, or a joint or its limit is missing.
+        ConfigurationError: where the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
     """
     try:
-        robot = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own description, which the controller reads too
+        tree = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own description, which the controller reads too
     except ElementTree.ParseError as error:
         raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
-    limits = {str(joint.get("name")): joint.find("limit") for joint in robot.findall("joint")}
-    values = []
-    for name in joints:
+    limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
+    efforts = []
+    for name in robot.joints:
         if name not in limits:
             raise ConfigurationError(
                 f"robot.joints: {name!r} is not a joint of the URDF; {valid_choices(name, limits)}"
             )
         limit = limits[name]
-        text = "" if limit is None else limit.get("effort", "")
         try:
-            value = float(text)
+            efforts.append(float("" if limit is None else limit.get("effort", "")))
         except ValueError:
-            value = math.nan
-        if not (0.0 < value < math.inf):
-            raise ConfigurationError(f"robot.urdf: joint {name!r} has the effort limit {text!r}; it must be positive")
-        values.append(scale * value)
-    return Description(robot.get("name", ""), frozen(values))
+            efforts.append(math.nan)
+    drive = make_drive(
+        robot.joints,
+        np.array(efforts),
+        actuators=robot.actuators,
+        transmission=transmissions(robot),
+        passive=robot.passive_joints,
+    )
+    return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))

@@ -45,7 +45,26 @@ class _Section(BaseModel):
     live: ClassVar[tuple[str, ...]] = ()
 
 
-_Curve = TypeVar("_Curve", bound="JointTorqueSpeed | TorqueSpeedSettings")
+class PassiveJointSettings(_Section):
+    """A joint without a motor of its own: its spring and its damper, torque = stiffness · (rest - q) - damping · q̇."""
+
+    stiffness: NonNegative = Field(0.0, le=1.0e6, description="Of its spring, N·m/rad.")
+    damping: NonNegative = Field(0.0, le=1.0e5, description="Of its damper, N·m·s/rad.")
+    rest: Finite = Field(0.0, description="Where the spring is at rest, rad.")
+
+
+class TransmissionSettings(_Section):
+    """An actuator that is not simply the motor of one joint."""
+
+    ratios: dict[str, Finite] = Field(
+        min_length=1,
+        description="For joints by name, how far the actuator turns per turn of the joint: its speed is the sum of "
+        "ratio times joint speed, and it gives ratio times its torque at each of these joints.",
+    )
+    effort_limit: Positive = Field(description="Largest torque of the actuator, N·m.")
+
+
+_Curve = TypeVar("_Curve", bound="ActuatorTorqueSpeed | TorqueSpeedSettings")
 
 
 def _falling(curve: _Curve) -> _Curve:
@@ -55,7 +74,7 @@ def _falling(curve: _Curve) -> _Curve:
 
 
 class RobotSettings(_Section):
-    """The robot: its model, its joints in the order of the command, and how it stands."""
+    """The robot: its model, its joints, what drives them, and how it stands."""
 
     urdf: str = Field(
         "",
@@ -65,19 +84,39 @@ class RobotSettings(_Section):
     base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
     joints: list[str] = Field(
         min_length=1,
-        description="Actuated joints, in the order of the effort command. All other joints of the URDF are locked.",
+        description="Joints that move and are measured. Joints that the URDF lets mimic one of these follow it; all "
+        "others are locked.",
+    )
+    actuators: list[str] = Field(
+        default_factory=list,
+        description="What the effort command holds, in its order: joints with a motor of their own, and names of "
+        "`transmission`. Empty: one motor at each joint that is not passive, in the order of `joints`.",
+    )
+    transmission: dict[str, TransmissionSettings] = Field(
+        default_factory=dict, description="Actuators that are not simply the motor of one joint."
+    )
+    passive_joints: dict[str, PassiveJointSettings] = Field(
+        default_factory=dict, description="Those of `joints` that have no motor of their own."
+    )
+    locked_joints: dict[str, Finite] = Field(
+        default_factory=dict, description="Position of joints that are locked elsewhere than at zero, rad."
     )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
     effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
-        1.0, description="Share of the URDF's effort limits that may be used."
+        1.0, description="Share of the effort limits, of the URDF and of `transmission`, that may be used."
     )
-    armature: NonNegative = Field(0.0, le=10.0, description="Reflected rotor inertia of every joint, kg·m².")
+    armature: NonNegative = Field(
+        0.0, le=10.0, description="Reflected rotor inertia of every joint that an actuator drives, kg·m²."
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> RobotSettings:
         twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
         if twice:
-            raise ValueError(f"joints: {', '.join(map(repr, twice))} stands more than once; each joint has one command")
+            raise ValueError(f"joints: {', '.join(map(repr, twice))} stands more than once; name it once")
+        again = sorted({name for name in self.actuators if self.actuators.count(name) > 1})
+        if again:
+            raise ValueError(f"actuators: {', '.join(map(repr, again))} stands more than once; each has one command")
         if len(self.posture) != len(self.joints):
             raise ValueError(
                 f"posture has {len(self.posture)} values for {len(self.joints)} joints; "
@@ -125,14 +164,14 @@ class SolverSettings(_Section):
     regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
 
 
-class JointTorqueSpeed(_Section):
-    """The torque-speed curve of one joint."""
+class ActuatorTorqueSpeed(_Section):
+    """The torque-speed curve of one actuator."""
 
     corner: Positive = Field(le=1.0e4, description="Speed up to which the effort limit is available, rad/s.")
     no_load: Positive = Field(le=1.0e4, description="Speed at which no torque is available, rad/s.")
 
     @model_validator(mode="after")
-    def _falls(self) -> JointTorqueSpeed:
+    def _falls(self) -> ActuatorTorqueSpeed:
         return _falling(self)
 
 
@@ -148,7 +187,9 @@ class TorqueSpeedSettings(_Section):
     no_load: Positive = Field(
         1.0, le=10.0, description="Speed at which no torque is available, as a share of the URDF's velocity limit."
     )
-    joints: dict[str, JointTorqueSpeed] = Field(default_factory=dict, description="Joints with values of their own.")
+    actuators: dict[str, ActuatorTorqueSpeed] = Field(
+        default_factory=dict, description="Actuators with values of their own; those of `robot.transmission` need them."
+    )
 
     @model_validator(mode="after")
     def _falls(self) -> TorqueSpeedSettings:
@@ -403,7 +444,7 @@ class TorqueTask(_Task):
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["torque"]
-    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all.")
+    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all that are driven.")
     target: list[Finite] = Field(
         default_factory=list, description="Torque of each before others are commanded, N·m; empty for zero."
     )

@@ -210,9 +210,9 @@ def possible(layout, model, effort, given):
             there = np.isfinite(bound)
             rows.append(sign * constraint.rows[there])
             right.append((bound + give)[there])
-    floating = layout.floating
+    mechanism = layout.mechanism
     answer = linprog(
-        np.zeros(len(problem.g)), np.vstack(rows), np.concatenate(right), problem.A[floating], problem.b[floating],
+        np.zeros(len(problem.g)), np.vstack(rows), np.concatenate(right), problem.A[mechanism], problem.b[mechanism],
         (None, None), method="highs-ipm",
     )  # fmt: skip
     return answer.status == 0
@@ -243,7 +243,7 @@ def test_the_problem_that_is_split_into_names_is_the_whole_problem(bench, name):
     named = named_constraints(layout, robot.model, robot.controller.formulation.effort_bounds(robot.references()))
     assert len({constraint.name for constraint in named}) == len(named)
     problem = layout.problem
-    problem.A[layout.floating], problem.b[layout.floating] = 0.0, 0.0  # these have no name
+    problem.A[layout.mechanism], problem.b[layout.mechanism] = 0.0, 0.0  # these have no name
     for _ in range(50):
         x = 10.0 * rng.normal(size=len(problem.g))
         worst = max(

@@ -10,6 +10,7 @@ import pytest
 
 from wbc_controller.build import make_board, make_controller, make_model
 from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.core.actuation import Actuation
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.references import EnableTask
 from wbc_controller.mechanics import Recoordinated, recoordinate
@@ -23,11 +24,13 @@ def in_other_coordinates(model: RobotModel, other: Recoordinated) -> tuple[Robot
     joints = [other.model.joints[other.model.getJointId(name)] for name in model.joints]
     signs = np.array([other.signs[name] for name in model.joints])
     ends = np.sort(np.stack([signs * model.position_lower, signs * model.position_upper]), axis=0)
+    v_index = np.array([joint.idx_v for joint in joints])
     return dataclasses.replace(
         model,
         pinocchio=other.model,
         q_index=np.array([joint.idx_q for joint in joints]),
-        v_index=np.array([joint.idx_v for joint in joints]),
+        v_index=v_index,
+        actuation=Actuation(model.actuation, v_index, model.actuation.C),
         position_lower=frozen(ends[0]),
         position_upper=frozen(ends[1]),
         posture=frozen(signs * model.posture),

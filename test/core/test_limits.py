@@ -5,7 +5,7 @@ import pytest
 
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.errors import ConfigurationError, NoSolution
-from wbc_controller.settings import JointTorqueSpeed, TorqueSpeedSettings
+from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
 
 PERIOD = 0.002
 
@@ -346,16 +346,16 @@ def test_the_torque_speed_curve_matters(bench):
     assert (tau > limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1.0).any()
 
 
-def test_joints_have_torque_speed_curves_of_their_own(bench):
-    own = JointTorqueSpeed(corner=3.0, no_load=5.0)
-    g1 = bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, joints={ELBOW: own})})
+def test_actuators_have_torque_speed_curves_of_their_own(bench):
+    own = ActuatorTorqueSpeed(corner=3.0, no_load=5.0)
+    g1 = bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={ELBOW: own})})
     curve, i = g1.controller.formulation.torque_limit.curve, g1.model.joints.index(ELBOW)
     assert (curve.corner[i], curve.no_load[i]) == (3.0, 5.0)
     others = np.arange(g1.model.na) != i
     np.testing.assert_allclose(curve.corner[others], 0.5 * g1.model.velocity_limits[others])
     np.testing.assert_allclose(curve.no_load[others], g1.model.velocity_limits[others])
-    with pytest.raises(ConfigurationError, match=r"limits.torque_speed.joints: 'elbow' is not an actuated joint"):
-        bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, joints={"elbow": own})})
+    with pytest.raises(ConfigurationError, match=r"limits.torque_speed.actuators: 'elbow' is no actuator; "):
+        bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={"elbow": own})})
 
 
 def test_nan_passes_through_the_bounds_to_where_it_is_refused():

@@ -43,7 +43,7 @@ def good_run():
     tau = np.full((n, 2), 5.0)
     tau[:20] = np.nan  # before the first command
     return Recording(
-        robot="x", joints=("a", "b"), time=TIME, q=np.zeros((n, 9)), tau=tau, effort_limits=np.array([5.0, 10.0]),
+        robot="x", actuators=("a", "b"), time=TIME, q=np.zeros((n, 9)), tau=tau, effort_limits=np.array([5.0, 10.0]),
         com=com, com_reference=np.zeros((n, 3)), frame_errors={"hand": distance},
         contact_wrenches={"left": half, "right": half}, true_wrenches={"left": half, "right": half},
         friction={"left": 0.7, "right": 0.7}, cycle_seconds=np.full(n, 1e-3), stage_seconds={}, events=(), results=(),

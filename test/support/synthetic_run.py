@@ -63,7 +63,7 @@ def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recor
     names = [(0.0, "stand"), (0.12, "sway"), (0.35, "squat"), (0.65, "reach"), (0.77, "shove left"), (0.88, "settle")]
     recording = Recording(
         robot=name,
-        joints=model.joints,
+        actuators=model.joints,
         time=time,
         q=q,
         tau=tau,

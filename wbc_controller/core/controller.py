@@ -148,7 +148,7 @@ class Controller:
         Args:
             state: where the robot is.
             references: what is wanted.
-            tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
+            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
             explained: find out which constraints conflict where there is no solution. It takes several periods.
 
         Raises:
@@ -211,7 +211,7 @@ class Controller:
         Args:
             state: where the robot is.
             references: what is wanted.
-            tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
+            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
 
         Returns:
             The conflict; None where the constraints can be met together, or a value is not finite.

@@ -19,7 +19,7 @@ class Dynamics:
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         M: joint-space inertia matrix, (nv, nv), symmetric.
-        h: Coriolis, centrifugal and gravity terms, (nv,).
+        h: Coriolis, centrifugal and gravity terms, less the forces of passive joints' springs and dampers, (nv,).
         com: position of the centre of mass in the world, (3,) in m.
         com_velocity: its velocity in the world, (3,) in m/s.
         com_jacobian: (3, nv), so that com_velocity = com_jacobian v.
@@ -60,6 +60,8 @@ class Dynamics:
         pin.updateFramePlacements(model, data)
         self.M = data.M
         self.h = data.nle
+        if self.model.passive is not None:
+            self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
         self.com = data.com[0]
         self.com_velocity = data.vcom[0]
         self.com_jacobian = data.Jcom

@@ -99,7 +99,7 @@ class Formulation:
         Args:
             state: where the robot is.
             references: what is wanted.
-            tau_before: the torques that the joints have now, (na,) in N·m, where the torque rate is to be held.
+            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
 
         Returns:
             The layout, whose `problem` is ready to be solved, looked at or dumped.
@@ -150,20 +150,21 @@ class Formulation:
             rows = slice(columns.start - model.nv, columns.stop - model.nv)
             layout.J[rows] = contact.jacobian(dynamics)
         h = self.bias(references)
-        unactuated, floating, torque = layout.unactuated, layout.floating, layout.torque
+        actuation, unactuated, torque = model.actuation, layout.unactuated, layout.torque
         accelerations, forces = layout.acceleration_columns, layout.force_columns
-        problem.A[floating, accelerations] = dynamics.M[unactuated]
-        problem.A[floating, forces] = -FORCE_UNIT * layout.J[:, unactuated].T
-        problem.b[floating] = -h[unactuated]
-        problem.C[torque, accelerations] = dynamics.M[model.v_index]
-        problem.C[torque, forces] = -FORCE_UNIT * layout.J[:, model.v_index].T
-        lower, upper = self.torque_limit.bounds(tau_before, dynamics.v[model.v_index], self.period)
-        layout.torque_bias[:] = h[model.v_index]
-        problem.lower[torque] = lower - h[model.v_index]
-        problem.upper[torque] = upper - h[model.v_index]
+        problem.A[unactuated, accelerations] = actuation.unactuated(dynamics.M)
+        problem.A[unactuated, forces] = -FORCE_UNIT * actuation.unactuated(layout.J.T)
+        problem.b[unactuated] = -actuation.unactuated(h)
+        problem.C[torque, accelerations] = actuation.torques(dynamics.M)
+        problem.C[torque, forces] = -FORCE_UNIT * actuation.torques(layout.J.T)
+        bias = actuation.torques(h)
+        lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
+        layout.torque_bias[:] = bias
+        problem.lower[torque] = lower - bias
+        problem.upper[torque] = upper - bias
 
     def bias(self, references: References) -> Array:
-        """Bias forces less the generalized forces of the known external wrenches (equation (22); S4)."""
+        """Bias forces less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
         if not references.external_wrenches:
             return self.dynamics.h
         h = np.array(self.dynamics.h)
@@ -200,8 +201,9 @@ class Formulation:
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
         """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
-        lower, upper = self.torque_limit.available(self.dynamics.v[self.model.v_index])
-        h = self.bias(references)[self.model.v_index]
+        actuation = self.model.actuation
+        lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
+        h = actuation.torques(self.bias(references))
         return lower - h, upper - h
 
     def relax(self, layout: Layout, what: str, references: References) -> None:

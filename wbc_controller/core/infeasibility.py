@@ -18,7 +18,7 @@ conflict by themselves.
 σ_g has no unit. So that newtons, newton metres and accelerations compare, a constraint's violation is measured in
 
 - forces: the robot's weight m g, `GROUND` m g where a contact would have to pull; moments: m g times `LENGTH`,
-- torques and torque rates: the joint's effort limit,
+- torques and torque rates: the actuator's effort limit,
 - accelerations of joints: g / `LENGTH`,
 - cones: `GROUND` m g, and m g times `LENGTH` of that for moments,
 - accelerations of contacts: `GROUND` g, and g / `LENGTH` of that for angular ones.
@@ -164,11 +164,11 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
             )  # fmt: skip
     lower, upper = problem.lower[layout.torque], problem.upper[layout.torque]
     rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
-    for i, joint in enumerate(model.joints):
+    for i, actuator in enumerate(model.actuators):
         row, limit = problem.C[layout.torque][i], model.effort_limits[i]
         h = layout.torque_bias[i]
-        add(f"torque:{joint}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
-        add(f"torque_rate:{joint}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)
+        add(f"torque:{actuator}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
+        add(f"torque_rate:{actuator}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)
     names = dict(zip(model.v_index.tolist(), model.joints, strict=True))
     for column in range(nv):
         owner = names.get(column, "base")
@@ -200,9 +200,9 @@ def explain(
     given = [constraint for constraint in constraints if constraint.kind in held]
     problem = layout.problem
     fixed = (
-        np.vstack([problem.A[layout.floating], *(constraint.rows for constraint in given)]),
-        np.concatenate([problem.b[layout.floating], *(constraint.lower for constraint in given)]),
-        np.concatenate([problem.b[layout.floating], *(constraint.upper for constraint in given)]),
+        np.vstack([problem.A[layout.mechanism], *(constraint.rows for constraint in given)]),
+        np.concatenate([problem.b[layout.mechanism], *(constraint.lower for constraint in given)]),
+        np.concatenate([problem.b[layout.mechanism], *(constraint.upper for constraint in given)]),
     )
     return _Search(fixed, question).run()
 

@@ -1,7 +1,7 @@
 """The quadratic program of one cycle, as data: built here and in `controller`, solved elsewhere.
 
-The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly: with the rows of the actuated
-joints, τ = M_a v̇ + h_a - J_aᵀ f, so that bounds of τ are rows in x. With S a selection of joints this loses nothing.
+The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly, τ = T (M v̇ + h - Jᵀ f), so that
+bounds of τ are rows in x (`actuation.Actuation`).
 """
 
 from __future__ import annotations
@@ -148,12 +148,14 @@ class Layout:
         problem: the problem's arrays.
         forces: for each contact, the columns of its force in x.
         motion: for each contact, the rows of its motion in A and b.
-        floating: rows of A of the equations of motion that no actuator enters.
+        mechanism: rows of A that always hold: the unactuated part of the equations of motion, and joints that follow
+            others.
+        unactuated: the first of them, of the equations of motion.
         torque: rows of C of the torque bounds.
         cones: for each contact, the rows of C of its cone.
         row_limits: the limits on combinations of v̇.
         limits: for each of these, its rows of C.
-        joints: columns of x of the actuated joints' accelerations, (na,).
+        joints: columns of x of the joints' accelerations, (nj,).
         torque_bias: of the torques, what the rows of C leave out, (na,) in N·m: τ = C x + this.
         levels: the cost, by priority; `H` and `g` of the problem are those of the first.
     """
@@ -161,16 +163,17 @@ class Layout:
     def __init__(self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = ()) -> None:
         nv, na = model.nv, model.na
         self.contacts = tuple(contacts)
-        self.unactuated = np.setdiff1d(np.arange(nv), model.v_index)  # rows of M without an actuator
         sizes = [contact.size for contact in contacts]
         nf = sum(sizes)
-        self.floating = slice(0, len(self.unactuated))
+        coupling = model.actuation.C
+        self.unactuated = slice(0, model.actuation.free)
+        self.mechanism = slice(0, model.actuation.free + len(coupling))
         self.torque = slice(0, na)
         self.joints = model.v_index
         self.forces: list[slice] = []
         self.motion: list[slice] = []
         self.cones: list[slice] = []
-        column, row, inequality = nv, len(self.unactuated), na
+        column, row, inequality = nv, self.mechanism.stop, na
         for contact in contacts:
             self.forces.append(slice(column, column + contact.size))
             self.motion.append(slice(row, row + contact.size))
@@ -184,6 +187,7 @@ class Layout:
             self.limits.append(slice(inequality, inequality + len(limit.names)))
             inequality += len(limit.names)
         self.problem = QuadraticProgram.empty(nv + nf, row, inequality)
+        self.problem.A[self.unactuated.stop : self.mechanism.stop, :nv] = coupling  # C v̇ = 0
         for contact, columns, rows in zip(contacts, self.forces, self.cones, strict=True):
             self.problem.C[rows, columns] = contact.cone
             self.problem.upper[rows] = 0.0

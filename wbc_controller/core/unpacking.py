@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from wbc_controller.core.formulation import Formulation
+from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import FORCE_UNIT, Layout
 from wbc_controller.records import Array, References, Solution, frozen, frozen_mapping
 
@@ -29,11 +30,11 @@ def unpack(
     """
     problem, model = layout.problem, formulation.model
     v_dot, f = x[: model.nv], FORCE_UNIT * x[model.nv :]
-    generalized = formulation.dynamics.M @ v_dot + formulation.bias(references) - layout.J.T @ f  # = Sᵀτ
+    generalized = formulation.dynamics.M @ v_dot + formulation.bias(references) - layout.J.T @ f  # = Sᵀτ + Cᵀλ
     motion = problem.A @ x - problem.b
     residuals = {
-        "equations_of_motion": _largest(generalized[layout.unactuated]),
-        "contact_motion": _largest(motion[layout.floating.stop :]),
+        "equations_of_motion": _largest(model.actuation.unactuated(generalized)),
+        "contact_motion": _largest(motion[layout.mechanism.stop :]),
         "inequalities": max(0.0, problem.violation(x)),
     }
     forces = {
@@ -42,11 +43,11 @@ def unpack(
     }
     return Solution(
         v_dot=frozen(v_dot),
-        tau=frozen(generalized[model.v_index]),
+        tau=frozen(model.actuation.torques(generalized)),
         forces=frozen_mapping(forces),
         residuals=frozen_mapping(residuals),
         task_errors=frozen_mapping(_task_errors(formulation, layout, x, references)),
-        binding=frozen_mapping(_binding(layout, model.joints, x, multipliers)),
+        binding=frozen_mapping(_binding(layout, model, x, multipliers)),
         iterations=iterations,
         external_wrenches=frozen_mapping(references.external_wrenches),
     )
@@ -63,7 +64,7 @@ def _task_errors(formulation: Formulation, layout: Layout, x: Array, references:
     return errors
 
 
-def _binding(layout: Layout, joints: tuple[str, ...], x: Array, multipliers: Array) -> Mapping[str, float]:
+def _binding(layout: Layout, model: RobotModel, x: Array, multipliers: Array) -> Mapping[str, float]:
     """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
     problem = layout.problem
     value = np.concatenate([x, problem.C @ x])
@@ -80,13 +81,13 @@ def _binding(layout: Layout, joints: tuple[str, ...], x: Array, multipliers: Arr
         if at[start:stop].any():
             found[name] = float(np.sum(cost[start:stop][at[start:stop]])) / unit
 
-    for i, joint in enumerate(joints):
+    for i, actuator in enumerate(model.actuators):
         row = n + layout.torque.start + i
-        add(f"torque:{joint}:lower", row, row + 1, at_lower, 1.0)
-        add(f"torque:{joint}:upper", row, row + 1, at_upper, 1.0)
+        add(f"torque:{actuator}:lower", row, row + 1, at_lower, 1.0)
+        add(f"torque:{actuator}:upper", row, row + 1, at_upper, 1.0)
     for contact, rows in zip(layout.contacts, layout.cones, strict=True):
         add(f"cone:{contact.name}", n + rows.start, n + rows.stop, at_upper, FORCE_UNIT)
-    for joint, column in zip(joints, layout.joints.tolist(), strict=True):
+    for joint, column in zip(model.joints, layout.joints.tolist(), strict=True):
         add(f"motion:{joint}:lower", column, column + 1, at_lower, 1.0)
         add(f"motion:{joint}:upper", column, column + 1, at_upper, 1.0)
     for contact, columns in zip(layout.contacts, layout.forces, strict=True):

@@ -229,11 +229,10 @@ class Director:
     def state(self) -> tuple[Array, Array]:
         """Newest state: q (nq,) and v (nv,)."""
         model = self._model
-        q, v = np.zeros(model.nq), np.zeros(model.nv)
-        q[model.q_index], v[model.v_index] = self._order.read(self.log.last("mock", "joint_states"))
+        base: tuple[Array, ...] = ()
         if model.floating_base:
-            q[:7], v[:6] = read_odometry(self.log.last("mock", "odom"), model.base_link)
-        return q, v
+            base = read_odometry(self.log.last("mock", "odom"), model.base_link)
+        return model.state(*self._order.read(self.log.last("mock", "joint_states")), *base)
 
     def com(self) -> Array:
         """Centre of mass at the newest state, (3,) in m."""

@@ -50,10 +50,16 @@ def make_recording(
         errors[task] = np.where(inside, distance, np.nan)
     return Recording(
         robot=name,
-        joints=model.joints,
+        actuators=model.actuators,
         time=time - time[0],
         q=q,
-        tau=_aligned(log, ("controller", "joint_commands", ""), time, lambda content: content.effort, model.na),
+        tau=_aligned(
+            log,
+            ("controller", "joint_commands", ""),
+            time,
+            lambda content: model.actuation.from_joints(content.effort),
+            model.na,
+        ),
         effort_limits=model.effort_limits,
         com=com,
         com_reference=reference,
@@ -87,10 +93,11 @@ def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
         time = header_time(payload)
         if time <= last or (model.floating_base and time not in odometry):
             continue
-        q = np.zeros(model.nq)
-        q[model.q_index] = order.read(decode(payload, "sensor_msgs/msg/JointState"))[0]
+        joints = order.read(decode(payload, "sensor_msgs/msg/JointState"))
+        base: tuple[Array, ...] = ()
         if model.floating_base:
-            q[:7] = read_odometry(decode(odometry[time], "nav_msgs/msg/Odometry"), model.base_link)[0]
+            base = read_odometry(decode(odometry[time], "nav_msgs/msg/Odometry"), model.base_link)
+        q, _ = model.state(*joints, *base)
         times.append(time)
         configurations.append(q)
         last = time

@@ -130,7 +130,7 @@ def _torques(recording: Recording) -> Plot:
         line={"width": 0.8, "color": GREY}, fillcolor="rgba(139, 149, 163, 0.22)",
     )  # fmt: skip
     for joint, color in zip(np.argsort(-peaks)[:BUSIEST], PALETTE, strict=False):
-        name = recording.joints[joint].removesuffix("_joint")
+        name = recording.actuators[joint].removesuffix("_joint")
         _line(figure, recording.time, use[:, joint], name, color, width=1.2)
     figure.add_hline(y=100.0, line={"color": PALETTE[3], "width": 1.2, "dash": "dot"})
     figure.update_yaxes(title_text="|torque| / limit [%]", range=[0.0, 108.0])

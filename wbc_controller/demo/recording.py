@@ -18,7 +18,7 @@ from wbc_controller.records import Array, frozen, frozen_mapping
 from wbc_controller.settings import ContactSettings, SurfaceContact
 
 #: Raised by one whenever a saved recording changes its layout.
-FORMAT = 2
+FORMAT = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +74,11 @@ class Support:
 class Recording:
     """What a demo run observed over topics.
 
-    Arrays are copied and frozen. Shapes: n samples of the state, m cycles of the controller, na actuated joints.
+    Arrays are copied and frozen. Shapes: n samples of the state, m cycles of the controller, na actuators.
 
     Attributes:
         robot: the robot's name.
-        joints: names of the actuated joints, in the order of the command.
+        actuators: their names, in the order of the command.
         time: simulated time since the start, (n,) in s; never decreases.
         q: Pinocchio configuration, (n, nq).
         tau: commanded torques, (n, na) in N·m.
@@ -101,7 +101,7 @@ class Recording:
     """
 
     robot: str
-    joints: tuple[str, ...]
+    actuators: tuple[str, ...]
     time: Array
     q: Array
     tau: Array
@@ -121,7 +121,7 @@ class Recording:
     audit: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        n, na = len(self.time), len(self.joints)
+        n, na = len(self.time), len(self.actuators)
         shapes: dict[str, tuple[int | None, ...]] = {
             "time": (n,),
             "q": (n, None),
@@ -177,7 +177,7 @@ class Recording:
         metadata = {
             "format": FORMAT,
             "robot": self.robot,
-            "joints": self.joints,
+            "actuators": self.actuators,
             "groups": {name: list(getattr(self, name)) for name in _GROUPS},
             "friction": dict(self.friction),
             "events": [[event.time, event.name] for event in self.events],
@@ -209,7 +209,7 @@ class Recording:
                     content[name] = {key: file[f"{name}.{i}"] for i, key in enumerate(metadata["groups"][name])}
                 return cls(
                     robot=str(metadata["robot"]),
-                    joints=tuple(metadata["joints"]),
+                    actuators=tuple(metadata["actuators"]),
                     friction={name: float(value) for name, value in metadata["friction"].items()},
                     events=tuple(Event(float(time), str(name)) for time, name in metadata["events"]),
                     results=tuple(

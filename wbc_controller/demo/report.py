@@ -216,7 +216,7 @@ def _verdict(recording: Recording) -> str:
 
 
 def _facts(recording: Recording) -> str:
-    facts = [("Simulated", f"{recording.duration:.1f} s"), ("Actuated joints", str(len(recording.joints)))]
+    facts = [("Simulated", f"{recording.duration:.1f} s"), ("Actuators", str(len(recording.actuators)))]
     if len(recording.cycle_seconds):
         median, p99 = 1.0e3 * np.percentile(recording.cycle_seconds, [50.0, 99.0])
         facts += [("Control cycles", f"{len(recording.cycle_seconds):,}"), ("Median cycle", f"{median:.2f} ms")]

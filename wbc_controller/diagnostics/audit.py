@@ -34,7 +34,7 @@ class AuditLimits:
         energy: largest energy residual, as a share of the joints' power.
         power: power of the joints below which it is not measured against, W.
         force: largest unaccounted force on the centre of mass, N.
-        torques: largest unaccounted torque of each joint, (na,) in N·m.
+        torques: largest unaccounted torque of each joint, (nj,) in N·m.
         period: control period, s.
     """
 
@@ -80,7 +80,7 @@ class ModelAudit:
     def _forget(self) -> None:
         self._energy = self._throughput = 0.0
         self._force = np.zeros(3)
-        self._torques = np.zeros(self._model.na)
+        self._torques = np.zeros(self._model.nj)
         self._since: dict[str, float] = {}
 
     def look(
@@ -144,8 +144,10 @@ class ModelAudit:
     def _filter(self, sent: _Sent, state: RobotState, dynamics: Dynamics, gap: float) -> None:
         model = self._model
         share = gap / (self._limits.time_constant + gap)
-        force = np.zeros(model.nv)
-        force[model.v_index] = sent.tau
+        force = model.actuation.generalized_force(sent.tau)
+        if model.passive is not None:  # the mean of a spring's forces at both ends gives its work exactly
+            ends = (sent.state, state)
+            force += 0.5 * sum(model.passive_force(end.q, end.v) for end in ends)
         # Contacts do not move along what they hold, so they do no work.
         energy: EnergyBalance = energy_residual(
             model.pinocchio, sent.state, state, force, sent.external, data=self._data
@@ -160,7 +162,7 @@ class ModelAudit:
             )
             self._force += share * (momentum.residual[:3] - self._force)
         unexpected = dynamics.M @ ((state.v - sent.state.v) / gap - sent.solution.v_dot)
-        self._torques += share * (unexpected[model.v_index] - self._torques)
+        self._torques += share * (model.joint_forces(unexpected) - self._torques)
 
     def _warnings(self, now: float) -> Sequence[str]:
         limits = self._limits

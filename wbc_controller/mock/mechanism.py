@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts import placement_of
+from wbc_controller.core.mimic import Followers
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.grips import Attachment, add_attachment
@@ -107,8 +108,8 @@ def position_and_wxyz(placement: pin.SE3) -> Array:
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     """Reduce a URDF to the mechanism that Pinocchio has of it.
 
-    Shapes go: only feet touch. Joints that the controller does not actuate are fixed at zero. Friction and damping of
-    the joints go, as they are not part of the controller's dynamics either.
+    Shapes go: only feet touch. Joints that do not move are fixed where the configuration locks them. Friction and
+    damping that the URDF gives joints go, as they are not part of the controller's dynamics either.
 
     Returns:
         The URDF and the name of its root link.
@@ -116,8 +117,8 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     tree = ET.fromstring(model.urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
     children = set()
     for joint in tree.findall("joint"):
-        if joint.get("name") not in model.joints:
-            joint.set("type", "fixed")
+        if joint.get("name") not in model.moving_joints:
+            _fix(joint, model.locked.get(str(joint.get("name")), 0.0))
         for tag in ("dynamics", "mimic", "safety_controller", "calibration"):
             for element in joint.findall(tag):
                 joint.remove(element)
@@ -143,6 +144,37 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     # gets the inertia wrong where it fuses them.
     ET.SubElement(extension, "compiler", balanceinertia="false", boundmass="0", boundinertia="0", fusestatic="false")
     return tree, root
+
+
+def _fix(joint: ET.Element, position: float) -> None:
+    """Lock a joint of a URDF at a position, rad."""
+    if position != 0.0:
+        origin = joint.find("origin")
+        if origin is None:
+            origin = ET.SubElement(joint, "origin")
+        xyz, rpy = (np.array([float(value) for value in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+        found = joint.find("axis")
+        axis = np.array([float(value) for value in (found.get("xyz", "") if found is not None else "1 0 0").split()])
+        along = position * axis / np.linalg.norm(axis)
+        motion = (
+            pin.SE3(np.eye(3), along) if joint.get("type") == "prismatic" else pin.SE3(pin.exp3(along), np.zeros(3))
+        )
+        placement = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz) * motion
+        origin.set("xyz", " ".join(map(repr, placement.translation.tolist())))
+        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(placement.rotation).tolist())))
+    joint.set("type", "fixed")
+
+
+def _couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
+    """Let joints follow others."""
+    for name, mimic in followers.mimics.items():
+        equality = spec.add_equality()
+        equality.type = mujoco.mjtEq.mjEQ_JOINT
+        equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        equality.name1, equality.name2 = name, mimic.leader
+        equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
+        equality.solref = stiff
+        equality.solimp = impedance
 
 
 def _write_inertias(spec: Any, tree: ET.Element) -> None:
@@ -183,7 +215,7 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
     if joint == 0:
         return spec.worldbody
     name = model.pinocchio.names[joint]
-    return spec.joint(name).parent if name in model.joints else spec.body(root)
+    return spec.joint(name).parent if name in model.moving_joints else spec.body(root)
 
 
 def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int, placement: pin.SE3, root: str) -> Any:
@@ -241,6 +273,11 @@ def compile_mechanism(
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
+    for name, passive in model.passive.joints.items() if model.passive is not None else ():
+        joint = spec.joint(name)
+        joint.stiffness, joint.damping, joint.springref = passive.stiffness, passive.damping, passive.rest
+    if model.followers is not None:
+        _couple(spec, model.followers, stiff, impedance)
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()

@@ -8,6 +8,7 @@ or comes out follows the conventions of `wbc_controller.records`, which are Pino
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -78,8 +79,8 @@ class Plant:
         self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
         #: Step of the physics, s: the largest one up to ``settings.mock.step`` of which a period is a multiple.
         self.step_seconds = period / self.steps_per_period
-        #: Largest torque of each motor, (na,) in N·m: the URDF's limits, whatever share of them a controller may use.
-        self.effort_limits = np.array(model.pinocchio.upperEffortLimit)[model.v_index]
+        #: Largest torque of each actuator, (na,) in N·m, whatever share of it a controller may use.
+        self.effort_limits = model.actuation.effort_limits
         self._contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self._contacts), closures_of(model, settings.loops)
         self._floor_normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
@@ -87,9 +88,8 @@ class Plant:
             model, self._contacts, self.step_seconds, settings.mock.floor_normal, {**self._grips, **self._closures}
         )
         self._data = mujoco.MjData(self._model)
-        joints = [self._model.joint(name) for name in model.joints]
-        self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
-        self._dof = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
+        self._qpos, self._dof = self._addresses(model.joints)
+        self._following = self._addresses(model.followers.names) if model.followers is not None else None
         self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self._contacts.items()}
         self._foot_of_geom = {
             self._model.geom(geom).id: name for name in self._contacts for geom in geom_names(name, self._contacts)
@@ -98,7 +98,9 @@ class Plant:
         self._tau = np.zeros(model.na)
         self._damping: Array | None = None
         # A sampled drive that damps more shakes the joint itself: step times damping times (M⁻¹)ⱼⱼ stays well below 1.
-        self._most_damping = DAMPING_SHARE / (self.step_seconds * self._model.dof_invweight0[self._dof])
+        most = DAMPING_SHARE / (self.step_seconds * self._model.dof_invweight0[self._dof])
+        # Through a transmission only one damping for all joints is sure to brake.
+        self._most_damping = most if model.actuation.direct else np.full(model.nj, most[model.actuation.driven].min())
         self._pushes: list[_Push] = []
         self._stale = False
         start = self._initial_base()
@@ -139,15 +141,15 @@ class Plant:
 
     @property
     def applied_torques(self) -> Array:
-        """Torques that the motors give, (na,) in N·m: commanded ones within the limits, or those of the damping."""
-        tau = self._tau if self._damping is None else -self._damping * self._data.qvel[self._dof]
+        """Torques of the actuators, (na,) in N·m: commanded ones within the limits, or those of the damping."""
+        tau = self._tau
+        if self._damping is not None:
+            tau = -self._robot.actuation.from_joints(self._damping * self._data.qvel[self._dof])
         return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
 
     def state(self) -> tuple[Array, Array]:
         """Give the configuration q, (nq,), and the generalized velocity v, (nv,), as Pinocchio has them."""
-        q = self._robot.configuration(self._data.qpos[self._qpos])
-        v = np.zeros(self._robot.nv)
-        v[self._robot.v_index] = self._data.qvel[self._dof]
+        q, v = self._robot.state(self._data.qpos[self._qpos], self._data.qvel[self._dof])
         if self._robot.floating_base:
             q[:3] = self._data.qpos[:3]
             q[3:7] = self._quaternion()
@@ -164,6 +166,8 @@ class Plant:
         """
         v_dot = np.zeros(self._robot.nv)
         v_dot[self._robot.v_index] = self._data.qacc[self._dof]
+        if self._robot.followers is not None:
+            self._robot.followers.move(v_dot)
         if self._robot.floating_base:
             rotation = self._base().rotation
             omega = self._data.qvel[3:6]
@@ -227,10 +231,10 @@ class Plant:
         return max([0.0, *depths])
 
     def apply(self, tau: npt.ArrayLike) -> None:
-        """Set the joint torques from now on. Motors saturate at the URDF's effort limits.
+        """Set the torques of the actuators from now on. They saturate at their effort limits.
 
         Args:
-            tau: torques in the order of the joints, (na,) in N·m.
+            tau: torques in the order of the actuators, (na,) in N·m.
 
         Raises:
             InputRefused: where the size is wrong or a value is not finite; the torques stay as they were.
@@ -246,13 +250,15 @@ class Plant:
             InputRefused: where the size is wrong or a value is not finite.
         """
         if tau.shape != (self._robot.na,):
-            raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per joint in their order")
+            raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per actuator in their order")
         if not np.isfinite(tau).all():
-            bad = [f"{n}: {x}" for n, x in zip(self._robot.joints, tau.tolist(), strict=True) if not math.isfinite(x)]
+            bad = [
+                f"{n}: {x}" for n, x in zip(self._robot.actuators, tau.tolist(), strict=True) if not math.isfinite(x)
+            ]
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
-        """Let go of the torques and damp every joint instead, as a drive does by itself; it saturates too.
+        """Let go of the torques and damp every joint instead, as its drive does by itself; it saturates too.
 
         Args:
             damping: N·m·s/rad; less where this would be too much for the step of the physics.
@@ -344,6 +350,12 @@ class Plant:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
         self._data.qpos[self._qpos] = q[self._robot.q_index]
         self._data.qvel[self._dof] = v[self._robot.v_index]
+        if self._robot.followers is not None and self._following is not None:
+            qpos, dof = self._following
+            self._data.qpos[qpos], self._data.qvel[dof] = (
+                q[self._robot.followers.q_index],
+                v[self._robot.followers.v_index],
+            )
         if self._robot.floating_base:
             self._data.qpos[:3] = q[:3]
             self._data.qpos[3:7] = q[[6, 3, 4, 5]]
@@ -383,7 +395,7 @@ class Plant:
             force, torque = push.wrench[:3], push.wrench[3:]
             # MuJoCo takes wrenches about a body's centre of mass.
             self._data.xfrc_applied[push.at.id] += np.concatenate([force, torque + np.cross(arm, force)])
-        self._data.qfrc_applied[self._dof] = self.applied_torques
+        self._data.qfrc_applied[self._dof] = self._robot.actuation.at_joints(self.applied_torques)
         mujoco.mj_fwdActuation(self._model, self._data)
         mujoco.mj_fwdAcceleration(self._model, self._data)
         mujoco.mj_fwdConstraint(self._model, self._data)
@@ -417,11 +429,17 @@ class Plant:
         """Place a frame on a body in the world."""
         return pin.SE3(self._data.xmat[body.id].reshape(3, 3), self._data.xpos[body.id]) * body.placement
 
+    def _addresses(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Find joints in MuJoCo's qpos and in its qvel, two times (k,)."""
+        joints = [self._model.joint(name) for name in names]
+        qpos, dof = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
+        return np.array(qpos, dtype=np.intp), np.array(dof, dtype=np.intp)
+
     def _body_of(self, frame: tuple[int, pin.SE3]) -> _Body:
         joint, placement = frame
         name = self._robot.pinocchio.names[joint]
         if joint == 0:
             return _Body(0, placement)
-        if name in self._robot.joints:
+        if name in self._robot.moving_joints:
             return _Body(int(self._model.joint(name).bodyid[0]), placement)
         return _Body(int(self._model.jnt_bodyid[0]), placement)

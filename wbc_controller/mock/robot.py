@@ -176,7 +176,7 @@ class MockRobot:
             name=list(self._robot.joints),
             position=q[self._robot.q_index],
             velocity=v[self._robot.v_index],
-            effort=self.plant.applied_torques,
+            effort=self._robot.actuation.at_joints(self.plant.applied_torques),
         )
         self._publish("joint_states", "", joint_states)
         if self._periods % self._slow_decimation == 0:
@@ -263,8 +263,9 @@ class MockRobot:
         efforts = dict(zip(content.name, content.effort, strict=True))
         missing = [name for name in self._robot.joints if name not in efforts]
         if missing:
-            raise InputRefused(f"the joints {', '.join(missing)} are missing; expected all {self._robot.na} joints")
-        self._command(np.array([efforts[name] for name in self._robot.joints], dtype=np.float64))
+            raise InputRefused(f"the joints {', '.join(missing)} are missing; expected all {self._robot.nj} joints")
+        torques = np.array([efforts[name] for name in self._robot.joints], dtype=np.float64)
+        self._command(self._robot.actuation.from_joints(torques))
 
     def _command(self, tau: Array) -> None:
         self.plant.check_torques(tau)

@@ -33,7 +33,7 @@ def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, st
 def torques_usable(
     tau: Array,
     limits: Array,
-    joints: Sequence[str],
+    actuators: Sequence[str],
     tolerance: float = 0.01,
     available: tuple[Array, Array] | None = None,
 ) -> Fault | None:
@@ -42,7 +42,7 @@ def torques_usable(
     Args:
         tau: (na,) in N·m.
         limits: (na,) in N·m.
-        joints: names, (na,).
+        actuators: names, (na,).
         tolerance: share of a limit by which a solver may miss it; the supervisor clips that much.
         available: what the motors have at the present speeds, where that is less: lower and upper, both (na,) in N·m.
     """
@@ -51,5 +51,5 @@ def torques_usable(
     if not bad.any():
         return None
     bound = np.where(tau < 0.0, -lower, upper)
-    worst = [f"{joints[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(bad))]
+    worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(bad))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

@@ -73,7 +73,8 @@ class Heard:
         torques: of that command, (na,) in N·m.
         unanswered_at: of the first joint state after that command, s; inf where none has come.
         mode: what the controller said last that it is in; None where it has not.
-        velocity: newest joint velocities, (na,) in rad/s; None where none have come.
+        velocity: newest joint velocities as far as the actuators move the joints (`Drive.from_joints`), (na,) in rad/s;
+            None where none have come.
         velocity_at: their arrival, s.
     """
 

@@ -71,7 +71,7 @@ class Supervisor:
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
         self._held = self._tau  # the torques at the start of holding
-        self._nan = frozen(np.full(model.na, np.nan))
+        self._nan = frozen(np.full(model.nj, np.nan))
 
     @property
     def solving(self) -> bool:
@@ -161,7 +161,7 @@ class Supervisor:
         Args:
             now: s, on the clock of the loop.
             state: the latched state, where there is one.
-            joint_velocity: joint velocities in the order of the command, (na,) in rad/s; None where they are not fresh.
+            joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
             problem: what is wrong with the inputs, if anything.
             outcome: the solution; or why there is none.
 
@@ -179,7 +179,7 @@ class Supervisor:
         if self.mode is Mode.INACTIVE and not self._tau.any():
             return None
         if self.mode is Mode.DAMPING:
-            tau = np.zeros(self._model.na) if joint_velocity is None else -self.limits.damping * joint_velocity
+            tau = self._damping(joint_velocity)
         if tau is None or self.mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT):
             tau = np.zeros(self._model.na)
         return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None, joint_velocity)
@@ -199,7 +199,7 @@ class Supervisor:
             unusable = torques_usable(
                 outcome.tau,
                 self._model.effort_limits,
-                self._model.joints,
+                self._model.actuators,
                 available=self._available(joint_velocity),
             )
             if unusable is None:
@@ -220,8 +220,13 @@ class Supervisor:
             explained = self.fault is not None and self.fault.infeasibility is not None
             self._enter(Mode.DAMPING, now, self.fault if explained else reason)
             return None
-        velocity = np.zeros(self._model.na) if joint_velocity is None else joint_velocity
-        return self._held - self.limits.damping * velocity
+        return self._held + self._damping(joint_velocity)
+
+    def _damping(self, joint_velocity: Array | None) -> Array:
+        """Torques that damp every joint, as far as the actuators can; none where the velocities are not known."""
+        if joint_velocity is None:
+            return np.zeros(self._model.na)
+        return -self.limits.damping * self._model.actuation.from_joints(joint_velocity)
 
     def _active(self, now: float, tau: Array) -> Array | None:
         if self.mode is Mode.HOLDING:
@@ -237,7 +242,7 @@ class Supervisor:
         limits, curve = self._model.effort_limits, self.limits.torque_speed
         if curve is None or joint_velocity is None:
             return -limits, limits
-        return curve.available(limits, joint_velocity)
+        return curve.available(limits, self._model.actuation.rates(joint_velocity))
 
     def _command(
         self,

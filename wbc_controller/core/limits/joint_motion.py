@@ -37,9 +37,9 @@ class JointMotionLimit:
     would. Where position and velocity disagree, position goes first.
 
     Attributes:
-        position_lower: (na,) in rad, or None where positions are not limited.
-        position_upper: (na,) in rad, or None.
-        velocity: largest speed, (na,) in rad/s, or None where velocities are not limited.
+        position_lower: (nj,) in rad, or None where positions are not limited.
+        position_upper: (nj,) in rad, or None.
+        velocity: largest speed, (nj,) in rad/s, or None where velocities are not limited.
         acceleration: q̈_max, rad/s².
         horizon: T is at least this, s. A longer T than the period is viable too, and softer against noise in the
             measured position: near the limit the bound moves by 1 / T² per rad.
@@ -96,11 +96,11 @@ class JointMotionLimit:
         )
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of the joint accelerations, both (na,) in rad/s².
+        """Lower and upper bounds of the joint accelerations, both (nj,) in rad/s².
 
         Args:
-            q: joint positions, (na,) in rad.
-            v: joint velocities, (na,) in rad/s.
+            q: joint positions, (nj,) in rad.
+            v: joint velocities, (nj,) in rad/s.
             period: time for which an acceleration is held, s.
         """
         most = self.acceleration
@@ -120,7 +120,7 @@ class JointMotionLimit:
     def _position_bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
         """Bounds that the positions ask for, within ±q̈_max."""
         most = self.acceleration
-        speed = np.stack([v, -v])  # (2, na), towards the upper and the lower limit
+        speed = np.stack([v, -v])  # (2, nj), towards the upper and the lower limit
         room = self._limits - np.stack([q, -q])
         ahead = max(period, self.horizon)
         left = room - (0.5 * ahead) * speed

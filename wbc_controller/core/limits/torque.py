@@ -1,4 +1,4 @@
-"""Bounds of the joint torques: size, what the motors have at the present speeds, and rate."""
+"""Bounds of the actuators' torques: size, what the motors have at the present speeds, and rate."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class TorqueSpeedCurve:
     no_load: Array
 
     def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ at some joint velocities, (na,) in rad/s; both (na,) in N·m.
+        """Lower and upper bounds of τ at some speeds; both (na,) in N·m.
 
         Args:
             effort_limits: τ_max, (na,) in N·m.
-            v: joint velocities, (na,) in rad/s.
+            v: speeds of the actuators, (na,) in rad/s.
         """
         left = effort_limits * np.clip((self.no_load - np.abs(v)) / (self.no_load - self.corner), 0.0, 1.0)
         return np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)
@@ -57,7 +57,7 @@ class TorqueLimit:
         """Lower and upper bounds of τ without the rate, both (na,) in N·m.
 
         Args:
-            v: joint velocities, (na,) in rad/s.
+            v: speeds of the actuators, (na,) in rad/s.
         """
         if self.curve is None:
             return -self.effort_limits, self.effort_limits
@@ -67,8 +67,8 @@ class TorqueLimit:
         """Lower and upper bounds of τ, both (na,) in N·m.
 
         Args:
-            before: the torques that the joints have now, (na,) in N·m; None where no rate is to be held.
-            v: joint velocities, (na,) in rad/s.
+            before: the torques that the actuators give now, (na,) in N·m; None where no rate is to be held.
+            v: speeds of the actuators, (na,) in rad/s.
             period: Δt, s.
         """
         lower, upper = self.available(v)

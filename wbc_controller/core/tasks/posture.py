@@ -13,7 +13,7 @@ from wbc_controller.records import Array
 
 
 class PostureTask(MotionTask):
-    """Positions of some actuated joints, (k,) in rad."""
+    """Positions of some joints, (k,) in rad."""
 
     def __init__(
         self,
@@ -29,12 +29,12 @@ class PostureTask(MotionTask):
         Args:
             name: the task's name.
             model: the robot's model.
-            joints: actuated joints concerned; none means all, in the order of the command.
+            joints: joints concerned; none means all, in their order.
             stiffness: K, 1/s², one number or one for each joint.
             damping: D, 1/s, likewise; critical where it is not given.
 
         Raises:
-            ConfigurationError: where a joint is not actuated, or a list of gains has another length.
+            ConfigurationError: where a joint is not one of the robot's, or a list of gains has another length.
         """
         columns = model.joint_columns(joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)

@@ -9,7 +9,7 @@ import numpy as np
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import Layout
 from wbc_controller.core.tasks.task import EffortTask
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, Reference
 
 
@@ -22,23 +22,32 @@ class TorqueTask(EffortTask):
         Args:
             name: the task's name.
             model: the robot's model.
-            joints: joints concerned; none means all, in the order of the command.
+            joints: joints concerned; none means all that an actuator drives, in their order.
             target: the torques before others are given, (k,) in N·m; none means zero.
 
         Raises:
-            ConfigurationError: where a joint is not actuated, or the target has another length.
+            ConfigurationError: where no actuator drives a joint, or the target has another length.
         """
-        columns = model.joint_columns(joints, f"tasks.{name}.joints")
+        key = f"tasks.{name}.joints"
+        columns = model.joint_columns(joints or model.driven_joints, key)
+        for joint in joints:
+            if joint not in model.driven_joints:
+                raise ConfigurationError(
+                    f"{key}: no actuator drives {joint!r}; {valid_choices(joint, model.driven_joints)}"
+                )
         if target and len(target) != len(columns):
             raise ConfigurationError(
                 f"tasks.{name}.target has {len(target)} values; it takes one for each of its {len(columns)} joints"
             )
         super().__init__(name, [True] * len(columns), np.array(target or np.zeros(len(columns)), dtype=np.float64))
         self.size = len(columns)
-        self.joints = tuple(joints) or model.joints
-        self._columns = columns
+        self.joints = tuple(joints) or model.driven_joints
+        self._ratios = model.actuation.ratios[:, columns].T  # (k, na)
+        self._rows = model.actuation.motors_of(columns)
 
     def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array]:
         """The equations of motion's rows of the joints, (k, n): τ less the bias, and what that should be, (k,)."""
-        rows = layout.problem.C[layout.torque][self._columns]
-        return rows, reference.position - layout.torque_bias[self._columns]
+        rows, bias = layout.problem.C[layout.torque], layout.torque_bias
+        if self._rows is not None:
+            return rows[self._rows], reference.position - bias[self._rows]
+        return self._ratios @ rows, reference.position - self._ratios @ bias

@@ -1,0 +1,130 @@
+"""Joints that follow others: the URDF's ``<mimic>``.
+
+Pinocchio 4.1 has joints of this kind, but most of its algorithms, `computeAllTerms` among them, refuse them. Here they
+keep coordinates of their own, and the coupling is a constraint whose force is taken out of the equations of motion
+together with the torques (`Actuation`).
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.records import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """How a joint follows another one: q = ratio · q_leader + offset.
+
+    Attributes:
+        leader: the joint that it follows, which follows none itself.
+        ratio: 1.
+        offset: rad.
+    """
+
+    leader: str
+    ratio: float
+    offset: float
+
+
+def read_mimics(urdf: str) -> dict[str, Mimic]:
+    """Find the joints of a URDF that follow others, by name.
+
+    Raises:
+        ConfigurationError: where a joint follows none of the URDF's, or itself.
+    """
+    tree = ET.fromstring(urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
+    given: dict[str, Mimic] = {}
+    names = [str(joint.get("name")) for joint in tree.findall("joint")]
+    for joint in tree.findall("joint"):
+        element = joint.find("mimic")
+        if element is None or joint.get("type") == "fixed":
+            continue
+        name, leader = str(joint.get("name")), str(element.get("joint"))
+        if leader not in names:
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r} mimics {leader!r}, which is no joint; {valid_choices(leader, names)}"
+            )
+        numbers = []
+        for key, default in (("multiplier", "1"), ("offset", "0")):
+            try:
+                numbers.append(float(element.get(key, default)))
+            except ValueError as error:
+                raise ConfigurationError(f"robot.urdf: the {key} in the mimic of joint {name!r}: {error}") from error
+        given[name] = Mimic(leader, *numbers)
+    found = {}
+    for name, mimic in given.items():
+        seen = [name]
+        while mimic.leader in given:
+            if mimic.leader in seen:
+                raise ConfigurationError(f"robot.urdf: the joints {', '.join(seen)} mimic each other in a circle")
+            seen.append(mimic.leader)
+            above = given[mimic.leader]
+            mimic = Mimic(above.leader, mimic.ratio * above.ratio, mimic.ratio * above.offset + mimic.offset)
+        found[name] = mimic
+    return found
+
+
+class Followers:
+    """The joints of a model that follow others.
+
+    Attributes:
+        names: their names, (nm,).
+        mimics: how each follows, by name.
+        q_index: index in q of each, (nm,).
+        v_index: index in v of each, (nm,).
+    """
+
+    def __init__(
+        self,
+        mimics: Mapping[str, Mimic],
+        q_index: Mapping[str, int],
+        v_index: Mapping[str, int],
+    ) -> None:
+        """Collect the followers.
+
+        Args:
+            mimics: by name.
+            q_index: index in q of each follower and leader, by name.
+            v_index: the same in v.
+        """
+        self.names = tuple(mimics)
+        self.mimics = dict(mimics)
+        self.q_index = _picked(q_index, self.names)
+        self.v_index = _picked(v_index, self.names)
+        leaders = [mimic.leader for mimic in mimics.values()]
+        self._q_leader, self._v_leader = _picked(q_index, leaders), _picked(v_index, leaders)
+        self._ratio = np.array([mimic.ratio for mimic in mimics.values()])
+        self._offset = np.array([mimic.offset for mimic in mimics.values()])
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def place(self, q: Array) -> None:
+        """Write the positions of the followers into a configuration, (nq,)."""
+        q[self.q_index] = self._ratio * q[self._q_leader] + self._offset
+
+    def move(self, v: Array) -> None:
+        """Write the velocities of the followers into a generalized velocity, or an acceleration, (nv,)."""
+        v[self.v_index] = self._ratio * v[self._v_leader]
+
+    def coupling(self, nv: int) -> Array:
+        """C, (nm, nv), so that C v = 0."""
+        C = np.zeros((len(self), nv))
+        rows = np.arange(len(self))
+        C[rows, self.v_index] = 1.0
+        C[rows, self._v_leader] = -self._ratio
+        return C
+
+    def carry(self, force: Array) -> None:
+        """Add the generalized forces on the followers to those on their leaders, as virtual work does, (nv,)."""
+        np.add.at(force, self._v_leader, self._ratio * force[self.v_index])
+
+
+def _picked(index: Mapping[str, int], names: Sequence[str]) -> np.ndarray:
+    return np.array([index[name] for name in names], dtype=np.intp)

@@ -1,0 +1,60 @@
+"""Joints without a motor of their own: their springs and dampers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.records import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PassiveJoint:
+    """A spring and a damper between the two links of a joint.
+
+    Attributes:
+        stiffness: k, N·m/rad.
+        damping: d, N·m·s/rad.
+        rest: q₀, where the spring is at rest, rad.
+    """
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: float = 0.0
+
+
+class PassiveForces:
+    """The forces of springs and dampers, -k (q - q₀) - d q̇: known, and part of the bias h like gravity (S1, S4).
+
+    Attributes:
+        joints: by name, (k,).
+        v_index: index in v of each, (k,).
+    """
+
+    def __init__(
+        self, joints: Mapping[str, PassiveJoint], q_index: Mapping[str, int], v_index: Mapping[str, int]
+    ) -> None:
+        """Collect the springs and dampers.
+
+        Args:
+            joints: by name.
+            q_index: index in q of each, by name.
+            v_index: the same in v.
+        """
+        self.joints = dict(joints)
+        self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)
+        self._q_index = np.array([q_index[name] for name in joints], dtype=np.intp)
+        self._stiffness = np.array([joint.stiffness for joint in joints.values()])
+        self._damping = np.array([joint.damping for joint in joints.values()])
+        self._rest = np.array([joint.rest for joint in joints.values()])
+
+    def torques(self, q: Array, v: Array) -> Array:
+        """Torques that springs and dampers give at a state, (k,) in N·m.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+        """
+        return np.asarray(self._stiffness * (self._rest - q[self._q_index]) - self._damping * v[self.v_index])

@@ -1,0 +1,167 @@
+"""What drives the joints: motors of their own, transmissions, or nothing. Knows no Pinocchio, as the guard has none."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.records import Array, frozen
+
+#: Share of an actuator's ratios that must be independent of the other actuators'.
+_INDEPENDENT = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Transmission:
+    """An actuator that moves one or several joints.
+
+    Attributes:
+        ratios: for each joint, how far the actuator turns per turn of the joint: its speed is Σ ratio · q̇, and its
+            torque τ is the torque ratio · τ at each of these joints.
+        effort_limit: largest torque of the actuator, N·m.
+    """
+
+    ratios: Mapping[str, float]
+    effort_limit: float
+
+
+class Drive:
+    """The actuators, and what they are at the joints: their speeds are R q̇, and their torques τ are Rᵀτ there.
+
+    Attributes:
+        names: names of the actuators, in the order of the command, (na,).
+        effort_limits: largest torque of each, (na,) in N·m, whatever share of it is to be used.
+        ratios: R, (na, nj), of full row rank.
+        driven: whether any actuator moves each joint, (nj,).
+        motors: index of the joint that each actuator is the motor of, (na,); None where one is not as simple.
+    """
+
+    def __init__(self, names: Sequence[str], effort_limits: Array, ratios: Array) -> None:
+        """Take actuators.
+
+        Args:
+            names: names of the actuators, (na,).
+            effort_limits: largest torques, (na,) in N·m.
+            ratios: R, (na, nj).
+
+        Raises:
+            ConfigurationError: where the actuators are not independent of each other.
+        """
+        _require_independent(names, ratios)
+        self.names = tuple(names)
+        self.effort_limits = frozen(effort_limits)
+        self.ratios = frozen(ratios)
+        self.driven: np.ndarray = np.any(ratios, axis=0)
+        picks = np.count_nonzero(ratios, axis=1) == 1
+        self.motors = ratios.argmax(axis=1) if picks.all() and (ratios[ratios != 0.0] == 1.0).all() else None
+        self._is_identity = self.motors is not None and np.array_equal(self.motors, np.arange(ratios.shape[1]))
+        self._from_joints = np.linalg.solve(ratios @ ratios.T, ratios)
+
+    def motors_of(self, joints: np.ndarray) -> np.ndarray | None:
+        """Find the actuators that are the motors of some joints, by index, (k,); None where one's is not as simple."""
+        if self.motors is None:
+            return None
+        return np.array([int(np.flatnonzero(self.motors == joint)[0]) for joint in joints], dtype=np.intp)
+
+    def rates(self, joint_velocities: Array) -> Array:
+        """Speeds of the actuators, R q̇: (nj,) to (na,)."""
+        return np.asarray(joint_velocities[self.motors] if self.motors is not None else self.ratios @ joint_velocities)
+
+    def at_joints(self, tau: Array) -> Array:
+        """What torques of the actuators, (na,), are at the joints, Rᵀτ: (nj,) in N·m."""
+        return np.asarray(tau if self._is_identity else tau @ self.ratios)
+
+    def from_joints(self, torques: Array) -> Array:
+        """Torques of the actuators that come nearest to torques at the joints, (R Rᵀ)⁻¹ R: (nj,) to (na,)."""
+        return np.asarray(torques[self.motors] if self.motors is not None else self._from_joints @ torques)
+
+
+def make_drive(
+    joints: Sequence[str],
+    joint_efforts: Array,
+    *,
+    actuators: Sequence[str] = (),
+    transmission: Mapping[str, Transmission] | None = None,
+    passive: Collection[str] = (),
+) -> Drive:
+    """Find out what drives each joint.
+
+    Args:
+        joints: names of the joints, (nj,).
+        joint_efforts: the URDF's effort limits, (nj,) in N·m: those of joints' own motors.
+        actuators: names in the order of the command, of joints with a motor of their own and of transmissions; empty
+            for one motor at each joint that is not passive.
+        transmission: actuators with ratios, by name.
+        passive: names of the joints without a motor of their own.
+
+    Raises:
+        ConfigurationError: where a name is unknown, a joint is driven by nothing and is not passive, or the actuators
+            are not independent.
+    """
+    transmission = transmission or {}
+    if transmission and not actuators:
+        motors = [name for name in joints if name not in passive]
+        raise ConfigurationError(
+            f"robot.actuators: needed with robot.transmission, as it is the order of the command; choose from "
+            f"{', '.join(dict.fromkeys([*motors, *transmission]))}"
+        )
+    names = list(actuators) or [name for name in joints if name not in passive]
+    missing = [name for name in transmission if name not in names]
+    if missing:
+        raise ConfigurationError(f"robot.actuators: {missing[0]!r} of robot.transmission is missing in it")
+    ratios, limits = np.zeros((len(names), len(joints))), np.zeros(len(names))
+    for row, name in enumerate(names):
+        given = transmission.get(name)
+        if given is None:
+            known = [*transmission, *(joint for joint in joints if joint not in passive)]
+            if name not in known:
+                raise ConfigurationError(
+                    f"robot.actuators: {name!r} is neither in robot.transmission nor a joint of robot.joints that may "
+                    f"have a motor; {valid_choices(name, known)}"
+                )
+            ratios[row, joints.index(name)] = 1.0
+            limits[row] = joint_efforts[joints.index(name)]
+            if not (0.0 < limits[row] < np.inf):
+                raise ConfigurationError(
+                    f"robot.urdf: joint {name!r} has the effort limit {limits[row]}; it must be positive, or the joint "
+                    "be one of robot.passive_joints"
+                )
+            continue
+        limits[row] = given.effort_limit
+        for joint, ratio in given.ratios.items():
+            if joint not in joints:
+                raise ConfigurationError(
+                    f"robot.transmission.{name}.ratios: {joint!r} is not one of robot.joints; "
+                    f"{valid_choices(joint, joints)}"
+                )
+            ratios[row, joints.index(joint)] = ratio
+    for column, joint in enumerate(joints):
+        if joint not in passive and not ratios[:, column].any():
+            raise ConfigurationError(
+                f"robot.actuators: joint {joint!r} is driven by none of them ({', '.join(names)}); add it, or name it "
+                "in robot.passive_joints"
+            )
+    return Drive(names, limits, ratios)
+
+
+def _require_independent(names: Sequence[str], ratios: Array) -> None:
+    """Refuse actuators whose torques cannot be told apart: R must have full row rank."""
+    if not names:
+        raise ConfigurationError("robot.actuators: there is none; a robot without any actuator cannot be controlled")
+    rows = np.zeros((0, ratios.shape[1]))
+    for name, row in zip(names, ratios, strict=True):
+        size = float(np.linalg.norm(row))
+        if not (0.0 < size < np.inf):
+            raise ConfigurationError(f"robot.transmission.{name}.ratios: all of them are zero; it drives nothing")
+        unit = row / size
+        shares = np.linalg.lstsq(rows.T, unit, rcond=None)[0] if len(rows) else np.zeros(0)
+        if not (np.linalg.norm(unit - shares @ rows) > _INDEPENDENT):
+            others = [names[i] for i, share in enumerate(shares.tolist()) if abs(share) > _INDEPENDENT]
+            raise ConfigurationError(
+                f"robot.transmission: the actuator {name!r} moves only with {', '.join(others)}, so that their torques "
+                "cannot be told apart: the actuation matrix S needs full row rank; leave one of them out"
+            )
+        rows = np.vstack([rows, unit])
