@@ -1,6 +1,7 @@
 """The controller for a robot or simulator that is there: ``ros2 launch wbc_controller robot.launch.py config:=…``."""
 
 from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -19,6 +20,12 @@ def generate_launch_description() -> LaunchDescription:
             description="Activate the controller as soon as its inputs are fresh, without the command.",
         ),
         DeclareLaunchArgument(
+            "guard",
+            default_value="false",
+            choices=["true", "false"],
+            description="Start the guard too, which damps the robot when the controller's commands stop.",
+        ),
+        DeclareLaunchArgument(
             "joint_states", default_value="joint_states", description="Topic of the robot's joint states."
         ),
         DeclareLaunchArgument(
@@ -32,22 +39,29 @@ def generate_launch_description() -> LaunchDescription:
             description="Topic of the torques: the commands of ros2_control's effort controller.",
         ),
     ]
+    config = {"config": ParameterValue(LaunchConfiguration("config"), value_type=str)}
+    remappings = [
+        ("joint_states", LaunchConfiguration("joint_states")),
+        ("odom", LaunchConfiguration("odom")),
+        ("effort_controller/commands", LaunchConfiguration("effort")),
+    ]
     controller = Node(
         package="wbc_controller",
         executable="wbc_controller",
         name="wbc_controller",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[
-            {
-                "config": ParameterValue(LaunchConfiguration("config"), value_type=str),
-                "activate": ParameterValue(LaunchConfiguration("activate"), value_type=bool),
-            }
-        ],
-        remappings=[
-            ("joint_states", LaunchConfiguration("joint_states")),
-            ("odom", LaunchConfiguration("odom")),
-            ("effort_controller/commands", LaunchConfiguration("effort")),
-        ],
+        parameters=[config | {"activate": ParameterValue(LaunchConfiguration("activate"), value_type=bool)}],
+        remappings=remappings,
         output="screen",
     )
-    return LaunchDescription([*arguments, controller])
+    guard = Node(
+        package="wbc_controller",
+        executable="guard",
+        name="guard",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[config],
+        remappings=remappings,
+        condition=IfCondition(LaunchConfiguration("guard")),
+        output="screen",
+    )
+    return LaunchDescription([*arguments, controller, guard])

@@ -26,6 +26,12 @@ def generate_launch_description() -> LaunchDescription:
             choices=["true", "false"],
             description="Start the mock robot too. It hangs until false is published on mock_robot/hold.",
         ),
+        DeclareLaunchArgument(
+            "guard",
+            default_value="false",
+            choices=["true", "false"],
+            description="Start the guard too, which damps the robot when the controller's commands stop.",
+        ),
         DeclareLaunchArgument("namespace", default_value="", description="Namespace of both nodes."),
         DeclareLaunchArgument(
             "activate",
@@ -61,4 +67,13 @@ def generate_launch_description() -> LaunchDescription:
         condition=IfCondition(LaunchConfiguration("mock")),
         output="screen",
     )
-    return LaunchDescription([*arguments, mock, controller])
+    guard = Node(
+        package="wbc_controller",
+        executable="guard",
+        name="guard",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[which],
+        condition=IfCondition(LaunchConfiguration("guard")),
+        output="screen",
+    )
+    return LaunchDescription([*arguments, mock, controller, guard])

@@ -38,7 +38,7 @@ def environment(tmp_path):
     (index / "wbc_controller").touch()
     for name in ("config", "launch"):
         shutil.copytree(ROOT / name, share / name)
-    for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main")):
+    for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main"), ("guard", "guard_main")):
         (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
         (binaries / name).chmod(0o755)
     return os.environ | {
@@ -140,3 +140,36 @@ def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environ
     assert "config = '/nowhere/robot.yaml': there is no such file" in output
     assert "exit code 2" in output
     assert "Traceback" not in output
+
+
+def test_the_guard_may_be_launched_too(environment, user):
+    node, until = user
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said = []
+    node.create_subscription(String, "/r2/guard/state", lambda message: said.append(message.data), latched)
+    process = launch(environment, "robot:=go2", "namespace:=r2", "guard:=true", "activate:=true")
+    try:
+        until(lambda: "watching" in said)
+    finally:
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=20)
+        print(output)  # shown by pytest where the test fails
+    assert said[0] == "idle"
+    assert output.count("process has finished cleanly") == 3, output
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments"),
+    [
+        ("wbc.launch.py", ("robot", "config", "mock", "guard", "namespace", "activate", "real_time_factor")),
+        ("robot.launch.py", ("config", "namespace", "activate", "guard", "joint_states", "odom", "effort")),
+    ],
+)
+def test_every_argument_is_described(environment, file, arguments):
+    done = subprocess.run(
+        ["ros2", "launch", "wbc_controller", file, "--show-args"],
+        env=environment, capture_output=True, text=True, timeout=30, check=True,
+    )  # fmt: skip
+    for argument in arguments:
+        assert f"'{argument}':" in done.stdout
+    assert "no description given" not in done.stdout
