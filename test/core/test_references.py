@@ -134,10 +134,30 @@ def test_a_trajectory_may_start_later(board, dynamics):
     np.testing.assert_allclose(board.sample(START + 5.5).tasks["com"].position, 0.5)
 
 
-def test_a_trajectory_under_way_is_taken_up_where_it_should_be_now(board, dynamics):
+def test_a_trajectory_under_way_is_joined_at_its_next_point(board, dynamics):
+    before = board.sample(START).tasks["com"]
     board.apply([trajectory("com", 0.0, 1.0, 2.0, start=START - 1.5)], dynamics, START)
-    np.testing.assert_allclose(board.sample(START).tasks["com"].position, 1.5, atol=1e-9)
+    assert_no_jump(board, "com", START, before)
     np.testing.assert_allclose(board.sample(START + 0.5).tasks["com"].position, 2.0)
+
+
+def test_a_trajectory_that_is_followed_already_goes_on_when_it_is_sent_again(board, dynamics):
+    again = trajectory("com", 0.5, 1.0, 2.0, start=START)
+    board.apply([again], dynamics, START)
+    times = [START + 1.3, START + 1.35, START + 1.6, START + 1.9]
+    expected = [board.sample(time).tasks["com"] for time in times]
+    board.apply([again], dynamics, times[0])
+    for time, reference in zip(times, expected, strict=True):
+        np.testing.assert_allclose(board.sample(time).tasks["com"].position, reference.position, atol=1e-9)
+        np.testing.assert_allclose(board.sample(time).tasks["com"].velocity, reference.velocity, atol=1e-8)
+
+
+def test_a_first_point_at_time_zero_is_not_jumped_to(board, dynamics):
+    before = board.sample(START).tasks["com"]
+    board.apply([trajectory("com", 0.0, 1.0)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
+    board.apply([trajectory("com", 0.0)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
 
 
 def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, dynamics):

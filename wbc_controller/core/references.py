@@ -222,10 +222,7 @@ class ReferenceBoard:
             self._goals[change.task] = change
         if self._asleep(change.task, time):
             return
-        if isinstance(change, SetSetpoint):
-            self._trajectories[change.task] = self._towards(change.task, change.position, time)
-        else:
-            self._trajectories[change.task] = self._along(change, time)
+        self._trajectories[change.task] = self._joining(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
         """Switch a task on or off; one that was asleep starts where the robot is, towards its goal if it has one."""
@@ -254,21 +251,17 @@ class ReferenceBoard:
         return Trajectory([self._present(task, time), Knot(time + duration, position, still, still)])
 
     def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
-        """From the present reference to a setpoint, or to what is still ahead of a trajectory, at least its end."""
+        """From the present reference to a setpoint, or to what is still ahead of a trajectory, at least its end.
+
+        Points that are past, or at the present time, are not jumped to. Who follows the same trajectory already does
+        not notice: part of a quintic is the quintic between its ends.
+        """
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time)
         ahead = [knot for knot in _knots(goal, time) if knot.time > time]
         if not ahead:
             return self._towards(goal.task, goal.points[-1].position, time)
         return Trajectory([self._present(goal.task, time), *ahead])
-
-    def _along(self, change: SetTrajectory, time: float) -> Trajectory:
-        knots = _knots(change, time)
-        ahead = [knot for knot in knots if knot.time > time]
-        if len(ahead) < len(knots) and ahead:  # already under way: keep the segment that holds the present
-            ahead.insert(0, knots[len(knots) - len(ahead) - 1])
-            return Trajectory(ahead)
-        return Trajectory([self._present(change.task, time), *ahead]) if ahead else Trajectory(knots[-1:])
 
     def _present(self, task: str, time: float) -> Knot:
         reference = self._trajectories[task].sample(time)
