@@ -77,7 +77,7 @@ def opened(settings, model, namespace="/", remappings=None):
     make_loop(settings, model, controller, ManualClock(), topics)
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
-    robot = describe(model.urdf, model.joints, 1.0)
+    robot = describe(model.urdf, settings.robot)
     GuardService(settings, robot, list(endpoints(GUARD_TOPICS, GUARD, **places)), guard, ManualClock())
     return {CONTROLLER: controller, MOCK: mock, GUARD: guard}
 
