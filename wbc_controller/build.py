@@ -14,6 +14,7 @@ from wbc_controller.build_contacts import make_contact, make_loop_closure
 from wbc_controller.build_tasks import make_task
 from wbc_controller.clock import Clock
 from wbc_controller.core.controller import Controller
+from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.passive import PassiveJoint
@@ -109,18 +110,17 @@ def make_controller(
     limits = settings.limits
     contacts = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}
     tasks = [make_task(name, task, model, contacts) for name, task in settings.tasks.items()]
-    return Controller(
+    formulation = Formulation(
         model,
         tasks,
         [*contacts.values(), *(make_loop_closure(name, loop, model) for name, loop in settings.loops.items())],
         TorqueLimit(model.effort_limits, limits.torque_rate, make_torque_speed(settings, model)),
         JointMotionLimit.of(model, make_tuning(settings, tasks), position=limits.position, velocity=limits.velocity),
         period=1.0 / settings.control.rate,
-        solver=settings.solver.name,
         regularization_acceleration=settings.solver.regularization_acceleration,
         regularization_force=settings.solver.regularization_force,
-        timer=timer,
     )
+    return Controller(formulation, solver=settings.solver.name, timer=timer)
 
 
 def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 
 from wbc_controller.core.contacts import Contact
@@ -11,7 +11,6 @@ from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.hierarchy import Hierarchy
 from wbc_controller.core.infeasibility import explain
-from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import Layout, QuadraticProgram
 from wbc_controller.core.solvers import Answer, Solver, make_solver
@@ -38,49 +37,19 @@ class Controller:
     """
 
     def __init__(
-        self,
-        model: RobotModel,
-        tasks: Sequence[Task],
-        contacts: Sequence[Contact],
-        torque_limit: TorqueLimit,
-        motion_limit: JointMotionLimit,
-        row_limits: Sequence[RowLimit] = (),
-        *,
-        period: float,
-        solver: str = "daqp",
-        regularization_acceleration: float = 1.0e-5,
-        regularization_force: float = 1.0e-6,
-        timer: Callable[[], float] = lambda: 0.0,
+        self, formulation: Formulation, *, solver: str = "daqp", timer: Callable[[], float] = lambda: 0.0
     ) -> None:
         """Make a controller.
 
         Args:
-            model: the robot's model.
-            tasks: what is wanted.
-            contacts: what may carry force.
-            torque_limit: bounds of the torques.
-            motion_limit: bounds of the joints' accelerations.
-            row_limits: bounds of other combinations of v̇.
-            period: time between cycles, s.
+            formulation: builds the problem.
             solver: name of the solver.
-            regularization_acceleration: ε_a.
-            regularization_force: ε_f.
             timer: gives seconds, for the stage times; by default no time passes.
 
         Raises:
             ConfigurationError: where the solver is not installed, or not accurate enough for the tasks' priorities.
         """
-        self.formulation = Formulation(
-            model,
-            tasks,
-            contacts,
-            torque_limit,
-            motion_limit,
-            row_limits,
-            period=period,
-            regularization_acceleration=regularization_acceleration,
-            regularization_force=regularization_force,
-        )
+        self.formulation = formulation
         self._solver_name = solver
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}

@@ -38,11 +38,11 @@ class Formulation:
         contacts: Sequence[Contact],
         torque_limit: TorqueLimit,
         motion_limit: JointMotionLimit,
-        row_limits: Sequence[RowLimit],
+        row_limits: Sequence[RowLimit] = (),
         *,
         period: float,
-        regularization_acceleration: float,
-        regularization_force: float,
+        regularization_acceleration: float = 1.0e-5,
+        regularization_force: float = 1.0e-6,
     ) -> None:
         """Make a formulation.
 
