@@ -101,7 +101,11 @@ def _joint_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
 def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bool]:
     """Add to the axes that a loop holds those along which it cannot move anyway: of a planar one, out of plane."""
     whole = make_loop_closure(name, loop.model_copy(update={"mask": [True] * 6}), model)
-    J = whole.jacobian(Dynamics(model))
+    dynamics = Dynamics(model)
+    # Anywhere but in the nominal posture, where joints may be in line.
+    step = 0.3 * np.cos(np.arange(model.nv))
+    dynamics.update(pin.integrate(model.pinocchio, dynamics.q, step), np.zeros(model.nv))
+    J = whole.jacobian(dynamics)
     _, values, rows = np.linalg.svd(J[loop.mask])
     span = rows[: int(np.sum(values > _REDUNDANT))]
     return [bool(np.linalg.norm(row - span.T @ (span @ row)) < _REDUNDANT) for row in J]

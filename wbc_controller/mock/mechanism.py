@@ -165,6 +165,11 @@ def _fix(joint: ET.Element, position: float) -> None:
     joint.set("type", "fixed")
 
 
+def _linear(present: Any, coefficient: float) -> Any:
+    """What makes a joint's spring or damper linear: a number up to MuJoCo 3, later the coefficients of a polynomial."""
+    return coefficient if np.ndim(present) == 0 else [coefficient, *np.zeros(len(present) - 1)]
+
+
 def _couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
     """Let joints follow others."""
     for name, mimic in followers.mimics.items():
@@ -275,7 +280,11 @@ def compile_mechanism(
         joint.solref_limit = stiff
     for name, passive in model.passive.joints.items() if model.passive is not None else ():
         joint = spec.joint(name)
-        joint.stiffness, joint.damping, joint.springref = passive.stiffness, passive.damping, passive.rest
+        joint.stiffness, joint.damping = (
+            _linear(joint.stiffness, passive.stiffness),
+            _linear(joint.damping, passive.damping),
+        )
+        joint.springref = passive.rest
     if model.followers is not None:
         _couple(spec, model.followers, stiff, impedance)
     if model.floating_base:
