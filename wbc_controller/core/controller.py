@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from functools import partial
 
@@ -12,7 +11,7 @@ from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.hierarchy import Hierarchy
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import Layout, QuadraticProgram
+from wbc_controller.core.problem import Layout, QuadraticProgram, Residuals
 from wbc_controller.core.solvers import Answer, Solver, make_solver
 from wbc_controller.core.tasks import Task
 from wbc_controller.core.unpacking import unpack
@@ -136,17 +135,19 @@ class Controller:
                 problem.copy(),
             )
         answer, levels, unsolved = self._solve(layout)
+        residuals = _usable(answer.x, problem, tolerance)
         iterations = answer.iterations
         relaxed: list[str] = []
         for relaxation in ("joint_motion", "torque_rate"):
-            if _usable(answer.x, problem, tolerance):
+            if residuals is not None:
                 break
             relaxed.append(relaxation)
             self.formulation.relax(layout, relaxation, references)
             answer, levels, unsolved = self._solve(layout)
+            residuals = _usable(answer.x, problem, tolerance)
             iterations += answer.iterations
         solved = self._timer()
-        if answer.x is None or not _usable(answer.x, problem, tolerance):
+        if answer.x is None or residuals is None:
             why = (
                 explain(layout, model=self.model, effort=self.formulation.effort_bounds(references))
                 if explained
@@ -160,9 +161,10 @@ class Controller:
                 problem.copy(),
                 why,
             )
-        solution = unpack(self.formulation, layout, answer.x, answer.multipliers, references, iterations)
-        return dataclasses.replace(
-            solution,
+        parts = unpack(self.formulation, layout, answer.x, answer.multipliers, residuals, references)
+        return Solution(
+            **parts,
+            iterations=iterations,
             levels=levels,
             relaxed=(*relaxed, *unsolved),
             stage_seconds=frozen_mapping(
@@ -191,11 +193,12 @@ class Controller:
         return explain(layout, self.model, self.formulation.effort_bounds(references))
 
 
-def _usable(x: Array | None, problem: QuadraticProgram, tolerance: float) -> bool:
-    """Whether an answer is one: there, finite, and within tolerance of every constraint."""
+def _usable(x: Array | None, problem: QuadraticProgram, tolerance: float) -> Residuals | None:
+    """Residuals of an answer; None where it is none: not there, not finite, or beyond tolerance of a constraint."""
     if x is None:
-        return False
-    return bool(problem.violation(x) <= tolerance)  # False for NaN
+        return None
+    residuals = problem.residuals(x)
+    return residuals if residuals.violation <= tolerance else None  # None for NaN
 
 
 def _because(why: Infeasibility | None, *, explained: bool) -> str:

@@ -47,17 +47,23 @@ class LevelCost:
         own = [task for task in tasks if task.level == level]
         self.level = level
         self.errors: dict[str, float] = {}
-        self._exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
-        self._others = [task for task in own if task not in self._exact]
+        exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
+        # Rows that are single accelerations enter the diagonal alone, unless a level below has to keep them as rows.
+        self._single = [task for task in exact if task.columns is not None and last]
+        self._exact = [task for task in exact if task not in self._single]
+        self._others = [task for task in own if task not in exact]
         self._model = model
         self._last = last
-        self._regularization_acceleration = regularization_acceleration
-        self._regularization_force = regularization_force
-        self._joint_columns = np.arange(6 if model.floating_base else 0, model.nv)
-        self._momentum_scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3)[:, None] / model.mass
+        self._diagonal = np.zeros(model.nv)
+        self._diagonal[6 if model.floating_base else 0 :] = regularization_acceleration
+        self._regularization_force = regularization_force * FORCE_UNIT**2
+        scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3) * (regularization_acceleration**0.5 / model.mass)
+        self._momentum_scale = scale[:, None]
+        self._momentum_scale_right = -scale
         rows = sum(task.dimension for task in self._exact) + 6
         self._rows = np.zeros((rows, model.nv))
         self._right = np.zeros(rows)
+        self._none: dict[int, Array] = {}
 
     def fill(self, layout: Layout, H: Array, g: Array, dynamics: Dynamics, references: References) -> Level:
         """Write the cost of one cycle.
@@ -69,7 +75,7 @@ class LevelCost:
             dynamics: the snapshot.
             references: what is wanted, and how much.
         """
-        nv = self._model.nv
+        nv, n = self._model.nv, len(g)
         self.errors = {}
         taking_part: list[str] = []
         row = 0
@@ -87,16 +93,25 @@ class LevelCost:
         of_tasks = row
         row = self._regularize_momentum(dynamics, row)
         rows, right = self._rows[:row], self._right[:row]
-        np.matmul(rows.T, rows, out=H[:nv, :nv])
-        diagonal = H.reshape(-1)[:: len(H) + 1]
-        diagonal[self._joint_columns] += self._regularization_acceleration
-        diagonal[nv:] = self._regularization_force * FORCE_UNIT**2
-        np.matmul(rows.T, right, out=g[:nv])
-        np.negative(g[:nv], out=g[:nv])
-        none = np.zeros((0, len(g)))
-        level = Level(tuple(taking_part), H, g, 0.5 * float(right @ right), none, none, none[:, 0], none[:, 0])
+        H[:nv, :nv] = rows.T @ rows
+        g[:nv] = -right @ rows
+        constant = 0.5 * float(right @ right)
+        diagonal = H.reshape(-1)[:: n + 1]
+        diagonal[:nv] += self._diagonal
+        diagonal[nv:] = self._regularization_force
+        for task in self._single:
+            weight = references.weights.get(task.name, 0.0)
+            if weight <= 0.0:
+                continue
+            right, self.errors[task.name] = task.right(dynamics, references.tasks[task.name])
+            diagonal[task.columns] += weight
+            g[task.columns] -= weight * right
+            constant += 0.5 * weight * float(right @ right)
+            taking_part.append(task.name)
+        none = self._none.setdefault(n, np.zeros((0, n)))
+        level = Level(tuple(taking_part), H, g, constant, none, none, none[:, 0], none[:, 0])
         if not self._last:
-            level.kept = np.zeros((of_tasks, len(g)))
+            level.kept = np.zeros((of_tasks, n))
             level.kept[:, :nv] = rows[:of_tasks]
         if self._others:
             self._add_others(level, layout, dynamics, references)
@@ -106,9 +121,8 @@ class LevelCost:
         """Add the rows of √ε_a ḣ_G / m, for a base that moves; gives the number of rows filled."""
         if not self._model.floating_base:
             return row
-        scale = self._regularization_acceleration**0.5 * self._momentum_scale
-        np.multiply(dynamics.centroidal_matrix, scale, out=self._rows[row : row + 6])
-        np.multiply(-dynamics.centroidal_drift, scale[:, 0], out=self._right[row : row + 6])
+        np.multiply(dynamics.centroidal_matrix, self._momentum_scale, out=self._rows[row : row + 6])
+        np.multiply(dynamics.centroidal_drift, self._momentum_scale_right, out=self._right[row : row + 6])
         return row + 6
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:

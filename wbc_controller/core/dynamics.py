@@ -33,6 +33,7 @@ class Dynamics:
         self._pin = model.pinocchio
         self._data = model.pinocchio.createData()
         self._zero = np.zeros(model.nv)
+        self._mass = pin.computeTotalMass(model.pinocchio)
         self.q: Array
         self.v: Array
         self.M: Array
@@ -54,9 +55,12 @@ class Dynamics:
         """
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        pin.computeAllTerms(model, data, q, v)
+        # Each of these once, in place of `computeAllTerms`, which takes a fifth longer. In the world's convention the
+        # inertia matrix comes with the joints' Jacobians and the centroidal matrix.
+        pin.crba(model, data, q, pin.Convention.WORLD)
         # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
         self.centroidal_drift = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero).vector
+        pin.nonLinearEffects(model, data, q, v)
         pin.updateFramePlacements(model, data)
         self.M = data.M
         self.h = data.nle
@@ -64,9 +68,9 @@ class Dynamics:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
         self.com = data.com[0]
         self.com_velocity = data.vcom[0]
-        self.com_jacobian = data.Jcom
-        self.com_drift = self.centroidal_drift[:3] / data.mass[0]
         self.centroidal_matrix = data.Ag
+        self.com_jacobian = self.centroidal_matrix[:3] / self._mass
+        self.com_drift = self.centroidal_drift[:3] / self._mass
 
     def placement(self, frame_id: int) -> pin.SE3:
         """Placement of a frame in the world."""

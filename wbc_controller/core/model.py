@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -55,12 +56,12 @@ class RobotModel:
     followers: Followers | None = None
     locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
-    @property
+    @cached_property
     def nq(self) -> int:
         """Dimension of the configuration."""
         return int(self.pinocchio.nq)
 
-    @property
+    @cached_property
     def nv(self) -> int:
         """Dimension of the generalized velocity."""
         return int(self.pinocchio.nv)
@@ -70,7 +71,7 @@ class RobotModel:
         """Number of joints that move and are measured."""
         return len(self.joints)
 
-    @property
+    @cached_property
     def na(self) -> int:
         """Number of actuators."""
         return len(self.actuation.names)

@@ -158,6 +158,9 @@ class Layout:
         joints: columns of x of the joints' accelerations, (nj,).
         torque_bias: of the torques, what the rows of C leave out, (na,) in N·m: τ = C x + this.
         levels: the cost, by priority; `H` and `g` of the problem are those of the first.
+        key: names of the made contacts.
+        labels: for each bound of x and row of C the names of its lower and of its upper bound, and their unit in the
+            problem's.
     """
 
     def __init__(self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = ()) -> None:
@@ -196,8 +199,24 @@ class Layout:
         self.J = np.zeros((nf, nv))  # stacked contact Jacobians
         self.acceleration_columns = slice(0, nv)
         self.force_columns = slice(nv, nv + nf)
+        self.key = tuple(contact.name for contact in contacts)
+        self.labels = self._labels(model)
 
-    @property
-    def key(self) -> tuple[str, ...]:
-        """Names of the made contacts."""
-        return tuple(contact.name for contact in self.contacts)
+    def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
+        n = len(self.problem.g)
+        labels = [("", "", 1.0)] * self.problem.bounds.shape[1]
+
+        def label(start: int, stop: int, name: str, unit: float) -> None:
+            labels[start:stop] = [(f"{name}:lower", f"{name}:upper", unit)] * (stop - start)
+
+        for row, actuator in enumerate(model.actuators, n + self.torque.start):
+            label(row, row + 1, f"torque:{actuator}", 1.0)
+        for column, joint in zip(self.joints.tolist(), model.joints, strict=True):
+            label(column, column + 1, f"motion:{joint}", 1.0)
+        for contact, columns, rows in zip(self.contacts, self.forces, self.cones, strict=True):
+            for kind, first, last in contact.bound_groups:
+                label(columns.start + first, columns.start + last, f"{kind}:{contact.name}", FORCE_UNIT)
+            labels[n + rows.start : n + rows.stop] = [("", f"cone:{contact.name}", FORCE_UNIT)] * len(contact.cone)
+        for limit, rows in zip(self.row_limits, self.limits, strict=True):
+            labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
+        return labels

@@ -42,6 +42,7 @@ class PostureTask(MotionTask):
         self.joints = tuple(joints) or model.joints
         self._q_index = model.q_index[columns]
         self._v_index = model.v_index[columns]
+        self.columns = self._v_index
         self._jacobian = np.zeros((self.size, model.nv))
         self._jacobian[np.arange(self.size), self._v_index] = 1.0
         self._drift = np.zeros(self.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
@@ -98,7 +99,12 @@ class AccelerationTask(Task):
 
     in the least-squares sense. What x⁽ⁿ⁾* is, the two kinds of task say: `MotionTask` for quantities x(q), and
     `RateTask` for quantities x(q, v).
+
+    Attributes:
+        columns: for a task whose rows are single accelerations, J = I[columns], which they are, (k,); None for others.
     """
+
+    columns: np.ndarray | None = None
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
@@ -135,10 +141,17 @@ class AccelerationTask(Task):
         Returns:
             J (k, nv), b (k,), and the Euclidean norm of the masked error.
         """
-        rows = self.rows
+        right, size = self.right(dynamics, reference)
+        J = self.jacobian(dynamics)
+        return (J if self.dimension == self.size else J[self.rows]), right, size
+
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, float]:
+        """The same without J: b (k,), and the norm of the masked error."""
         error = self.error(dynamics, reference.position)
         right = self.wanted(dynamics, reference, error) - self.drift(dynamics)
-        return self.jacobian(dynamics)[rows], right[rows], float(np.linalg.norm(error[rows]))
+        if self.dimension != self.size:
+            error, right = error[self.rows], right[self.rows]
+        return right, math.sqrt(error @ error)
 
 
 class EffortTask(Task):
