@@ -102,5 +102,5 @@ def test_what_cannot_be_built_is_refused(bench):
         with_task(bench, "go2", type="contact_wrench", contact="front_left_foot", mask=moments)
     with pytest.raises(ConfigurationError, match=r"tasks.effort.target has 1 values; .* its 29 joints"):
         with_task(bench, type="torque", target=[1.0])
-    with pytest.raises(ConfigurationError, match=r"tasks.effort.joints: 'knee' is not an actuated joint"):
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.joints: 'knee' is not one of robot.joints"):
         with_task(bench, type="torque", joints=["knee"])
