@@ -212,7 +212,7 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     """Collect the names that messages are checked against."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     joints = {
-        name: tuple(task.joints) or (model.joints if isinstance(task, schema.PostureTask) else model.driven_joints)
+        name: tuple(task.joints) or model.driven_joints
         for name, task in settings.tasks.items()
         if isinstance(task, schema.PostureTask | schema.TorqueTask)
     }

@@ -320,7 +320,7 @@ class PostureTask(_MotionTask):
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["posture"]
-    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all.")
+    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all that are driven.")
 
 
 class ComTask(_MotionTask):

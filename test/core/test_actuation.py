@@ -71,6 +71,8 @@ def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not
     # Equation (20): the power is the same in all coordinates.
     assert tau @ actuation.speeds(v) == pytest.approx(force @ v)
     assert tau @ actuation.speeds(v) == pytest.approx(actuation.at_joints(tau) @ v[model.v_index])
+    np.testing.assert_allclose(actuation.speeds(v), actuation.rates(v[model.v_index]), atol=1e-13)
+    np.testing.assert_allclose(model.joint_forces(force), actuation.at_joints(tau), atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["g1", "go2"])

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts import placement_of
-from wbc_controller.core.mimic import Followers
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.grips import Attachment, add_attachment
+from wbc_controller.mock.joints import couple, lock, spring
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
 
@@ -118,7 +118,7 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     children = set()
     for joint in tree.findall("joint"):
         if joint.get("name") not in model.moving_joints:
-            _fix(joint, model.locked.get(str(joint.get("name")), 0.0))
+            lock(joint, model.locked.get(str(joint.get("name")), 0.0))
         for tag in ("dynamics", "mimic", "safety_controller", "calibration"):
             for element in joint.findall(tag):
                 joint.remove(element)
@@ -144,42 +144,6 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     # gets the inertia wrong where it fuses them.
     ET.SubElement(extension, "compiler", balanceinertia="false", boundmass="0", boundinertia="0", fusestatic="false")
     return tree, root
-
-
-def _fix(joint: ET.Element, position: float) -> None:
-    """Lock a joint of a URDF at a position, rad."""
-    if position != 0.0:
-        origin = joint.find("origin")
-        if origin is None:
-            origin = ET.SubElement(joint, "origin")
-        xyz, rpy = (np.array([float(value) for value in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
-        found = joint.find("axis")
-        axis = np.array([float(value) for value in (found.get("xyz", "") if found is not None else "1 0 0").split()])
-        along = position * axis / np.linalg.norm(axis)
-        motion = (
-            pin.SE3(np.eye(3), along) if joint.get("type") == "prismatic" else pin.SE3(pin.exp3(along), np.zeros(3))
-        )
-        placement = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz) * motion
-        origin.set("xyz", " ".join(map(repr, placement.translation.tolist())))
-        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(placement.rotation).tolist())))
-    joint.set("type", "fixed")
-
-
-def _linear(present: Any, coefficient: float) -> Any:
-    """What makes a joint's spring or damper linear: a number up to MuJoCo 3, later the coefficients of a polynomial."""
-    return coefficient if np.ndim(present) == 0 else [coefficient, *np.zeros(len(present) - 1)]
-
-
-def _couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
-    """Let joints follow others."""
-    for name, mimic in followers.mimics.items():
-        equality = spec.add_equality()
-        equality.type = mujoco.mjtEq.mjEQ_JOINT
-        equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
-        equality.name1, equality.name2 = name, mimic.leader
-        equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
-        equality.solref = stiff
-        equality.solimp = impedance
 
 
 def _write_inertias(spec: Any, tree: ET.Element) -> None:
@@ -278,15 +242,8 @@ def compile_mechanism(
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
-    for name, passive in model.passive.joints.items() if model.passive is not None else ():
-        joint = spec.joint(name)
-        joint.stiffness, joint.damping = (
-            _linear(joint.stiffness, passive.stiffness),
-            _linear(joint.damping, passive.damping),
-        )
-        joint.springref = passive.rest
     if model.followers is not None:
-        _couple(spec, model.followers, stiff, impedance)
+        couple(spec, model.followers, stiff, impedance)
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()
@@ -330,6 +287,9 @@ def compile_mechanism(
         holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
         add_attachment(spec, attachment, (holder, link), stiff, impedance)
     try:
-        return spec.compile()
+        compiled = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: MuJoCo cannot use it: {error}") from error
+    if model.passive is not None:
+        spring(compiled, model.passive)
+    return compiled

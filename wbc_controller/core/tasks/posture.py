@@ -29,17 +29,18 @@ class PostureTask(MotionTask):
         Args:
             name: the task's name.
             model: the robot's model.
-            joints: joints concerned; none means all, in their order.
+            joints: joints concerned; none means all that an actuator drives, in their order. A passive joint among them
+                is driven by the accelerations of the others.
             stiffness: K, 1/s², one number or one for each joint.
             damping: D, 1/s, likewise; critical where it is not given.
 
         Raises:
             ConfigurationError: where a joint is not one of the robot's, or a list of gains has another length.
         """
-        columns = model.joint_columns(joints, f"tasks.{name}.joints")
+        columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
         self.size = len(columns)
-        self.joints = tuple(joints) or model.joints
+        self.joints = tuple(joints) or model.driven_joints
         self._q_index = model.q_index[columns]
         self._v_index = model.v_index[columns]
         self.columns = self._v_index

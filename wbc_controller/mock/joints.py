@@ -1,0 +1,70 @@
+"""Joints of MuJoCo's model that have no motor: locked, sprung, or following others."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.mimic import Followers
+from wbc_controller.core.passive import PassiveForces
+
+
+def lock(joint: ET.Element, position: float) -> None:
+    """Lock a joint of a URDF at a position.
+
+    Args:
+        joint: to be changed.
+        position: rad.
+    """
+    if position != 0.0:
+        origin = joint.find("origin")
+        if origin is None:
+            origin = ET.SubElement(joint, "origin")
+        xyz, rpy = (np.array([float(value) for value in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+        found = joint.find("axis")
+        axis = np.array([float(value) for value in (found.get("xyz", "") if found is not None else "1 0 0").split()])
+        along = position * axis / np.linalg.norm(axis)
+        motion = (
+            pin.SE3(np.eye(3), along) if joint.get("type") == "prismatic" else pin.SE3(pin.exp3(along), np.zeros(3))
+        )
+        placement = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz) * motion
+        origin.set("xyz", " ".join(map(repr, placement.translation.tolist())))
+        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(placement.rotation).tolist())))
+    joint.set("type", "fixed")
+
+
+def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
+    """Let joints follow others.
+
+    Args:
+        spec: MuJoCo's specification.
+        followers: the joints.
+        stiff: MuJoCo's solref of the coupling.
+        impedance: its solimp.
+    """
+    for name, mimic in followers.mimics.items():
+        equality = spec.add_equality()
+        equality.type = mujoco.mjtEq.mjEQ_JOINT
+        equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        equality.name1, equality.name2 = name, mimic.leader
+        equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
+        equality.solref = stiff
+        equality.solimp = impedance
+
+
+def spring(model: Any, passive: PassiveForces) -> None:
+    """Put springs and dampers at joints.
+
+    Args:
+        model: MuJoCo's model. Not its specification: from MuJoCo 4 on a joint's stiffness is a polynomial there.
+        passive: the springs and dampers.
+    """
+    for name, given in passive.joints.items():
+        joint = model.joint(name)
+        model.jnt_stiffness[joint.id] = given.stiffness
+        model.dof_damping[joint.dofadr[0]] = given.damping
+        model.qpos_spring[joint.qposadr[0]] = given.rest
