@@ -230,6 +230,14 @@ class Plant:
         depths = [-float(self._data.contact[index].dist) for index in range(self._data.ncon)]
         return max([0.0, *depths])
 
+    def coupling_error(self) -> float:
+        """Give the largest distance of a follower from where its leader should have it, rad or m; 0 without any."""
+        followers = self._robot.followers
+        if followers is None or self._following is None:
+            return 0.0
+        q, _ = self.state()
+        return float(np.max(np.abs(self._data.qpos[self._following[0]] - q[followers.q_index])))
+
     def apply(self, tau: npt.ArrayLike) -> None:
         """Set the torques of the actuators from now on. They saturate at their effort limits.
 
