@@ -138,9 +138,10 @@ def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
     for index, constraint in enumerate(attachment.names):
         data = model.eq_data[model.equality(constraint).id]
         if attachment.points is None:
-            relative = holder * link.inverse()  # of the bodies
-            data[:3] = link.translation
-            data[3:10] = np.array(pin.SE3ToXYZQUAT(relative))[[0, 1, 2, 6, 3, 4, 5]]
+            # The same point in both bodies, the second one first, and how the second is turned in the first.
+            data[:3], data[3:6] = link.translation, holder.translation
+            turn = pin.SE3((holder * link.inverse()).rotation, np.zeros(3))
+            data[6:10] = np.array(pin.SE3ToXYZQUAT(turn))[[6, 3, 4, 5]]
         else:
             data[:3] = holder.act(attachment.points[index])
             data[3:6] = link.act(attachment.points[index])
