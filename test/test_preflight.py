@@ -138,3 +138,35 @@ def test_points_on_a_line_have_no_inside():
     assert support_margin(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), np.array([1.0, 0.5])) == pytest.approx(-0.5)
     assert support_margin(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([0.5, 0.0])) <= 0.0
     assert support_margin(np.array([[0.0, 0.0]]), np.array([0.0, 0.2])) == pytest.approx(-0.2)
+
+
+def test_a_posture_that_leaves_a_loop_open(robot_of, changed):
+    settings, _ = robot_of("g1")
+    loop = {"frame_a": "left_rubber_hand", "frame_b": "right_rubber_hand", "mask": [True] * 3 + [False] * 3}
+    sentence = refusal(changed(settings, {"loops": {"bar": loop}}))
+    assert sentence.startswith("robot.posture: it leaves the loop 'bar' open by [-0.069 m, -0.438 m, 0.0576 m] along")
+    closing = {"translation_a": [-0.06902, -0.43850, 0.05761]}
+    assert findings(changed(settings, {"loops": {"bar": loop | closing}}))["loops"] == "bar: closed in the posture"
+
+
+def test_feet_on_a_slope_stand_on_a_floor_that_is_tilted_too(robot_of, changed):
+    settings, _ = robot_of("g1")
+    posture = list(settings.robot.posture)
+    for side in ("left", "right"):
+        posture[settings.robot.joints.index(f"{side}_ankle_pitch_joint")] -= 0.2
+    bent = changed(settings, {"robot": {"posture": posture}})
+    assert "above the floor" in refusal(bent)
+    found = findings(changed(bent, {"mock": {"floor_normal": [-np.sin(0.2), 0.0, np.cos(0.2)]}}))
+    assert found["centre of mass"].endswith("inside the edge of the support")
+
+
+def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robot_of, changed):
+    settings, _ = robot_of("g1")
+    rail = {"type": "fixed", "frame": "left_rubber_hand", "max_force": 50.0, "max_moment": 5.0}
+    wall = {"type": "point", "frame": "right_rubber_hand", "normal": [-1.0, 0.0, 0.0], "max_normal_force": 50.0}
+    found = findings(changed(settings, {"contacts": {"rail": rail, "wall": wall}}))
+    assert found["centre of mass"] == findings(settings)["centre of mass"]
+    assert found["standing"].startswith("possible on left_foot, right_foot, rail, wall; ")
+    hanging = {foot: {"enabled": False} for foot in settings.contacts}
+    sentence = refusal(changed(settings, {"contacts": hanging | {"rail": rail}}))
+    assert "conflict: force of rail (at most 50 N" in sentence or "moment of rail" in sentence

@@ -132,7 +132,10 @@ def _with(key, value):
         "contacts": {
             "foot": {"type": "surface", "frame": "f", "half_length": 0.1, "half_width": 0.1, "max_normal_force": 1.0},
             "toe": {"type": "point", "frame": "f", "max_normal_force": 1.0},
+            "grip": {"type": "fixed", "frame": "f", "max_force": 1.0, "max_moment": 1.0},
+            "wheel": {"type": "rolling", "frame": "f", "axis": [0, 1, 0], "radius": 0.1, "max_normal_force": 1.0},
         },
+        "loops": {"bar": {"frame_a": "f", "frame_b": "g"}},
     }
     place = content
     *sections, last = key.split(".")
@@ -164,6 +167,9 @@ def _with(key, value):
         ("contacts.foot.half_length", 1e-9, 1.0),
         ("contacts.toe.radius", 1e-9, 1.0),
         ("contacts.toe.max_normal_force", 1e-9, 1e5),
+        ("contacts.grip.max_force", 1e-9, 1e5),
+        ("contacts.wheel.radius", 1e-9, 1.0),
+        ("loops.bar.stiffness", 0.0, 1e5),
         ("mock.step", 1e-9, 0.01),
     ],
 )
@@ -189,6 +195,43 @@ def test_ranges(key, low, high):
         ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
         ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
         ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
+        ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface takes"),
+        (
+            "contacts.foot.half_width",
+            None,
+            "contacts.foot.half_width = None: a surface takes half_length and half_width, or",
+        ),
+        (
+            "contacts.foot.vertices",
+            [[0.0, 2.0]],
+            "contacts.foot.vertices.0.1 = 2.0: input should be less than or equal",
+        ),
+        (
+            "contacts.toe.normal",
+            [0, 0, 0],
+            "contacts.toe.normal = [0, 0, 0]: must have a length (Normal of the surface",
+        ),
+        ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
+        (
+            "contacts.grip.mask",
+            [False] * 6,
+            "contacts.grip.mask = [False, False, False, False, False, False]: it holds",
+        ),
+        ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: it is required, as the mask holds a rot"),
+        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (The axle"),
+        ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
+        ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 (How"),
+        (
+            "loops.bar.mask",
+            [False] * 6,
+            "loops.bar.mask = [False, False, False, False, False, False]: it holds no axis",
+        ),
+        (
+            "loops.foot",
+            {"frame_a": "f", "frame_b": "g"},
+            "loops: 'foot' is the name of a contact too; take another one",
+        ),
+        ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must have a length (Normal of the floor"),
         ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
         ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: fixed, point, rolling, surface"),
         ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (A frame of the URDF)"),

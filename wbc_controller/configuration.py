@@ -140,7 +140,7 @@ def _explain(problem: Any, source: str) -> str:
     reason = problem["msg"].removeprefix("Value error, ")
     value = problem["input"]
     if problem["type"] == "value_error" and isinstance(value, dict):  # of a validator that looks at several keys
-        return f"{source}: {key}.{reason}"
+        return f"{source}: {key}{'.' if key else ''}{reason}"
     shown = "" if isinstance(value, dict) else f" = {reprlib.repr(value)}"
     return f"{source}: {key}{shown}: {reason[0].lower()}{reason[1:]}{about}"
 
