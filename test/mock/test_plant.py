@@ -463,6 +463,26 @@ def test_a_urdf_that_mujoco_refuses_is_a_configuration_error():
         },
         "here",
     )
-    model = build_model(ARM.replace("IXX", "9"), ["shoulder", "elbow"], [0.0, 0.0], floating_base=False)
+    urdf = ARM.replace("IXX", "0.1").replace('<mass value="1"/>', '<mass value="0"/>')
+    model = build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False)
     with pytest.raises(ConfigurationError, match=r"robot\.urdf: MuJoCo"):
         Plant(model, settings)
+
+
+def test_an_inertia_that_no_body_has_is_balanced_and_named(caplog):
+    """Links that are there for a frame often have one; MuJoCo refuses it, and Pinocchio does not look."""
+    joints = ["shoulder", "elbow"]
+    settings = parse_settings(
+        {
+            "robot": {"joints": joints, "posture": [0.0, 0.0], "base": "fixed"},
+            "tasks": {"posture": {"type": "posture"}},
+        },
+        "here",
+    )
+    with caplog.at_level("WARNING"):
+        Plant(build_model(ARM.replace("IXX", "0.1"), joints, [0.0, 0.0], floating_base=False), settings)
+        assert not caplog.text
+        plant = Plant(build_model(ARM.replace("IXX", "9"), joints, [0.0, 0.0], floating_base=False), settings)
+    assert "no body has the inertia of lower: " in caplog.text
+    body = plant._model.body("lower")
+    np.testing.assert_allclose(body.inertia, (9.0 + 0.1 + 0.01) / 3.0)

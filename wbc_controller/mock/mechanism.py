@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,8 @@ from wbc_controller.mock.grips import Attachment, add_attachment
 from wbc_controller.mock.joints import couple, lock, spring
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
+
+_log = logging.getLogger(__name__)
 
 #: Name of the equality constraint that holds the base.
 HOIST = "hoist"
@@ -152,6 +155,7 @@ def _write_inertias(spec: Any, tree: ET.Element) -> None:
     MuJoCo 3.3's own reading of a URDF gets the inertia of a link wrong whose inertial origin is turned, and its
     principal axes are good to seven digits only.
     """
+    balanced = []
     for link in tree.findall("link"):
         inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
         if inertial is None or body.name == "world":
@@ -171,12 +175,21 @@ def _write_inertias(spec: Any, tree: ET.Element) -> None:
         # A flat link's largest moment is the sum of the others; rounding must not make it impossible.
         if moments[0] + moments[1] < moments[2] <= (moments[0] + moments[1]) * (1.0 + 1e-9):
             moments[2] = moments[0] + moments[1]
+        elif moments[0] + moments[1] < moments[2]:  # common in links that are there for a frame; MuJoCo refuses it
+            balanced.append(str(link.get("name")))
+            moments = np.full(3, moments.mean())
         body.explicitinertial = True
         body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
         body.ipos = position
         body.iquat = position_and_wxyz(pin.SE3(rotation @ axes, position))[3:]
         body.inertia = moments
         body.fullinertia = np.full(6, np.nan)  # not given
+    if balanced:
+        _log.warning(
+            "robot.urdf: no body has the inertia of %s: its largest principal moment is more than the other two "
+            "together; the mock robot takes the mean of the three",
+            ", ".join(balanced),
+        )
 
 
 def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
