@@ -239,7 +239,7 @@ class GuardSettings(_Section):
     """The guard, a process of its own that damps the robot when the controller's commands stop."""
 
     patience: Annotated[Positive, Field(le=1.0)] = Field(
-        0.01, description="How late a command may be, in wall time, before the guard takes over, s."
+        0.012, description="How late a command may be, in wall time, before the guard takes over, s."
     )
     damping: Gain = Field(2.0, description="Joint damping, N·m·s/rad.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
