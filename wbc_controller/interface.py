@@ -170,6 +170,8 @@ MOCK_TOPICS: tuple[Topic, ...] = (
           "A force and torque on the body named by `frame_id`, world axes, for `push_duration`."),
     Topic("hold", "~/hold", "std_msgs/msg/Bool", _IN, REQUEST,
           "Hangs the base where it started (true) or lets it go (false)."),
+    Topic("grip", "~/contacts/{contact}/grip", "std_msgs/msg/Bool", _IN, REQUEST,
+          "Holds the link of a fixed contact where it is (true) or lets it go (false)."),
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, STATE_OUT,
           "Measured positions, velocities and applied efforts."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT, "True pose and twist of the base."),

@@ -9,6 +9,7 @@ from wbc_controller import messages
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.interface import MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.mock.robot import NODE_NAME, MockRobot
+from wbc_controller.settings import Settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 
@@ -24,7 +25,7 @@ class Peer:
             if endpoint.direction is Direction.IN:
                 qos = endpoint.qos
                 other = Endpoint(endpoint.key, endpoint.subject, endpoint.name, endpoint.type, Direction.OUT, qos)
-                self._publish[endpoint.key] = transport.advertise(other)
+                self._publish[endpoint.key, endpoint.subject] = transport.advertise(other)
             else:
                 transport.subscribe(endpoint, lambda payload, endpoint=endpoint: self._take(endpoint, payload))
 
@@ -37,8 +38,8 @@ class Peer:
     def all(self, key: str) -> list:
         return [content for received, _, content in self.received if received == key]
 
-    def raw(self, key: str, payload: bytes) -> None:
-        self._publish[key](payload)
+    def raw(self, key: str, payload: bytes, subject: str = "") -> None:
+        self._publish[key, subject](payload)
 
     def effort(self, tau) -> None:
         layout = messages.message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
@@ -74,9 +75,13 @@ def stamp_of(content) -> int:
 
 @pytest.fixture
 def make(go2):
-    model, settings = go2
+    model, shipped = go2
 
-    def build(**options):
+    def build(contacts=None, **options):
+        settings = shipped
+        if contacts:
+            values = shipped.model_dump()
+            settings = Settings.model_validate(values | {"contacts": values["contacts"] | contacts})
         bus = MemoryBus()
         peer = Peer(bus, settings)
         return MockRobot(model, settings, MemoryTransport(bus), **options), peer
@@ -189,6 +194,27 @@ def test_the_base_is_held_until_it_is_let_go(make):
         robot.step_period()
     assert not robot.plant.held
     assert robot.plant.state()[0][2] < 0.3
+
+
+def test_grips_by_topic(make, caplog):
+    contact = {"type": "fixed", "frame": "FL_hip", "max_force": 500.0, "max_moment": 100.0, "enabled": False}
+    robot, peer = make(contacts={"grip": contact})
+    close, loose = (messages.encode(messages.message("std_msgs/msg/Bool", data=held)) for held in (True, False))
+    peer.raw("grip", close, "grip")
+    peer.hold(False)
+    for _ in range(300):
+        robot.step_period()
+    assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=0.03)  # it hangs from one hip
+    last = [content for key, subject, content in peer.received if (key, subject) == ("contact_wrench", "grip")][-1]
+    assert last.header.frame_id == "grip"
+    assert abs(last.wrench.force.z) > 50.0
+    peer.raw("grip", loose, "grip")
+    with caplog.at_level(logging.WARNING):
+        peer.raw("grip", close, "front_left_foot")
+        for _ in range(200):
+            robot.step_period()
+    assert robot.plant.state()[0][2] < 0.25
+    assert any("a grip at 'front_left_foot'" in record.getMessage() for record in caplog.records)
 
 
 def test_pushes_by_topic(make, caplog):

@@ -17,6 +17,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.interface import MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
-from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
 
 #: Name of the node, after which its private topics are called.
@@ -183,8 +184,8 @@ class MockRobot:
             if self._robot.floating_base:
                 self._publish("tf", "", _transform(stamp, base, q))
             for name, wrench in self.plant.contact_wrenches().items():
-                surface = isinstance(self._contacts[name], SurfaceContact)
-                self._publish("contact_wrench", name, _wrench(stamp, name if surface else WORLD_FRAME, wrench))
+                frame = name if wrench.size == 6 else self._contacts[name].against or WORLD_FRAME
+                self._publish("contact_wrench", name, _wrench(stamp, frame, wrench))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
         """Wait, in lockstep, for the answer to the present state; publish the state again while none comes.
@@ -211,8 +212,9 @@ class MockRobot:
         Raises:
             WbcError: where the physics has diverged.
         """
-        for key, payload in self._inbox.take_requests():
-            self._try(key, payload, self._push if key == "push" else self._hold)
+        uses = {"push": self._push, "hold": self._hold}
+        for key, contact, payload in self._inbox.take_requests():
+            self._try(key, payload, uses.get(key, partial(self._grip, contact)))
         if not self._lockstep:
             newest = self._inbox.take_effort()
             if newest is not None and not self._try("effort", newest, self._take_effort):
@@ -232,8 +234,8 @@ class MockRobot:
                 self._publishers[key, endpoint.subject] = transport.advertise(endpoint)
             return
         self._types[key] = endpoint.type
-        if key in ("push", "hold"):
-            transport.subscribe(endpoint, lambda payload: self._inbox.put_request(key, payload))
+        if key in ("push", "hold", "grip"):
+            transport.subscribe(endpoint, lambda payload: self._inbox.put_request(key, endpoint.subject, payload))
         elif key == "joint_commands" and self._lockstep:
             transport.subscribe(endpoint, self._inbox.put_answer)
         elif key == "effort" and not self._lockstep:
@@ -292,6 +294,9 @@ class MockRobot:
     def _hold(self, content: Any) -> None:
         self.plant.hold(bool(content.data))
 
+    def _grip(self, contact: str, content: Any) -> None:
+        self.plant.grip(contact, bool(content.data))
+
 
 class _Inbox:
     """Where the transport's threads leave bytes, and the robot's thread takes them."""
@@ -301,7 +306,7 @@ class _Inbox:
         self._effort: bytes | None = None
         # Bounded, because nobody empties them while the robot waits.
         self._answers: deque[bytes] = deque(maxlen=10)
-        self._requests: deque[tuple[str, bytes]] = deque(maxlen=100)
+        self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
 
     def put_effort(self, payload: bytes) -> None:
         with self._arrived:
@@ -312,9 +317,9 @@ class _Inbox:
             self._answers.append(payload)
             self._arrived.notify()
 
-    def put_request(self, key: str, payload: bytes) -> None:
+    def put_request(self, key: str, subject: str, payload: bytes) -> None:
         with self._arrived:
-            self._requests.append((key, payload))
+            self._requests.append((key, subject, payload))
 
     def take_effort(self) -> bytes | None:
         with self._arrived:
@@ -327,7 +332,7 @@ class _Inbox:
             self._answers.clear()
             return payloads
 
-    def take_requests(self) -> list[tuple[str, bytes]]:
+    def take_requests(self) -> list[tuple[str, str, bytes]]:
         with self._arrived:
             requests = list(self._requests)
             self._requests.clear()
