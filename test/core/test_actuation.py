@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from chains import MENAGERIE, MENAGERIE_JOINTS, joint, link, menagerie, mimic, robot
+from chains import MENAGERIE, MENAGERIE_JOINTS, TENDON, joint, link, menagerie, mimic, robot
 
 from wbc_controller.build import make_board, make_controller, make_model
 from wbc_controller.core.dynamics import Dynamics
@@ -52,19 +52,17 @@ def test_the_shipped_robots_have_one_motor_at_each_joint(load, name):
 
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])
-def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not(base):
-    model = make_model(menagerie(base=base), MENAGERIE)
+@pytest.mark.parametrize(("changes", "left"), [({}, 1), (TENDON, 2)], ids=["motors", "tendon"])
+def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not(base, changes, left):
+    model = make_model(menagerie(base=base, **changes), MENAGERIE)
     actuation, rng = model.actuation, np.random.default_rng(1)
     tau, coupling = rng.normal(size=model.na), rng.normal(size=1) @ actuation.C
     force = actuation.generalized_force(tau) + coupling
     np.testing.assert_allclose(actuation.torques(force), tau, atol=1e-13)
     np.testing.assert_allclose(actuation.unactuated(force), 0.0, atol=1e-13)
-    # What is left over is as many rows as the base and the passive ankle have coordinates, and they are independent.
-    assert (
-        np.linalg.matrix_rank(actuation.unactuated(np.eye(model.nv)))
-        == actuation.free
-        == (7 if base == "floating" else 1)
-    )
+    # Left are as many rows as the base and what no motor decides have coordinates, and they are independent.
+    rows = left + (6 if base == "floating" else 0)
+    assert np.linalg.matrix_rank(actuation.unactuated(np.eye(model.nv))) == actuation.free == rows
     np.testing.assert_allclose(actuation.from_joints(actuation.at_joints(tau)), tau, atol=1e-13)
     v = random_state(model, rng).v
     assert actuation.C @ v == pytest.approx(0.0, abs=1e-14)
@@ -179,6 +177,32 @@ def test_a_joint_that_mimics_moves_as_a_robot_without_it_would(small):
     force = model.actuation.generalized_force(solution.tau)
     y_dot = np.linalg.solve(G.T @ dynamics.M @ G, G.T @ (force - dynamics.h))
     np.testing.assert_allclose(G @ y_dot, solution.v_dot, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("solver", "robot_changes"), [("daqp", {}), ("daqp", TENDON), ("proxqp", {}), ("osqp", {})])
+def test_the_equations_of_motion_close_with_everything_at_once(solver, robot_changes):
+    """A floating base on two points, a transmission, a spring, a follower; what is left over is C's."""
+    ball = {"type": "point", "max_normal_force": 500.0}
+    changes = {
+        "contacts": {"foot": ball | {"frame": "foot"}, "stump": ball | {"frame": "carriage"}},
+        "solver": {"name": solver},
+    }
+    settings = menagerie(base="floating", **robot_changes)
+    settings = Settings.model_validate(settings.model_dump() | changes)
+    model = make_model(settings, MENAGERIE)
+    q, v = model.state(model.posture, 0.1 * np.ones(model.nj), np.array([0, 0, 1.0, 0, 0, 0, 1.0]), np.zeros(6))
+    controller, solution = solve(settings, model, RobotState(0, frozen(q), frozen(v)))
+    dynamics = controller.dynamics
+    left = dynamics.M @ solution.v_dot + dynamics.h - model.actuation.generalized_force(solution.tau)
+    for name, force in solution.forces.items():
+        left -= controller.contacts[name].jacobian(dynamics).T @ force
+    assert max(np.linalg.norm(force) for force in solution.forces.values()) > 1.0
+    C = model.actuation.C
+    coupling = np.linalg.lstsq(C.T, left, rcond=None)[0]
+    exact = 1e-9 if solver == "daqp" else 1e-3
+    np.testing.assert_allclose(left, coupling @ C, atol=exact)
+    np.testing.assert_allclose(C @ solution.v_dot, 0.0, atol=exact)
+    assert solution.residuals["equations_of_motion"] <= exact
 
 
 def test_limits_of_a_follower_hold_its_leader():

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from chains import MENAGERIE, menagerie
+from chains import MENAGERIE, TENDON, menagerie
 
 from wbc_controller.build import joint_efforts, make_audit, make_board, make_controller, make_model
 from wbc_controller.core.dynamics import Dynamics
@@ -33,9 +33,10 @@ def states(model, count, seed=0):
 
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])
-@pytest.mark.parametrize("follower", [False, True])
-def test_it_accelerates_as_the_controllers_model_does(base, follower):
-    changes = {}
+@pytest.mark.parametrize(
+    ("follower", "changes"), [(False, {}), (True, {}), (True, TENDON)], ids=["stiff", "follower", "tendon"]
+)
+def test_it_accelerates_as_the_controllers_model_does(base, follower, changes):
     if not follower:  # the elbow is locked, and its wrist with it: nothing in MuJoCo's model is soft then
         changes = {
             "joints": ["hip", "shoulder", "knee", "ankle", "rail"], "posture": [0.2, 0.1, -0.3, 0.1, 0.05],

@@ -68,3 +68,13 @@ def menagerie(**changes: Any) -> Settings:
         "locked_joints": {"tail": 0.7, "slide": -0.2},
     }
     return parse_settings({"robot": {**own, **changes}, "tasks": {"posture": {"type": "posture"}}}, "a test")
+
+
+#: Changes of the menagerie: hip and knee are pulled by one tendon and returned by springs.
+TENDON = {
+    "actuators": ["rail", "tendon", "shoulder", "elbow"],
+    "transmission": {"tendon": {"ratios": {"hip": 0.03, "knee": 0.02}, "effort_limit": 2000.0}},
+    "passive_joints": {
+        "hip": {"stiffness": 60.0, "damping": 2.0}, "knee": {"stiffness": 40.0, "damping": 1.0}, "ankle": {},
+    },
+}  # fmt: skip
