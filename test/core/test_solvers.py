@@ -248,15 +248,15 @@ def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
     sizes = len(problem.g), len(problem.b), len(problem.upper)
     active_set = ActiveSet(*sizes)
     active_set.learn(answer.multipliers)
-    x, multipliers, guesses = active_set.solve(problem)
-    assert guesses == 1
-    np.testing.assert_allclose(x, expected, atol=1e-7)
-    np.testing.assert_allclose(multipliers, answer.multipliers, atol=1e-6)
-    for start in (0.0 * multipliers, -multipliers, np.where(multipliers == 0.0, 0.0, 1.0)):
+    guessed = active_set.solve(problem)
+    assert guessed.iterations == 1
+    np.testing.assert_allclose(guessed.x, expected, atol=1e-7)
+    np.testing.assert_allclose(guessed.multipliers, answer.multipliers, atol=1e-6)
+    for start in (0.0 * guessed.multipliers, -guessed.multipliers, np.where(guessed.multipliers == 0.0, 0.0, 1.0)):
         active_set.learn(start)
         mended = active_set.solve(problem)
         if mended is not None:
-            np.testing.assert_allclose(mended[0], expected, atol=1e-7)
+            np.testing.assert_allclose(mended.x, expected, atol=1e-7)
 
 
 def test_the_active_set_is_followed_without_a_search():

@@ -12,7 +12,7 @@ from wbc_controller.core.hierarchy import Hierarchy
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import Layout, QuadraticProgram, Residuals
-from wbc_controller.core.solvers import Answer, Solver, make_solver
+from wbc_controller.core.solvers import NOT_FINITE, Answer, Solver, make_solver
 from wbc_controller.core.tasks import Task
 from wbc_controller.core.unpacking import unpack
 from wbc_controller.errors import ConfigurationError, NoSolution
@@ -91,6 +91,8 @@ class Controller:
         if self.formulation.has_priorities:
             if layout.key not in self._hierarchies:
                 self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+            if not layout.problem.is_finite:
+                return Answer(None, NOT_FINITE, 0), (), ()
             hierarchy = self._hierarchies[layout.key]
             answer = hierarchy.solve(layout.problem, layout.levels)
             return answer, hierarchy.reports, hierarchy.unsolved
@@ -128,14 +130,14 @@ class Controller:
         built = self._timer()
         tolerance = self._solver_of(layout).tolerance
         problem = layout.problem
-        if not problem.is_finite:  # back ends may spin for seconds on it, or raise
+        answer, levels, unsolved = self._solve(layout)
+        if answer.status == NOT_FINITE:
             raise NoSolution(
                 "the state, the references or the torques before hold a value that is not finite",
                 "not solved",
                 problem.copy(),
             )
-        answer, levels, unsolved = self._solve(layout)
-        residuals = _usable(answer.x, problem, tolerance)
+        residuals = _usable(answer, problem, tolerance)
         iterations = answer.iterations
         relaxed: list[str] = []
         for relaxation in ("joint_motion", "torque_rate"):
@@ -144,7 +146,7 @@ class Controller:
             relaxed.append(relaxation)
             self.formulation.relax(layout, relaxation, references)
             answer, levels, unsolved = self._solve(layout)
-            residuals = _usable(answer.x, problem, tolerance)
+            residuals = _usable(answer, problem, tolerance)
             iterations += answer.iterations
         solved = self._timer()
         if answer.x is None or residuals is None:
@@ -193,11 +195,11 @@ class Controller:
         return explain(layout, self.model, self.formulation.effort_bounds(references))
 
 
-def _usable(x: Array | None, problem: QuadraticProgram, tolerance: float) -> Residuals | None:
+def _usable(answer: Answer, problem: QuadraticProgram, tolerance: float) -> Residuals | None:
     """Residuals of an answer; None where it is none: not there, not finite, or beyond tolerance of a constraint."""
-    if x is None:
+    if answer.x is None:
         return None
-    residuals = problem.residuals(x)
+    residuals = answer.residuals or problem.residuals(answer.x)
     return residuals if residuals.violation <= tolerance else None  # None for NaN
 
 

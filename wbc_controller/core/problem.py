@@ -85,7 +85,12 @@ class QuadraticProgram:
         value = np.concatenate((x, self.C @ x))
         room = value - self.bounds
         np.negative(room[1], out=room[1])
-        return Residuals(self.A @ x - self.b, room)
+        equalities = np.abs(self.A @ x - self.b)
+        # np.maximum hands NaN on, as max does not.
+        violation = np.maximum(
+            -np.minimum.reduce(room, axis=None, initial=0.0), np.maximum.reduce(equalities, initial=0.0)
+        )
+        return Residuals(value, equalities, room, float(violation))
 
     def violation(self, x: Array) -> float:
         """Largest amount by which x breaks a constraint; NaN where x has one."""
@@ -101,17 +106,16 @@ class Residuals:
     """How well a point meets the constraints.
 
     Attributes:
-        equalities: A x - b, (m_eq,).
+        value: x and C x in one, (n + m_in,).
+        equalities: |A x - b|, (m_eq,).
         room: how far x and C x are above their lower and below their upper bounds, (2, n + m_in); negative beyond.
+        violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
     """
 
+    value: Array
     equalities: Array
     room: Array
-
-    @property
-    def violation(self) -> float:
-        """Largest amount by which a constraint is broken, 0 where none is; NaN where the point has one."""
-        return float(np.maximum(-self.room.min(initial=0.0), np.abs(self.equalities).max(initial=0.0)))
+    violation: float
 
 
 @dataclass(slots=True)

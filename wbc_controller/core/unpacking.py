@@ -47,13 +47,14 @@ def unpack(
         residuals: of the problem's constraints at x.
         references: that the problem was built for.
     """
-    nv = formulation.model.nv
-    equalities = np.abs(residuals.equalities)
+    nv, n = formulation.model.nv, len(x)
+    equalities, stop = residuals.equalities, layout.mechanism.stop
+    torques = residuals.value[n + layout.torque.start : n + layout.torque.stop]
     x = frozen(x)
     forces = frozen(FORCE_UNIT * x[nv:])
     return {
         "v_dot": x[:nv],
-        "tau": frozen(layout.problem.C[layout.torque] @ x + layout.torque_bias),
+        "tau": frozen(torques + layout.torque_bias),
         "forces": frozen_mapping(
             {
                 contact.name: forces[columns.start - nv : columns.stop - nv]
@@ -62,9 +63,9 @@ def unpack(
         ),
         "residuals": frozen_mapping(
             {
-                "equations_of_motion": float(equalities[layout.mechanism].max(initial=0.0)),
-                "contact_motion": float(equalities[layout.mechanism.stop :].max(initial=0.0)),
-                "inequalities": max(0.0, -float(residuals.room.min())),
+                "equations_of_motion": float(np.maximum.reduce(equalities[:stop], initial=0.0)),
+                "contact_motion": float(np.maximum.reduce(equalities[stop:], initial=0.0)),
+                "inequalities": max(0.0, -float(np.minimum.reduce(residuals.room, axis=None))),
             }
         ),
         "task_errors": frozen_mapping(_task_errors(formulation, layout, x, references)),

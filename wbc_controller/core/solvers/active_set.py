@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.records import Array
 
 #: How many guesses are tried.
@@ -43,13 +44,8 @@ class ActiveSet:
         """Take the active set of an answer, (n + m_in,) as in `Answer`."""
         self._side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
 
-    def solve(self, problem: QuadraticProgram) -> tuple[Array, Array, int] | None:
-        """Try it.
-
-        Returns:
-            The minimizer, (n,), the multipliers of the bounds of x and the rows of C, (n + m_in,), and the number of
-            guesses; None where no guess was right.
-        """
+    def solve(self, problem: QuadraticProgram) -> Answer | None:
+        """Try it; None where no guess was right."""
         for guess in range(1, _GUESSES + 1):
             active = self._side.nonzero()[0]
             if self._m + len(active) > self._n:
@@ -57,12 +53,13 @@ class ActiveSet:
             answer = self._on(problem, active)
             if answer is None:
                 return None
-            x, multipliers = answer[: self._n], np.zeros(len(self._side))
-            multipliers[active] = answer[self._n + self._m :]
+            x, costs = answer[: self._n], answer[self._n + self._m :]
             residuals = problem.residuals(x)
-            wrong = active[self._side[active] * multipliers[active] < 0.0]
+            wrong = active[self._side[active] * costs < 0.0] if len(active) else active
             if not len(wrong) and residuals.violation <= _FEASIBLE:
-                return x, multipliers, guess
+                multipliers = np.zeros(len(self._side))
+                multipliers[active] = costs
+                return Answer(x, "optimal", guess, multipliers, residuals)
             beyond = (residuals.room < -_FEASIBLE) & (self._side == 0)
             if not (len(wrong) or beyond.any()):
                 return None  # an equality is violated, or a value is not finite

@@ -47,12 +47,10 @@ class DaqpSolver(Solver):
         self._active_set = ActiveSet(n, equalities, inequalities)
         self._model: daqp.Model | None = None
 
-    def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem."""
-        guessed = self._active_set.solve(problem)
-        if guessed is not None:
-            x, multipliers, guesses = guessed
-            return Answer(x, _STATUS[_OPTIMAL], guesses, multipliers)
+    def _guess(self, problem: QuadraticProgram) -> Answer | None:
+        return self._active_set.solve(problem)
+
+    def _search(self, problem: QuadraticProgram) -> Answer:
         m = self._inequalities
         self._rows[: len(problem.C)] = problem.C
         self._rows[len(problem.C) :] = problem.A

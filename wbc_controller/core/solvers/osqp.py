@@ -42,8 +42,7 @@ class OsqpSolver(Solver):
         self._a_columns = np.repeat(n_range, rows + 1)
         self._a_starts = np.arange(n + 1) * (rows + 1)
 
-    def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem."""
+    def _search(self, problem: QuadraticProgram) -> Answer:
         m, rows = self._equalities, len(problem.b) + len(problem.upper)
         self._rows[:m] = problem.A
         self._rows[m:rows] = problem.C

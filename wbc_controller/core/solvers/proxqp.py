@@ -42,8 +42,7 @@ class ProxqpSolver(Solver):
         qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         return qp
 
-    def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem."""
+    def _search(self, problem: QuadraticProgram) -> Answer:
         qp = self._qp
         data = (problem.H, problem.g, problem.A, problem.b, problem.C, problem.lower, problem.upper,
                 problem.x_lower, problem.x_upper)  # fmt: skip

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.problem import QuadraticProgram, Residuals
 from wbc_controller.records import Array
 
+#: Status of a problem with an entry that is not finite, or a bound that is NaN.
+NOT_FINITE = "not finite"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(slots=True)
 class Answer:
     """What a solver says.
 
@@ -21,12 +24,14 @@ class Answer:
         iterations: the solver's own count.
         multipliers: of the bounds of x, then of the rows of C, (n + m_in,): positive at an upper bound, negative at a
             lower one, 0 away from both; with those of the equalities, Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0.
+        residuals: of the problem's constraints at x, where the solver has computed them.
     """
 
     x: Array | None
     status: str
     iterations: int
     multipliers: Array = field(default_factory=lambda: np.zeros(0))
+    residuals: Residuals | None = None
 
 
 class Solver(ABC):
@@ -40,6 +45,19 @@ class Solver(ABC):
     tolerance: float
     for_levels = True
 
-    @abstractmethod
     def solve(self, problem: QuadraticProgram) -> Answer:
         """Solve a problem, warm-started from the last answer. Never raises for a problem without solution."""
+        answer = self._guess(problem)
+        if answer is not None:
+            return answer
+        if not problem.is_finite:  # back ends may spin for seconds on it, or raise
+            return Answer(None, NOT_FINITE, 0)
+        return self._search(problem)
+
+    def _guess(self, problem: QuadraticProgram) -> Answer | None:
+        """An answer without a search, if there is one; it is checked, so that it is finite in all its parts."""
+        return None
+
+    @abstractmethod
+    def _search(self, problem: QuadraticProgram) -> Answer:
+        """Solve a problem that is finite."""

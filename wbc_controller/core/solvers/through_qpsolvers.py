@@ -18,8 +18,7 @@ class ThroughQpsolvers(Solver):
         self._name = name
         self._last: np.ndarray | None = None
 
-    def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem."""
+    def _search(self, problem: QuadraticProgram) -> Answer:
         upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
         G = np.vstack([problem.C[upper], -problem.C[lower]])
         h = np.concatenate([problem.upper[upper], -problem.lower[lower]])
