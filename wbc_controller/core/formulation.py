@@ -113,9 +113,9 @@ class Formulation:
             if contact.permanent or references.contacts.get(name, 0.0) > 0.0
         )
         layout = self.layout(made)
+        self._fill_contacts(layout, references)
         self._fill_equations_of_motion(layout, references, tau_before)
         self._fill_cost(layout, references)
-        self._fill_contacts(layout, references)
         self._fill_joint_motion(layout)
         self._fill_row_limits(layout)
         return layout
@@ -146,22 +146,20 @@ class Formulation:
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
-        for contact, columns in zip(layout.contacts, layout.forces, strict=True):
-            rows = slice(columns.start - model.nv, columns.stop - model.nv)
-            layout.J[rows] = contact.jacobian(dynamics)
         h = self.bias(references)
+        forces_to_motion = -FORCE_UNIT * layout.J.T
         actuation, unactuated, torque = model.actuation, layout.unactuated, layout.torque
         accelerations, forces = layout.acceleration_columns, layout.force_columns
         problem.A[unactuated, accelerations] = actuation.unactuated(dynamics.M)
-        problem.A[unactuated, forces] = -FORCE_UNIT * actuation.unactuated(layout.J.T)
+        problem.A[unactuated, forces] = actuation.unactuated(forces_to_motion)
         problem.b[unactuated] = -actuation.unactuated(h)
         problem.C[torque, accelerations] = actuation.torques(dynamics.M)
-        problem.C[torque, forces] = -FORCE_UNIT * actuation.torques(layout.J.T)
+        problem.C[torque, forces] = actuation.torques(forces_to_motion)
         bias = actuation.torques(h)
         lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
         layout.torque_bias[:] = bias
-        problem.lower[torque] = lower - bias
-        problem.upper[torque] = upper - bias
+        np.subtract(lower, bias, out=problem.lower[torque])
+        np.subtract(upper, bias, out=problem.upper[torque])
 
     def bias(self, references: References) -> Array:
         """Bias forces less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
@@ -173,14 +171,17 @@ class Formulation:
         return h
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        problem, dynamics = layout.problem, self.dynamics
-        for contact, columns, rows in zip(layout.contacts, layout.forces, layout.motion, strict=True):
-            J = layout.J[columns.start - self.model.nv : columns.stop - self.model.nv]
-            problem.A[rows, layout.acceleration_columns] = J
-            problem.b[rows] = contact.acceleration(dynamics, J)
+        problem, dynamics, J = layout.problem, self.dynamics, layout.J
+        for contact, rows in zip(layout.contacts, layout.force_rows, strict=True):
+            J[rows] = contact.jacobian(dynamics)
+        problem.A[layout.mechanism.stop :, layout.acceleration_columns] = J
+        velocity = J @ dynamics.v
+        b, x_lower, x_upper = problem.b[layout.mechanism.stop :], *problem.bounds[:, layout.force_columns]
+        for contact, rows in zip(layout.contacts, layout.force_rows, strict=True):
+            b[rows] = contact.acceleration(dynamics, velocity[rows])
             lower, upper = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
-            problem.x_lower[columns] = lower / FORCE_UNIT
-            problem.x_upper[columns] = upper / FORCE_UNIT
+            np.divide(lower, FORCE_UNIT, out=x_lower[rows])
+            np.divide(upper, FORCE_UNIT, out=x_upper[rows])
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model

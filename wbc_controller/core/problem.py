@@ -151,7 +151,8 @@ class Layout:
         contacts: the made contacts, in order.
         problem: the problem's arrays.
         forces: for each contact, the columns of its force in x.
-        motion: for each contact, the rows of its motion in A and b.
+        force_rows: for each contact, the same among the forces alone, and in J.
+        motion: for each contact, the rows of its motion in A and b, in the order of J.
         mechanism: rows of A that always hold: the unactuated part of the equations of motion, and joints that follow
             others.
         unactuated: the first of them, of the equations of motion.
@@ -201,6 +202,7 @@ class Layout:
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
         self.J = np.zeros((nf, nv))  # stacked contact Jacobians
+        self.force_rows = [slice(columns.start - nv, columns.stop - nv) for columns in self.forces]
         self.acceleration_columns = slice(0, nv)
         self.force_columns = slice(nv, nv + nf)
         self.key = tuple(contact.name for contact in contacts)

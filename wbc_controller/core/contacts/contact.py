@@ -74,14 +74,14 @@ class Contact(ABC):
             activation: from 0 (about to break) to 1 (made); the largest forces are scaled by it.
         """
 
-    def acceleration(self, dynamics: Dynamics, J: Array) -> Array:
+    def acceleration(self, dynamics: Dynamics, velocity: Array) -> Array:
         """What J v̇ has to be, (k,): the contact keeps still, and velocity that there is decays.
 
         Args:
             dynamics: the snapshot.
-            J: what `jacobian` gives there.
+            velocity: J v there, (k,).
         """
-        return np.asarray(-self.drift(dynamics) - self.damping * (J @ dynamics.v))
+        return np.asarray(-self.damping * velocity - self.drift(dynamics))
 
 
 class UnilateralContact(Contact):

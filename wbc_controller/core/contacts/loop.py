@@ -130,9 +130,9 @@ class LoopClosure(Contact):
             turn = turn * (math.atan2(sine, float(self._hinge @ n)) / sine) if sine > 1.0e-12 else turn
         return np.concatenate([pose.translation, turn])[self._rows]
 
-    def acceleration(self, dynamics: Dynamics, J: Array) -> Array:
+    def acceleration(self, dynamics: Dynamics, velocity: Array) -> Array:
         """What J v̇ has to be, (k,): what is open closes."""
-        return np.asarray(super().acceleration(dynamics, J) - self.stiffness * self.error(dynamics))
+        return np.asarray(super().acceleration(dynamics, velocity) - self.stiffness * self.error(dynamics))
 
     def points(self, dynamics: Dynamics) -> Array:
         """Origin of A in the world, (1, 3) in m."""

@@ -72,6 +72,7 @@ class Mount:
         self._placement = placement
         # (6, 6): twist in the frame to twist in the contact
         self._to_contact: Array = placement.inverse().toActionMatrix()
+        self._same = bool(np.array_equal(self._to_contact, np.eye(6)))  # it often is, and a product can be saved
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of C in the world."""
@@ -84,14 +85,18 @@ class Mount:
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of ν, (6, nv)."""
-        J = np.asarray(self._to_contact @ dynamics.jacobian(self._id, pin.LOCAL))
+        J = dynamics.jacobian(self._id, pin.LOCAL)
+        if not self._same:
+            J = np.asarray(self._to_contact @ J)
         if self._other is not None:
             J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
         return J
 
     def drift(self, dynamics: Dynamics) -> Array:
         """ν̇ at v̇ = 0, (6,)."""
-        drift = np.asarray(self._to_contact @ dynamics.drift_local(self._id))
+        drift = dynamics.drift_local(self._id)
+        if not self._same:
+            drift = np.asarray(self._to_contact @ drift)
         if self._other is not None:
             X = self._from_other(dynamics, self._other)
             carried = X @ dynamics.velocity(self._other, pin.LOCAL)

@@ -52,6 +52,7 @@ class TorqueLimit:
         self.effort_limits = effort_limits
         self.rate = rate
         self.curve = curve
+        self._least = -effort_limits
 
     def available(self, v: Array) -> tuple[Array, Array]:
         """Lower and upper bounds of τ without the rate, both (na,) in N·m.
@@ -60,7 +61,7 @@ class TorqueLimit:
             v: speeds of the actuators, (na,) in rad/s.
         """
         if self.curve is None:
-            return -self.effort_limits, self.effort_limits
+            return self._least, self.effort_limits
         return self.curve.available(self.effort_limits, v)
 
     def bounds(self, before: Array | None, v: Array, period: float) -> tuple[Array, Array]:
@@ -75,5 +76,5 @@ class TorqueLimit:
         if before is None:
             return lower, upper
         step = self.rate * period * self.effort_limits
-        held = np.clip(before, lower, upper)
+        held = np.minimum(np.maximum(before, lower), upper)
         return np.maximum(lower, held - step), np.minimum(upper, held + step)
