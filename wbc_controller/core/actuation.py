@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import null_space
 
+from wbc_controller.core.places import as_slice
 from wbc_controller.core.transmission import Drive
 from wbc_controller.records import Array, frozen
 
@@ -53,8 +54,8 @@ class Actuation(Drive):
         self._N[len(untouched) :, entered] = null_space(B[:, entered]).T
         self._T = np.linalg.solve(B @ B.T, B)[:na]
         self.direct = self.motors is not None and not len(coupling)
-        self._rows = _as_slice(v_index[self.motors]) if self.direct else None
-        self._free_rows = _as_slice(untouched)
+        self._rows = as_slice(v_index[self.motors]) if self.direct else None
+        self._free_rows = as_slice(untouched)
 
     def torques(self, force: Array) -> Array:
         """Torques of the actuators for generalized forces, T force: (nv,) or (nv, k) to (na,) or (na, k).
@@ -74,10 +75,3 @@ class Actuation(Drive):
     def speeds(self, v: Array) -> Array:
         """Speeds of the actuators, S v: (nv,) to (na,)."""
         return np.asarray(v[self._rows] if self._rows is not None else self.S @ v)
-
-
-def _as_slice(index: np.ndarray) -> np.ndarray | slice:
-    """The same places as a slice where they follow each other: that is faster, and copies nothing."""
-    if len(index) and (np.diff(index) == 1).all():
-        return slice(int(index[0]), int(index[-1]) + 1)
-    return index

@@ -36,14 +36,17 @@ class Dynamics:
         self._mass = pin.computeTotalMass(model.pinocchio)
         self.q: Array
         self.v: Array
-        self.M: Array
-        self.h: Array
-        self.com: Array
-        self.com_velocity: Array
-        self.com_jacobian: Array
-        self.com_drift: Array
-        self.centroidal_matrix: Array
-        self.centroidal_drift: Array
+        # Pinocchio's data stay where they are: views of them are made once.
+        data = self._data
+        self.M: Array = data.M
+        self.h: Array = data.nle
+        self.com: Array = data.com[0]
+        self.com_velocity: Array = data.vcom[0]
+        self.com_jacobian = np.zeros((3, model.nv))
+        self.com_drift = np.zeros(3)
+        self.centroidal_matrix: Array = data.Ag
+        self.centroidal_drift: Array = data.dhg.vector
+        self._placements: list[pin.SE3] = list(data.oMf)
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
@@ -59,22 +62,17 @@ class Dynamics:
         # inertia matrix comes with the joints' Jacobians and the centroidal matrix.
         pin.crba(model, data, q, pin.Convention.WORLD)
         # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
-        self.centroidal_drift = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero).vector
+        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
         pin.nonLinearEffects(model, data, q, v)
         pin.updateFramePlacements(model, data)
-        self.M = data.M
-        self.h = data.nle
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
-        self.com = data.com[0]
-        self.com_velocity = data.vcom[0]
-        self.centroidal_matrix = data.Ag
-        self.com_jacobian = self.centroidal_matrix[:3] / self._mass
-        self.com_drift = self.centroidal_drift[:3] / self._mass
+        np.divide(self.centroidal_matrix[:3], self._mass, out=self.com_jacobian)
+        np.divide(self.centroidal_drift[:3], self._mass, out=self.com_drift)
 
     def placement(self, frame_id: int) -> pin.SE3:
         """Placement of a frame in the world."""
-        return self._data.oMf[frame_id]
+        return self._placements[frame_id]
 
     def velocity(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Spatial velocity of a frame, (6,), linear part first."""

@@ -23,10 +23,10 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
         quaternion: reference (x, y, z, w), (4,).
 
     Returns:
-        R log(Rᵀ R_ref), (3,) in rad; its norm is at most π.
+        R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
     """
     reference = pin.Quaternion(quaternion).normalized().toRotationMatrix()
-    return np.asarray(rotation @ pin.log3(rotation.T @ reference))
+    return np.asarray(pin.log3(reference @ rotation.T))
 
 
 class _FrameTask(MotionTask):

@@ -8,6 +8,7 @@ import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
+from wbc_controller.core.places import as_slice
 from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array
 
@@ -41,20 +42,19 @@ class PostureTask(MotionTask):
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
         self.size = len(columns)
         self.joints = tuple(joints) or model.driven_joints
-        self._q_index = model.q_index[columns]
-        self._v_index = model.v_index[columns]
-        self.columns = self._v_index
+        self._q_index = as_slice(model.q_index[columns])
+        self.columns = as_slice(model.v_index[columns])
         self._jacobian = np.zeros((self.size, model.nv))
-        self._jacobian[np.arange(self.size), self._v_index] = 1.0
+        self._jacobian[np.arange(self.size), model.v_index[columns]] = 1.0
         self._drift = np.zeros(self.size)
 
     def position(self, dynamics: Dynamics) -> Array:
         """Joint positions, (k,) in rad."""
-        return np.asarray(dynamics.q[self._q_index])
+        return dynamics.q[self._q_index]
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Joint velocities, (k,) in rad/s."""
-        return np.asarray(dynamics.v[self._v_index])
+        return dynamics.v[self.columns]
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Displacement to the reference, (k,) in rad."""

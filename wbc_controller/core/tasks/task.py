@@ -101,10 +101,10 @@ class AccelerationTask(Task):
     `RateTask` for quantities x(q, v).
 
     Attributes:
-        columns: for a task whose rows are single accelerations, J = I[columns], which they are, (k,); None for others.
+        columns: for a task whose rows are single accelerations, J = I[columns], which they are; None for others.
     """
 
-    columns: np.ndarray | None = None
+    columns: np.ndarray | slice | None = None
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
