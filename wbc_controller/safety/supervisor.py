@@ -22,6 +22,7 @@ import numpy as np
 
 from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel
+from wbc_controller.core.places import as_slice
 from wbc_controller.core.trajectories import Ramp
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, frozen
@@ -71,6 +72,7 @@ class Supervisor:
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
         self._held = self._tau  # the torques at the start of holding
+        self._q_index, self._v_index = as_slice(model.q_index), as_slice(model.v_index)
         self._nan = frozen(np.full(model.nj, np.nan))
 
     @property
@@ -235,14 +237,14 @@ class Supervisor:
         if self._share.after <= 0.0 and share <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
             return None
-        return share * tau
+        return tau if share >= 1.0 else share * tau
 
-    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
-        """Lower and upper bounds of the torques, both (na,) in N·m."""
-        limits, curve = self._model.effort_limits, self.limits.torque_speed
+    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array] | None:
+        """Lower and upper bounds of the torques, both (na,) in N·m; None where they are the effort limits."""
+        curve = self.limits.torque_speed
         if curve is None or joint_velocity is None:
-            return -limits, limits
-        return curve.available(limits, self._model.actuation.rates(joint_velocity))
+            return None
+        return curve.available(self._model.effort_limits, self._model.actuation.rates(joint_velocity))
 
     def _command(
         self,
@@ -253,12 +255,14 @@ class Supervisor:
     ) -> JointCommand:
         model, limits = self._model, self.limits
         step = limits.torque_rate * limits.period * model.effort_limits
-        tau = np.clip(tau, self._tau - step, self._tau + step)
-        tau = np.clip(tau, *self._available(joint_velocity))  # last: what a motor has not got no rate can give it
+        # np.clip does the same in five times as long.
+        tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
+        lower, upper = self._available(joint_velocity) or (-model.effort_limits, model.effort_limits)
+        tau = np.minimum(np.maximum(tau, lower), upper)  # last: what a motor has not got no rate can give it
         self._tau = tau
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:
             period = limits.period
-            v_desired = frozen(state.v[model.v_index] + period * solution.v_dot[model.v_index])
-            q_desired = frozen(state.q[model.q_index] + period * v_desired)
+            v_desired = frozen(state.v[self._v_index] + period * solution.v_dot[self._v_index])
+            q_desired = frozen(state.q[self._q_index] + period * v_desired)
         return JointCommand(state.stamp if state is not None else 0, frozen(tau), q_desired, v_desired)

@@ -117,13 +117,13 @@ class UnilateralContact(Contact):
         self.max_normal_force = max_normal_force
         self.max_yaw_moment = max_yaw_moment
         self.bound_groups = (("normal_force", 2, 3),)
+        self._unbounded = np.full(self.size, np.inf)
         if max_yaw_moment < np.inf:
             self.bound_groups += (("yaw_moment", 5, 6),)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Lower and upper bounds of f, both (k,): the activation scales the largest normal force and yaw moment."""
-        lower = np.full(self.size, -np.inf)
-        upper = np.full(self.size, np.inf)
+        lower, upper = -self._unbounded, self._unbounded.copy()
         upper[2] = activation * self.max_normal_force
         lower[2] = min(self.min_normal_force, upper[2])
         if self.max_yaw_moment < np.inf:
