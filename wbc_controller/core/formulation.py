@@ -185,9 +185,9 @@ class Formulation:
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
-        lower, upper = self.motion_limit.bounds(dynamics.q[model.q_index], dynamics.v[model.v_index], self.period)
-        problem.x_lower[layout.joints] = lower
-        problem.x_upper[layout.joints] = upper
+        lower, upper = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
+        problem.x_lower[model.v_places] = lower
+        problem.x_upper[model.v_places] = upper
 
     def _fill_row_limits(self, layout: Layout) -> None:
         problem = layout.problem

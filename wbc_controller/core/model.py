@@ -13,6 +13,7 @@ import pinocchio as pin
 from wbc_controller.core.actuation import Actuation
 from wbc_controller.core.mimic import Followers, Mimic, read_mimics
 from wbc_controller.core.passive import PassiveForces, PassiveJoint
+from wbc_controller.core.places import as_slice
 from wbc_controller.core.transmission import Transmission, make_drive
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
@@ -70,6 +71,16 @@ class RobotModel:
     def nj(self) -> int:
         """Number of joints that move and are measured."""
         return len(self.joints)
+
+    @cached_property
+    def q_places(self) -> np.ndarray | slice:
+        """`q_index`, as a slice where that is one."""
+        return as_slice(self.q_index)
+
+    @cached_property
+    def v_places(self) -> np.ndarray | slice:
+        """`v_index`, as a slice where that is one."""
+        return as_slice(self.v_index)
 
     @cached_property
     def na(self) -> int:

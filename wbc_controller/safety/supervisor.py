@@ -22,7 +22,6 @@ import numpy as np
 
 from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.places import as_slice
 from wbc_controller.core.trajectories import Ramp
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, frozen
@@ -72,7 +71,7 @@ class Supervisor:
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
         self._held = self._tau  # the torques at the start of holding
-        self._q_index, self._v_index = as_slice(model.q_index), as_slice(model.v_index)
+        self._q_index, self._v_index = model.q_places, model.v_places
         self._nan = frozen(np.full(model.nj, np.nan))
 
     @property
