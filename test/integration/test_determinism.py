@@ -35,7 +35,7 @@ def test_two_processes_send_the_same_torques_bit_for_bit(tmp_path):
         for folder, seed in zip(folders, ("1", "4242"), strict=True)
     ]
     for process in processes:
-        output, _ = process.communicate(timeout=120)
+        output, _ = process.communicate(timeout=300)
         assert process.returncode == 0, output.decode()
     first, second = (np.load(folder / "go2-lockstep.npz") for folder in folders)
     assert len(first["tau"]) > 2000
