@@ -15,7 +15,7 @@ SOURCES = ROOT / PACKAGE
 RESERVED = {
     "mujoco": ("mock/*",),
     "cyclonedds": ("transports/dds*.py",),
-    "rclpy": ("transports/ros2.py", "ros2/*"),
+    "rclpy": ("transports/ros2*.py", "ros2/*"),
 }
 #: For the files of a layer: what of the outside they may import besides the standard library, and what of the package.
 LAYERS = {

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +16,7 @@ from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.interface import parse_remapping
 from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.signals import set_by_signals
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -204,16 +203,8 @@ def _dds(node: str, namespace: str) -> Iterator[Any]:
 def _stop_on_signals() -> Iterator[threading.Event]:
     """An event that Ctrl-C and SIGTERM set."""
     stop = threading.Event()
-    previous = {number: signal.signal(number, partial(_set, stop)) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with set_by_signals(stop):
         yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def _set(stop: threading.Event, number: int, frame: object) -> None:
-    stop.set()
 
 
 def _log_to_stderr(verbose: bool) -> None:

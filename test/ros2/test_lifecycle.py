@@ -1,6 +1,5 @@
 """The controller's node in this process: transitions, parameters, services."""
 
-import contextlib
 import itertools
 import logging
 import os
@@ -12,7 +11,7 @@ import pytest
 try:
     import rclpy
     from nav_msgs.msg import Odometry
-    from rclpy.executors import ExternalShutdownException, ShutdownException
+    from rclpy.executors import SingleThreadedExecutor
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
     from sensor_msgs.msg import JointState
@@ -24,7 +23,6 @@ except ImportError as error:
 from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.records import Mode
 from wbc_controller.ros2.controller_node import ControllerNode
-from wbc_controller.transports.ros2 import StreamsFirstExecutor
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
@@ -73,11 +71,13 @@ def make_node(context):
 @pytest.fixture
 def spin(context):
     """Spin nodes on a thread, as the executable does."""
-    executor = StreamsFirstExecutor(context=context)
+    executor = SingleThreadedExecutor(context=context)
+
+    ended = threading.Event()
 
     def run():
-        with contextlib.suppress(ExternalShutdownException, ShutdownException):
-            executor.spin()
+        while not ended.is_set():
+            executor.spin_once()
 
     thread = threading.Thread(target=run)
 
@@ -88,9 +88,11 @@ def spin(context):
         return executor
 
     yield spin
-    executor.shutdown()
+    ended.set()
+    executor.create_task(lambda: None)
     if thread.ident is not None:
         thread.join()
+    executor.shutdown()
 
 
 @pytest.fixture

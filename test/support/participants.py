@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import threading
 from typing import Any
@@ -48,6 +47,7 @@ class Ros2Participants:
         rclpy.init(context=self._context, domain_id=DOMAIN)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._nodes: list[Any] = []
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
 
@@ -61,14 +61,14 @@ class Ros2Participants:
         return Ros2Transport(self._nodes[-1])
 
     def close(self) -> None:
-        self._executor.shutdown()
-        self._context.shutdown()
+        self._ended.set()
+        self._executor.create_task(lambda: None)
         self._thread.join()
+        self._executor.shutdown()
         for node in self._nodes:
             node.destroy_node()
+        self._context.shutdown()
 
     def _spin(self) -> None:
-        from rclpy.executors import ExternalShutdownException, ShutdownException
-
-        with contextlib.suppress(ExternalShutdownException, ShutdownException):  # this is how an executor ends
-            self._executor.spin()
+        while not self._ended.is_set():
+            self._executor.spin_once()

@@ -12,6 +12,7 @@ One period is: publish the state, let a controller answer, apply its torques, st
 
 from __future__ import annotations
 
+import gc
 import logging
 import threading
 import time
@@ -131,6 +132,8 @@ class MockRobot:
         Raises:
             WbcError: where the physics has diverged.
         """
+        gc.collect()
+        gc.freeze()  # as in the control loop: a collection of all that was built takes longer than a state may be old
         deadline = self._clock()
         while not stop.is_set():
             self.publish()

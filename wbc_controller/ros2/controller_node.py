@@ -177,8 +177,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
 
         def receive(payload: bytes) -> None:
             self._urdf = str(decode(payload, endpoint.type).data)
-            if self._starting:
-                self.start()
+            if self._starting and self.executor is not None:
+                self.executor.create_task(self.start)
 
         self._urdf_transport = Ros2Transport(self)
         self._urdf_transport.subscribe(endpoint, receive)
@@ -225,8 +225,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     def _deactivate(self) -> None:
         self._stop.set()
         if self._thread is not None and self._loop is not None:
-            # This thread is also the one that brings joint states: the loop would wait for them until they are stale.
-            self._loop.wake()
+            self._loop.wake()  # where no joint states come, it waits until they are stale
             self._thread.join()
             self._thread = None
         if self._gate is not None:

@@ -7,7 +7,6 @@ import sys
 import threading
 from typing import Any
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from wbc_controller.errors import WbcError
@@ -21,13 +20,7 @@ _log = logging.getLogger(__name__)
 
 
 def serve(executor: Any, stop: threading.Event) -> int:
-    """Run the node until the event is set; gives the exit status.
-
-    Args:
-        executor: not used. The guard has few topics, and one that looks at the controller's mode late would take a
-            controller that lets go for one that dies.
-        stop: ends the run.
-    """
+    """Run the node until the event is set; gives the exit status."""
     node = Node(NODE_NAME, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own = declare(node, {})
     transport = Ros2Transport(node)
@@ -37,7 +30,7 @@ def serve(executor: Any, stop: threading.Event) -> int:
         status.append(code)
         stop.set()
 
-    with logging_to(node), spinning(SingleThreadedExecutor(), node, leave):
+    with logging_to(node), spinning(executor, node, leave):
         try:
             settings, source = settings_from(values(node), node.get_fully_qualified_name(), sys.argv, own)
             _log.info("guarding the robot of %s", source)

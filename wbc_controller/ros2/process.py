@@ -1,24 +1,23 @@
 """The process of a node: signals, the executor's thread, the log.
 
-Three threads: the main one waits for a signal, one spins the executor, and one runs the control loop (the mock robot's
-physics are on the main one).
+Four threads: the main one waits for a signal; one spins the executor, for services, timers and parameters; the
+transport's reads the topics; and one runs the control loop. The mock robot's physics are on the main one.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, ShutdownException
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from wbc_controller.transports.ros2 import StreamsFirstExecutor
+from wbc_controller.signals import set_by_signals
 
 _log = logging.getLogger(__name__)
 
@@ -33,15 +32,14 @@ def run(serve: Callable[[Any, threading.Event], int]) -> int:
         The exit status.
     """
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: stop.set())
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy has no common base for what a wrong command line or parameter file raises
         print(f"error: {error}", file=sys.stderr)
         return 2
     try:
-        return serve(StreamsFirstExecutor(), stop)
+        with set_by_signals(stop):
+            return serve(SingleThreadedExecutor(), stop)
     finally:
         rclpy.try_shutdown()
 
@@ -63,10 +61,12 @@ def logging_to(node: Any) -> Iterator[None]:
 @contextlib.contextmanager
 def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator[None]:
     """Spin a node on a thread."""
+    ended = threading.Event()
 
     def spin() -> None:
         try:
-            executor.spin()
+            while not ended.is_set():
+                executor.spin_once()
         except (ExternalShutdownException, ShutdownException):  # this is how an executor ends
             pass
         except Exception:
@@ -79,8 +79,10 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
     try:
         yield
     finally:
-        executor.shutdown()
+        ended.set()
+        executor.create_task(lambda: None)  # so that it looks
         thread.join()
+        executor.shutdown()  # not before: it takes away what the spinning uses
 
 
 class _RosLog(logging.Handler):

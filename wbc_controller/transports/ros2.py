@@ -9,14 +9,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import STATE_IN, Endpoint, Qos
+from wbc_controller.interface import Endpoint, Qos
+from wbc_controller.transports.ros2_reader import Reader, ReaderGroup
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
 
@@ -24,53 +23,13 @@ _log = logging.getLogger(__name__)
 
 #: Longest time, at closing, in which all reliable readers may take what was published last, s.
 _LAST_WORDS = 0.5
-#: Longest time that a message which is no stream may wait in `StreamsFirstExecutor`, s.
-_OTHERS_PERIOD = 0.01
-
-
-class StreamGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """The callbacks that the control loop waits for: the robot's state, and the commands to the supervisor."""
-
-
-class StreamsFirstExecutor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
-    """An executor that a control loop can live with in one Python process.
-
-    rclpy builds its wait set anew before each callback. With the hundred entities of a controller's node that takes
-    longer than a control period leaves, and it holds the interpreter lock meanwhile. So this one waits for the
-    streams alone, and looks at all the others every `_OTHERS_PERIOD`.
-    """
-
-    def __init__(self, *, context: Any = None) -> None:
-        super().__init__(context=context)
-        self._everything = True
-        self._others_due = 0.0
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Do one callback; without a timeout, come back at the latest when the others are due."""
-        # Always the same timeout: with another one rclpy begins anew with the coroutines that wait, such as those of
-        # services, and comes to nothing else until they end.
-        super().spin_once(_OTHERS_PERIOD if timeout_sec is None else timeout_sec)
-
-    def get_nodes(self) -> Any:
-        """The nodes; rclpy asks for them just before it gathers what it waits for."""
-        now = time.monotonic()
-        self._everything = now >= self._others_due
-        if self._everything:
-            self._others_due = now + _OTHERS_PERIOD
-        return super().get_nodes()
-
-    def can_execute(self, entity: Any) -> bool:
-        """Whether an entity is to be waited for now."""
-        if not (self._everything or isinstance(entity.callback_group, StreamGroup)):
-            return False
-        return bool(super().can_execute(entity))
 
 
 class Ros2Transport:
     """Opens its topics on an existing node, plain or lifecycle, that its owner spins.
 
-    Messages stay serialized: no Python message object is made. Callbacks run one at a time, on the threads of the
-    executor that spins the node. QoS can be overridden by the node's ``qos_overrides.<topic>.…`` parameters.
+    Messages stay serialized: no Python message object is made. Callbacks run one at a time, on a thread of the
+    transport's own (`Reader`). QoS can be overridden by the node's ``qos_overrides.<topic>.…`` parameters.
 
     Args:
         node: an ``rclpy.node.Node`` or ``rclpy.lifecycle.LifecycleNode``. A lifecycle node's topics work in all of its
@@ -79,7 +38,8 @@ class Ros2Transport:
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._streams, self._others = StreamGroup(), MutuallyExclusiveCallbackGroup()
+        self._group = ReaderGroup()
+        self._reader = Reader(node.context)
         # Re-entrant, because a callback may publish, open topics, or close the transport.
         self._lock = threading.RLock()
         self._closed = False
@@ -111,7 +71,7 @@ class Ros2Transport:
         return publish
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; the callback runs on the executor's thread."""
+        """Open a topic for reading; the callback runs on the reader's thread."""
 
         def deliver(payload: bytes) -> None:
             with self._lock:
@@ -119,25 +79,25 @@ class Ros2Transport:
                     return
                 try:
                     callback(payload)
-                except Exception:  # it would end the executor, and with it the node
+                except Exception:  # it would end the reader, and with it all topics
                     _log.exception("callback for %s failed", endpoint.name)
 
         with self._lock:
             message_class = self._check(endpoint)
-            stream = endpoint.qos == STATE_IN or endpoint.key == "command"
             try:
                 subscription = self._node.create_subscription(
                     message_class,
                     endpoint.name,
-                    deliver,
+                    lambda message: None,  # the reader takes them
                     _profile(endpoint.qos),
-                    callback_group=self._streams if stream else self._others,
+                    callback_group=self._group,
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                     raw=True,
                 )
             except Exception as error:  # as above
                 raise TransportError(f"cannot subscribe to {endpoint.name}: {error}") from error
             self._subscriptions.append(subscription)
+            self._reader.add(subscription, deliver)
 
     def close(self) -> None:
         """Close all topics; the node stays as it is. A second call does nothing.
@@ -146,6 +106,8 @@ class Ros2Transport:
         """
         with self._lock:
             self._closed = True
+        self._reader.close()
+        with self._lock:
             deadline = time.monotonic() + _LAST_WORDS
             for publisher in self._publishers:
                 publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))

@@ -1,0 +1,44 @@
+"""Ending on a signal."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+from collections.abc import Iterator
+
+ENDING = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def set_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Let SIGINT and SIGTERM set an event, and do nothing else.
+
+    It is set on a thread of its own. A signal's handler runs on the main thread, in the middle of what that does; where
+    it is in the event's `wait`, it holds the lock that `set` would wait for, for ever.
+
+    Args:
+        stop: the event.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+
+    def watch() -> None:
+        while numbers := os.read(reading, 1):  # nothing where the other end is closed
+            if numbers[0] in ENDING:
+                stop.set()
+
+    watcher = threading.Thread(target=watch, name="signals", daemon=True)
+    watcher.start()
+    previous = {number: signal.signal(number, lambda number, frame: None) for number in ENDING}
+    previous_fd = signal.set_wakeup_fd(writing)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(previous_fd)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        os.close(writing)
+        watcher.join()
+        os.close(reading)
