@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from chains import MENAGERIE, menagerie
+from chains import MENAGERIE, TENDON, menagerie
 
 from wbc_controller.build import controller_endpoints, make_loop, make_model, make_torque_speed
 from wbc_controller.clock import ManualClock
@@ -27,8 +27,8 @@ GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])
 class Robot:
     """The controller and the mock robot on one thread, and a user who hears everything."""
 
-    def __init__(self, *, lockstep: bool = False) -> None:
-        self.settings = menagerie()
+    def __init__(self, *, lockstep: bool = False, **changes) -> None:
+        self.settings = menagerie(**changes)
         self.model = make_model(self.settings, MENAGERIE)
         bus = MemoryBus()
         self.mock = MockRobot(self.model, self.settings, MemoryTransport(bus), lockstep=lockstep)
@@ -86,6 +86,23 @@ def test_torques_go_out_by_actuator_and_by_joint(moved):
     np.testing.assert_array_equal(moved.mock.plant.applied_torques, effort.data)
 
 
+@pytest.mark.parametrize("changes", [{}, TENDON], ids=["motors", "tendon"])
+def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
+    runs = []
+    for command in ("actuators", "joints"):
+        robot = Robot(command=command, **changes)
+        robot.say("command", "activate")
+        robot.run(0.1)
+        runs.append(robot)
+    by_actuator, by_joint = (robot.last("effort").data for robot in runs)
+    model = runs[0].model
+    driven = [i for i, name in enumerate(model.joints) if name != "ankle"]
+    np.testing.assert_allclose(by_joint, model.actuation.at_joints(by_actuator)[driven], rtol=1e-9, atol=1e-9)
+    applied = [robot.mock.plant.applied_torques for robot in runs]
+    assert np.abs(applied[0]).max() > 0.1
+    np.testing.assert_allclose(applied[1], applied[0], rtol=1e-9, atol=1e-9)
+
+
 def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators():
     robot = Robot(lockstep=True)
     robot.say("command", "activate")
@@ -110,8 +127,9 @@ def test_the_supervisor_damps_the_joints_through_the_transmission():
     np.testing.assert_allclose(at_joints, expected, atol=1e-12)
 
 
-def test_the_guard_takes_over_by_actuator(make):
-    settings = menagerie()
+@pytest.mark.parametrize("command", ["actuators", "joints"])
+def test_the_guard_takes_over_by_actuator(make, command):
+    settings = menagerie(command=command)
     model = make_model(settings, MENAGERIE)
     robot = describe(MENAGERIE, settings.robot)
     np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
@@ -134,7 +152,8 @@ def test_the_guard_takes_over_by_actuator(make):
             publish["joint_commands"](encode(make.joint_state(model.joints, nothing, nothing, at_joints)))
         service.cycle()
     efforts = np.array([decode(payload, topics.effort.type).data for payload in sent])
-    assert efforts.shape[1] == model.na
+    assert efforts.shape[1] == model.actuation.command_size
+    efforts = np.array([model.actuation.from_command(row) for row in efforts])
     step = settings.limits.torque_rate / settings.control.rate * model.effort_limits
     assert (np.abs(efforts[0] - tau) <= step + 1e-12).all()
     damped = np.clip(

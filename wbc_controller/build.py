@@ -62,6 +62,7 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
             for name, joint in robot.passive_joints.items()
         },
         locked_joints=robot.locked_joints,
+        commanded_by_joint=robot.command == "joints",
     )
 
 

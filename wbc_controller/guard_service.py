@@ -160,7 +160,7 @@ class GuardService:
         heard = self._heard()
         tau = self.guard.step(now, heard)
         if tau is not None:
-            payload = encode(torques(tau))
+            payload = encode(torques(self._drive.command(tau)))
             if heard.command_at == self._command_at:  # the last moment to be silent
                 self._publish["effort"](payload)
         self._say(now, heard)
@@ -208,7 +208,7 @@ class GuardService:
                 stop.wait(max(0.0, self.cycle() - self._clock.now()))
         finally:
             if self.guard.sending:
-                self._publish["effort"](encode(torques(np.zeros(len(self._torques)))))
+                self._publish["effort"](encode(torques(np.zeros(self._drive.command_size))))
 
 
 def guard_limits(settings: Settings, effort: Array) -> GuardLimits:

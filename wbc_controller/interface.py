@@ -146,8 +146,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
           "One of activate, deactivate, damp, reset, estop."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
-          "Torques in N·m, in the order of `robot.actuators`, which is that of `robot.joints` where it is not given: "
-          "what ros2_control's effort controllers take."),
+          "Torques in N·m, in the order of `robot.actuators`, which is that of `robot.joints` where it is not given; "
+          "or as `robot.command` says. What ros2_control's effort controllers take."),
     Topic("joint_commands", "~/joint_commands", "sensor_msgs/msg/JointState", _OUT, COMMAND_OUT,
           "The same by joint, with names, stamped with the state it answers, and desired positions and velocities."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, COMMAND_OUT,

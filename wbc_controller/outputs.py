@@ -62,7 +62,7 @@ class Outputs:
         """Send the torques and the forces counted on: the part of a cycle that the robot waits for."""
         command = report.command
         if command is not None:
-            self._send("effort", torques(command.tau))
+            self._send("effort", torques(self._actuation.command(command.tau)))
             self._send(
                 "joint_commands",
                 message(

@@ -131,5 +131,6 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
         actuators=robot.actuators,
         transmission=transmissions(robot),
         passive=robot.passive_joints,
+        by_joint=robot.command == "joints",
     )
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))

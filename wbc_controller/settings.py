@@ -89,11 +89,16 @@ class RobotSettings(_Section):
     )
     actuators: list[str] = Field(
         default_factory=list,
-        description="What the effort command holds, in its order: joints with a motor of their own, and names of "
+        description="The actuators, in the order of the effort command: joints with a motor of their own, and names of "
         "`transmission`. Empty: one motor at each joint that is not passive, in the order of `joints`.",
     )
     transmission: dict[str, TransmissionSettings] = Field(
         default_factory=dict, description="Actuators that are not simply the motor of one joint."
+    )
+    command: Literal["actuators", "joints"] = Field(
+        "actuators",
+        description="What the effort command holds: torques of the actuators, or, for a robot whose drivers know its "
+        "transmissions, the torques at the joints that are driven, in the order of `joints`.",
     )
     passive_joints: dict[str, PassiveJointSettings] = Field(
         default_factory=dict, description="Those of `joints` that have no motor of their own."

@@ -38,7 +38,7 @@ class Actuation(Drive):
             v_index: index in v of each joint, (nj,).
             coupling: C, (nm, nv).
         """
-        super().__init__(drive.names, drive.effort_limits, drive.ratios)
+        super().__init__(drive.names, drive.effort_limits, drive.ratios, by_joint=drive.by_joint)
         na, nv = len(drive.names), coupling.shape[1]
         self.S = np.zeros((na, nv))
         self.S[:, v_index] = drive.ratios

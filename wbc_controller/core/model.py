@@ -221,6 +221,7 @@ def build_model(
     transmission: Mapping[str, Transmission] | None = None,
     passive_joints: Mapping[str, PassiveJoint] | None = None,
     locked_joints: Mapping[str, float] | None = None,
+    commanded_by_joint: bool = False,
 ) -> RobotModel:
     """Build the model of a robot from its URDF.
 
@@ -238,6 +239,8 @@ def build_model(
         transmission: actuators with ratios, by name.
         passive_joints: those of the joints that have no motor of their own.
         locked_joints: position of joints that are locked, rad; all others that do not move are locked at zero.
+        commanded_by_joint: whether the robot is commanded by torques at its driven joints, instead of those of its
+            actuators.
 
     Raises:
         ConfigurationError: where the URDF or a joint cannot be used.
@@ -280,7 +283,14 @@ def build_model(
     q_index, v_index = (np.array([index[name] for name in joints], dtype=np.intp) for index in (q_of, v_of))
     followers = Followers(following, q_of, v_of) if following else None
     efforts = np.array(model.upperEffortLimit)[v_index]
-    drive = make_drive(joints, efforts, actuators=actuators, transmission=transmission, passive=passive_joints)
+    drive = make_drive(
+        joints,
+        efforts,
+        actuators=actuators,
+        transmission=transmission,
+        passive=passive_joints,
+        by_joint=commanded_by_joint,
+    )
     coupling = followers.coupling(model.nv) if followers is not None else np.zeros((0, model.nv))
     actuation = Actuation(drive, v_index, coupling)
     joint_armature = np.array(model.armature)

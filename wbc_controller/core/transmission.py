@@ -37,15 +37,18 @@ class Drive:
         ratios: R, (na, nj), of full row rank.
         driven: whether any actuator moves each joint, (nj,).
         motors: index of the joint that each actuator is the motor of, (na,); None where one is not as simple.
+        by_joint: whether the robot is commanded by torques at its driven joints, instead of those of its actuators.
+        command_size: number of torques in the effort command.
     """
 
-    def __init__(self, names: Sequence[str], effort_limits: Array, ratios: Array) -> None:
+    def __init__(self, names: Sequence[str], effort_limits: Array, ratios: Array, *, by_joint: bool = False) -> None:
         """Take actuators.
 
         Args:
             names: names of the actuators, (na,).
             effort_limits: largest torques, (na,) in N·m.
             ratios: R, (na, nj).
+            by_joint: whether the robot is commanded by torques at its driven joints.
 
         Raises:
             ConfigurationError: where the actuators are not independent of each other.
@@ -55,6 +58,8 @@ class Drive:
         self.effort_limits = frozen(effort_limits)
         self.ratios = frozen(ratios)
         self.driven: np.ndarray = np.any(ratios, axis=0)
+        self.by_joint = by_joint
+        self.command_size = int(np.count_nonzero(self.driven)) if by_joint else len(self.names)
         picks = np.count_nonzero(ratios, axis=1) == 1
         self.motors = ratios.argmax(axis=1) if picks.all() and (ratios[ratios != 0.0] == 1.0).all() else None
         self._is_identity = self.motors is not None and np.array_equal(self.motors, np.arange(ratios.shape[1]))
@@ -78,6 +83,18 @@ class Drive:
         """Torques of the actuators that come nearest to torques at the joints, (R Rᵀ)⁻¹ R: (nj,) to (na,)."""
         return np.asarray(torques[self.motors] if self.motors is not None else self._from_joints @ torques)
 
+    def command(self, tau: Array) -> Array:
+        """The effort command for torques of the actuators, (na,): these, or what they are at the driven joints."""
+        return np.asarray(self.at_joints(tau)[self.driven] if self.by_joint else tau)
+
+    def from_command(self, values: Array) -> Array:
+        """Torques of the actuators that an effort command, (command_size,), asks for: (na,)."""
+        if not self.by_joint:
+            return values
+        torques = np.zeros(self.ratios.shape[1])
+        torques[self.driven] = values
+        return self.from_joints(torques)
+
 
 def make_drive(
     joints: Sequence[str],
@@ -86,6 +103,7 @@ def make_drive(
     actuators: Sequence[str] = (),
     transmission: Mapping[str, Transmission] | None = None,
     passive: Collection[str] = (),
+    by_joint: bool = False,
 ) -> Drive:
     """Find out what drives each joint.
 
@@ -96,6 +114,7 @@ def make_drive(
             for one motor at each joint that is not passive.
         transmission: actuators with ratios, by name.
         passive: names of the joints without a motor of their own.
+        by_joint: whether the robot is commanded by torques at its driven joints.
 
     Raises:
         ConfigurationError: where a name is unknown, a joint is driven by nothing and is not passive, or the actuators
@@ -144,7 +163,7 @@ def make_drive(
                 f"robot.actuators: joint {joint!r} is driven by none of them ({', '.join(names)}); add it, or name it "
                 "in robot.passive_joints"
             )
-    return Drive(names, limits, ratios)
+    return Drive(names, limits, ratios, by_joint=by_joint)
 
 
 def _require_independent(names: Sequence[str], ratios: Array) -> None:

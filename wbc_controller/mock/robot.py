@@ -260,7 +260,13 @@ class MockRobot:
         return True
 
     def _take_effort(self, content: Any) -> None:
-        self._command(np.array(content.data, dtype=np.float64))
+        values, actuation = np.array(content.data, dtype=np.float64), self._robot.actuation
+        if values.shape != (actuation.command_size,):
+            what = "driven joint" if actuation.by_joint else "actuator"
+            raise InputRefused(
+                f"got {values.size} torques; expected {actuation.command_size}, one per {what} in their order"
+            )
+        self._command(actuation.from_command(values))
 
     def _take_answer(self, content: Any) -> None:
         if len(content.name) != len(content.effort):
