@@ -206,3 +206,18 @@ def test_a_change_is_logged_with_both_values(tuner, caplog):
         tuner().accept({"tasks": {"com": {"stiffness": 7}}}, "update")
     assert "update: tasks.com.stiffness: " in caplog.text
     assert "-> 7.0" in caplog.text
+
+
+def test_the_torque_speed_curve_outlives_a_change_of_the_rate(bench):
+    """A knee that turns above its corner speed has less torque, in every cycle, whatever else changes."""
+    robot = standing(bench, limits={"torque_speed": {"enabled": True, "corner": 0.01, "no_load": 0.5}})
+    speed = np.zeros(robot.model.na)
+    knee = next(i for i, joint in enumerate(robot.model.joints) if "calf" in joint)
+    speed[knee] = 0.1 * robot.model.velocity_limits[knee]
+    for rate in (robot.settings.limits.torque_rate, 50.0):
+        limit = robot.loop._controller.formulation.torque_limit
+        _, upper = limit.available(speed)
+        assert upper[knee] < 0.95 * robot.model.effort_limits[knee]
+        assert limit.rate == rate
+        update(robot, "{limits: {torque_rate: 50.0}, control: {weight_ramp: 0.0}}")
+        robot.cycle(2)

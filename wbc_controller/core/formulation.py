@@ -130,7 +130,8 @@ class Formulation:
         self.motion_limit = JointMotionLimit.of(
             self.model, tuning, position=motion.position_lower is not None, velocity=motion.velocity is not None
         )
-        self.torque_limit = TorqueLimit(self.torque_limit.effort_limits, tuning.torque_rate)
+        torque = self.torque_limit
+        self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
     def _fill_cost(self, layout: Layout, references: References) -> None:
         H, g = layout.problem.H, layout.problem.g
