@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.build import make_controller, make_model
+from wbc_controller.build import make_audit, make_controller, make_model
 from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.references import SetSetpoint
@@ -13,6 +13,7 @@ from wbc_controller.mock.grips import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.mock.plant import Plant
 from wbc_controller.mock.simulation import Simulation
 from wbc_controller.preflight import stance
+from wbc_controller.records import JointCommand, RobotState, frozen
 from wbc_controller.settings import LoopSettings, Settings
 
 POLYGON = [[0.085, 0.0], [0.05, 0.03], [0.05, -0.03], [-0.085, 0.02], [-0.085, -0.02]]
@@ -206,3 +207,25 @@ def test_of_a_planar_loop_the_axes_out_of_its_plane_are_held_too():
     with pytest.raises(ConfigurationError, match=r"loops\.pin\.mask"):
         closures_of(model, {"pin": LoopSettings.model_validate(loop | {"mask": masked(0)})})
     assert pin.SE3.Identity().isApprox(closures_of(model, {"pin": LoopSettings(**loop)})["pin"].placements[1])
+
+
+@pytest.mark.parametrize("case", ["polygon", "hinged", "palm", "knob"])
+def test_the_audit_counts_on_what_each_contact_exerts(case):
+    """On the robot as a whole a contact with the world acts, one between two links does not."""
+    name, contact = CASES[case]
+    robot = Simulation(g1_with(name, contact))
+    model, reports = robot.controller.model, []
+    audit = make_audit(robot.settings, robot.controller)
+
+    def look(robot):
+        q, v = robot.plant.state()
+        state = RobotState(1 + robot.plant.stamp, frozen(q), frozen(v))
+        tau = robot.solution.tau
+        command = JointCommand(state.stamp, tau, frozen(np.zeros(model.na)), frozen(np.zeros(model.na)))
+        reports.append(audit.look(state, robot.controller.dynamics, robot.solution, command))
+
+    robot.apply(SetSetpoint("com", robot.controller.dynamics.com + np.array([0.0, 0.03, 0.0])))
+    robot.run(0.5, look)
+    assert np.abs(robot.solution.forces[name]).max() > 1.0
+    assert reports[-1].warnings == ()
+    assert np.linalg.norm(reports[-1].force) < 0.5

@@ -15,6 +15,7 @@ class Simulation:
     """What a script or a test needs to see what a configuration does.
 
     Attributes:
+        settings: the robot's settings.
         plant: the physics; its base is let go.
         controller: solves the quadratic program.
         board: holds the references.
@@ -34,6 +35,7 @@ class Simulation:
         Raises:
             ConfigurationError: where the robot cannot be controlled or simulated.
         """
+        self.settings = settings
         model = make_model(settings, urdf)
         self.plant = Plant(model, settings)
         self.controller = make_controller(settings, model)
