@@ -50,6 +50,9 @@ class PointContact(UnilateralContact):
     are the world's. On a link they turn with it.
     """
 
+    #: Whether the lowest point is the same however the link turns.
+    ball = True
+
     def __init__(
         self,
         name: str,
@@ -94,6 +97,8 @@ class PointContact(UnilateralContact):
         self._level = self._other is None and bool(self._axes[2, 2] == 1.0)
         self._translation = np.array(translation)
         self.radius = radius
+        #: r where nothing turns it: a ball on the world.
+        self._down = -radius * self._axes[:, 2] if self._other is None and self.ball else None
 
     def axes(self, dynamics: Dynamics) -> Array:
         """E: axes of the force in the world, as columns, (3, 3)."""
@@ -112,7 +117,7 @@ class PointContact(UnilateralContact):
     def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
         """From the frame's origin to the centre, and from there to the point that touches, in world axes."""
         centre = dynamics.placement(self._frame_id).rotation @ self._translation
-        return centre, self.arm(dynamics, self.axes(dynamics)[:, 2])
+        return centre, self._down if self._down is not None else self.arm(dynamics, self.axes(dynamics)[:, 2])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the point that touches, along E, (3, nv)."""
@@ -134,21 +139,25 @@ class PointContact(UnilateralContact):
         centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
         velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
-        spin = pin.skew(velocity[3:])
-        other = None if self._other is None else dynamics.velocity(self._other, _WORLD_AXES)
-        axes = self.axes(dynamics)
-        turn = pin.skew(np.zeros(3) if other is None else other[3:])
-        rate = self.arm_rate(dynamics, axes[:, 2], turn @ axes[:, 2])
         # The arm to the centre is fixed to the link and turns with it; the one from there to the plane does not.
-        result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + spin @ (spin @ centre + rate)
-        if other is not None and self._other is not None:
-            from_other = self._from_other(dynamics, self._other, centre + arm)
-            other_drift = dynamics.drift_world(self._other)
-            moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the point that touches, against B's origin
-            result -= other_drift[:3] + pin.skew(other_drift[3:]) @ from_other + turn @ moving
-            slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other
-            result -= turn @ slip  # the axes turn with B
-        return np.asarray(result) if self._level else np.asarray(axes.T @ result)
+        turning = pin.skew(velocity[3:]) @ centre
+        result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + pin.skew(velocity[3:]) @ turning
+        if self._down is None:
+            result += self._drift_of_support(dynamics, velocity, centre, arm)
+        return np.asarray(result) if self._level else np.asarray(self.axes(dynamics).T @ result)
+
+    def _drift_of_support(self, dynamics: Dynamics, velocity: Array, centre: Array, arm: Array) -> Array:
+        """What a moving arm and a moving plane add to the drift, in world axes, (3,) in m/s²."""
+        spin, normal = pin.skew(velocity[3:]), self.axes(dynamics)[:, 2]
+        if self._other is None:
+            return np.asarray(spin @ self.arm_rate(dynamics, normal, np.zeros(3)))
+        other, drift = dynamics.velocity(self._other, _WORLD_AXES), dynamics.drift_world(self._other)
+        turn = pin.skew(other[3:])
+        rate = self.arm_rate(dynamics, normal, turn @ normal)
+        from_other = self._from_other(dynamics, self._other, centre + arm)
+        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the point that touches, against B's origin
+        slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other  # the axes turn with B
+        return np.asarray(spin @ rate - drift[:3] - pin.skew(drift[3:]) @ from_other - turn @ (moving + slip))
 
     def points(self, dynamics: Dynamics) -> Array:
         """The point that touches, in the world, (1, 3) in m."""

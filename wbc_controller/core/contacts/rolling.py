@@ -25,6 +25,8 @@ class RollingContact(PointContact):
     The same as `wbc_controller.mechanics.Rolling`, in other axes.
     """
 
+    ball = False
+
     def __init__(
         self,
         name: str,
