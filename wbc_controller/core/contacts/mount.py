@@ -89,7 +89,7 @@ class Mount:
         if not self._same:
             J = np.asarray(self._to_contact @ J)
         if self._other is not None:
-            J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
+            J = J - self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
         return J
 
     def drift(self, dynamics: Dynamics) -> Array:
@@ -101,6 +101,6 @@ class Mount:
             X = self._from_other(dynamics, self._other)
             carried = X @ dynamics.velocity(self._other, pin.LOCAL)
             relative = self._to_contact @ dynamics.velocity(self._id, pin.LOCAL) - carried
-            drift -= X @ dynamics.drift_local(self._other)
+            drift = drift - X @ dynamics.drift_local(self._other)
             drift += pin.Motion(relative).cross(pin.Motion(carried)).vector
         return drift
