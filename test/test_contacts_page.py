@@ -35,7 +35,7 @@ def test_the_page_has_a_section_and_an_example_for_each_kind():
     assert {contact["type"] for contact in SHOWN.values()} == _tags_of("contacts")
     assert LOOPS
     examples = re.findall(r"`(examples/\w+\.py)`", PAGE)
-    assert len(set(examples)) == 4
+    assert len(set(examples)) == 5
     assert all((Path(__file__).parent.parent / example).is_file() for example in examples)
 
 
