@@ -12,6 +12,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.interface import (
     COMMAND_OUT,
     CONTROLLER_TOPICS,
+    GUARD_TOPICS,
     LATCHED,
     MOCK_TOPICS,
     REQUEST,
@@ -38,7 +39,10 @@ def texts(payloads):
     return [decode(payload, STRING).data for payload in payloads]
 
 
-@pytest.mark.parametrize(("node", "table"), [("wbc_controller", CONTROLLER_TOPICS), ("mock_robot", MOCK_TOPICS)])
+@pytest.mark.parametrize(
+    ("node", "table"),
+    [("wbc_controller", CONTROLLER_TOPICS), ("mock_robot", MOCK_TOPICS), ("guard", GUARD_TOPICS)],
+)
 def test_every_row_of_the_table_carries_its_message(join, eventually, example, node, table):
     owner, other = join(node), join("other")
     rows = list(

@@ -13,7 +13,16 @@ import pytest
 from participants import DOMAIN
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import CONTROLLER_TOPICS, LATCHED, MOCK_TOPICS, REQUEST, TASK_TYPES, Direction, Endpoint
+from wbc_controller.interface import (
+    CONTROLLER_TOPICS,
+    GUARD_TOPICS,
+    LATCHED,
+    MOCK_TOPICS,
+    REQUEST,
+    TASK_TYPES,
+    Direction,
+    Endpoint,
+)
 from wbc_controller.messages import decode, encode, message
 
 pytest.importorskip("cyclonedds")
@@ -31,7 +40,7 @@ STRING = "std_msgs/msg/String"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 TABLE_TYPES = sorted(
-    {row.type for row in (*CONTROLLER_TOPICS, *MOCK_TOPICS) if "/" in row.type}
+    {row.type for row in (*CONTROLLER_TOPICS, *MOCK_TOPICS, *GUARD_TOPICS) if "/" in row.type}
     | {type_name for columns in TASK_TYPES.values() for type_name in columns.values()}
     | {INFO}
 )

@@ -7,7 +7,16 @@ import dataclasses
 import pytest
 from participants import DdsParticipants, Ros2Participants
 
-from wbc_controller.interface import CONTROLLER_TOPICS, LATCHED, TASK_TYPES, Direction, Endpoint, endpoints
+from wbc_controller.interface import (
+    CONTROLLER_TOPICS,
+    GUARD_TOPICS,
+    LATCHED,
+    MOCK_TOPICS,
+    TASK_TYPES,
+    Direction,
+    Endpoint,
+    endpoints,
+)
 from wbc_controller.messages import decode, encode, message
 
 
@@ -24,10 +33,11 @@ def pair(monkeypatch):
 
 
 @pytest.mark.parametrize("to_dds", [True, False])
-def test_every_row_crosses(pair, eventually, example, to_dds):
+@pytest.mark.parametrize("table", [CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS], ids=["controller", "mock", "guard"])
+def test_every_row_crosses(pair, eventually, example, table, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
     rows = endpoints(
-        CONTROLLER_TOPICS,
+        table,
         "node",
         task_kinds={kind: kind for kind in TASK_TYPES},
         contacts=("left",),
