@@ -26,7 +26,7 @@ class Contact(ABC):
         damping: D, 1/s.
         internal: whether it is between two links of the robot: then it exerts nothing on the robot as a whole.
         permanent: whether it is always made: no command makes or breaks it.
-        bound_groups: what is bounded: a name, and the first and last-but-one component of f that it stands for.
+        bound_groups: what is bounded: a name, and from which component of f up to which (without it) that is.
         friction: Coulomb friction coefficient; 0 where the force has no cone.
         min_normal_force: smallest normal force, N; -inf where the contact also pulls.
     """
