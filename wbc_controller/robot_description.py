@@ -96,7 +96,10 @@ class Description:
 
 def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
     """The actuators of a robot that are not simply the motor of one joint, by name."""
-    return {name: Transmission(given.ratios, given.effort_limit) for name, given in robot.transmission.items()}
+    return {
+        name: Transmission(given.ratios, given.effort_limit, given.rotor_inertia)
+        for name, given in robot.transmission.items()
+    }
 
 
 def describe(urdf: str, robot: RobotSettings) -> Description:

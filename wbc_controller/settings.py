@@ -62,6 +62,9 @@ class TransmissionSettings(_Section):
         "ratio times joint speed, and it gives ratio times its torque at each of these joints.",
     )
     effort_limit: Positive = Field(description="Largest torque of the actuator, N·m.")
+    rotor_inertia: NonNegative = Field(
+        0.0, le=10.0, description="Inertia of what turns with the actuator, at its own speed, kg·m²."
+    )
 
 
 _Curve = TypeVar("_Curve", bound="ActuatorTorqueSpeed | TorqueSpeedSettings")
@@ -111,7 +114,7 @@ class RobotSettings(_Section):
         1.0, description="Share of the effort limits, of the URDF and of `transmission`, that may be used."
     )
     armature: NonNegative = Field(
-        0.0, le=10.0, description="Reflected rotor inertia of every joint that an actuator drives, kg·m²."
+        0.0, le=10.0, description="Reflected rotor inertia of every joint that has a motor of its own, kg·m²."
     )
 
     @model_validator(mode="after")

@@ -76,7 +76,10 @@ def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not
 @pytest.mark.parametrize("name", ["g1", "go2"])
 def test_a_transmission_changes_torques_and_nothing_else(load, name):
     """Square R: the accelerations, contact forces and joint torques are those of motors at the joints."""
-    model, settings = load(name)
+    _, settings = load(name)
+    # Without rotors: those of transmissions would couple joints.
+    settings = settings.model_copy(update={"robot": settings.robot.model_copy(update={"armature": 0.0})})
+    model = make_model(settings)
     rng = np.random.default_rng(2)
     pairs = {model.joints[i]: model.joints[i + 1] for i in range(4, 8, 2)}
     transmission = {}
@@ -129,6 +132,20 @@ def test_a_torque_task_is_on_the_torques_at_the_joints(small):
     settings = Settings.model_validate(settings.model_dump() | {"tasks": tasks})
     with pytest.raises(ConfigurationError, match=r"tasks.effort.joints: no actuator drives 'ankle'"):
         make_controller(settings, model)
+
+
+def test_rotors_add_the_energy_of_their_own_speeds(small):
+    _, model = small
+    state = random_state(model, np.random.default_rng(7))
+    dynamics = Dynamics(model)
+    dynamics.update(state.q, state.v)
+    links = pin.crba(model.pinocchio, model.pinocchio.createData(), np.array(state.q))
+    both = model.actuation.speeds(state.v)[model.actuators.index("both")]
+    energy = 0.5 * state.v @ (dynamics.M - links) @ state.v
+    assert energy == pytest.approx(0.5 * 0.1 * both**2)
+    # The armature is the rotors' of joints with a motor of their own: not of hip and knee, nor of the ankle.
+    armature = make_model(menagerie(armature=0.5), MENAGERIE).pinocchio.armature[model.v_index]
+    np.testing.assert_array_equal(armature, [0.0, 0.5, 0.5, 0.0, 0.0, 0.5])
 
 
 def test_the_limit_of_an_actuator_binds_on_its_own_torque(small):

@@ -61,7 +61,7 @@ def menagerie(**changes: Any) -> Settings:
         "posture": [0.2, 0.1, 0.4, -0.3, 0.1, 0.05],
         "actuators": ["rail", "both", "shoulder", "knee_motor", "elbow"],
         "transmission": {
-            "both": {"ratios": {"hip": 2.0, "knee": 2.0}, "effort_limit": 70.0},
+            "both": {"ratios": {"hip": 2.0, "knee": 2.0}, "effort_limit": 70.0, "rotor_inertia": 0.1},
             "knee_motor": {"ratios": {"knee": -3.0}, "effort_limit": 50.0},
         },
         "passive_joints": {"ankle": {"stiffness": 15.0, "damping": 0.3, "rest": 0.25}},
@@ -73,7 +73,9 @@ def menagerie(**changes: Any) -> Settings:
 #: Changes of the menagerie: hip and knee are pulled by one tendon and returned by springs.
 TENDON = {
     "actuators": ["rail", "tendon", "shoulder", "elbow"],
-    "transmission": {"tendon": {"ratios": {"hip": 0.03, "knee": 0.02}, "effort_limit": 2000.0}},
+    "transmission": {
+        "tendon": {"ratios": {"hip": 0.3, "knee": 0.2}, "effort_limit": 200.0, "rotor_inertia": 0.4},
+    },
     "passive_joints": {
         "hip": {"stiffness": 60.0, "damping": 2.0}, "knee": {"stiffness": 40.0, "damping": 1.0}, "ankle": {},
     },

@@ -25,6 +25,8 @@ class Actuation(Drive):
 
     Attributes:
         S: actuation matrix, (na, nv).
+        rotors: inertia of the rotors of transmissions, SᵀIS, (nv, nv) in kg·m²: as their speeds are S v, they add this
+            to M, and nothing to h; None where there is none.
         C: rows of the joints that follow others, (nm, nv).
         free: number of rows of N.
         direct: whether every actuator is the motor of one joint, and no joint follows another.
@@ -38,11 +40,14 @@ class Actuation(Drive):
             v_index: index in v of each joint, (nj,).
             coupling: C, (nm, nv).
         """
-        super().__init__(drive.names, drive.effort_limits, drive.ratios, by_joint=drive.by_joint)
+        super().__init__(
+            drive.names, drive.effort_limits, drive.ratios, rotor_inertia=drive.rotor_inertia, by_joint=drive.by_joint
+        )
         na, nv = len(drive.names), coupling.shape[1]
         self.S = np.zeros((na, nv))
         self.S[:, v_index] = drive.ratios
         self.S.setflags(write=False)
+        self.rotors = self.S.T @ np.diag(self.rotor_inertia) @ self.S if self.rotor_inertia.any() else None
         self.C = frozen(coupling)
         self.free = nv - na - len(coupling)
         B = np.vstack([self.S, self.C])

@@ -38,7 +38,9 @@ class Dynamics:
         self.v: Array
         # Pinocchio's data stay where they are: views of them are made once.
         data = self._data
-        self.M: Array = data.M
+        self._rotors, self._M = model.actuation.rotors, data.M
+        # Not added to Pinocchio's own: it leaves alone what joints of different branches have in common there.
+        self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
         self.h: Array = data.nle
         self.com: Array = data.com[0]
         self.com_velocity: Array = data.vcom[0]
@@ -65,6 +67,8 @@ class Dynamics:
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
         pin.nonLinearEffects(model, data, q, v)
         pin.updateFramePlacements(model, data)
+        if self._rotors is not None:
+            np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
         np.divide(self.centroidal_matrix[:3], self._mass, out=self.com_jacobian)

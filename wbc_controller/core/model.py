@@ -232,7 +232,7 @@ def build_model(
         joints: joints with one degree of freedom that move and are measured.
         posture: nominal position of each joint, rad.
         floating_base: whether the root link moves freely.
-        armature: reflected rotor inertia of every joint that an actuator drives, kg·m².
+        armature: reflected rotor inertia of every joint that has a motor of its own, kg·m².
         effort_limit_scale: share of the effort limits that may be used.
         actuators: names of the actuators in the order of the command: of joints with a motor of their own, and of
             transmissions. Empty for one motor at each joint that is not passive.
@@ -294,7 +294,8 @@ def build_model(
     coupling = followers.coupling(model.nv) if followers is not None else np.zeros((0, model.nv))
     actuation = Actuation(drive, v_index, coupling)
     joint_armature = np.array(model.armature)
-    joint_armature[v_index[actuation.driven]] = armature
+    own = [name in drive.names and name not in (transmission or {}) for name in joints]
+    joint_armature[v_index[own]] = armature
     model.armature = joint_armature
     lower, upper = np.array(model.lowerPositionLimit)[q_index], np.array(model.upperPositionLimit)[q_index]
     velocity_limits = np.array(model.upperVelocityLimit)[v_index]

@@ -22,10 +22,12 @@ class Transmission:
         ratios: for each joint, how far the actuator turns per turn of the joint: its speed is Σ ratio · q̇, and its
             torque τ is the torque ratio · τ at each of these joints.
         effort_limit: largest torque of the actuator, N·m.
+        rotor_inertia: of what turns with the actuator, kg·m².
     """
 
     ratios: Mapping[str, float]
     effort_limit: float
+    rotor_inertia: float = 0.0
 
 
 class Drive:
@@ -37,17 +39,27 @@ class Drive:
         ratios: R, (na, nj), of full row rank.
         driven: whether any actuator moves each joint, (nj,).
         motors: index of the joint that each actuator is the motor of, (na,); None where one is not as simple.
+        rotor_inertia: of each transmission's actuator, (na,) in kg·m²; 0 for motors of joints.
         by_joint: whether the robot is commanded by torques at its driven joints, instead of those of its actuators.
         command_size: number of torques in the effort command.
     """
 
-    def __init__(self, names: Sequence[str], effort_limits: Array, ratios: Array, *, by_joint: bool = False) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        effort_limits: Array,
+        ratios: Array,
+        *,
+        rotor_inertia: Array | None = None,
+        by_joint: bool = False,
+    ) -> None:
         """Take actuators.
 
         Args:
             names: names of the actuators, (na,).
             effort_limits: largest torques, (na,) in N·m.
             ratios: R, (na, nj).
+            rotor_inertia: of each actuator, (na,) in kg·m²; none means zero.
             by_joint: whether the robot is commanded by torques at its driven joints.
 
         Raises:
@@ -58,6 +70,7 @@ class Drive:
         self.effort_limits = frozen(effort_limits)
         self.ratios = frozen(ratios)
         self.driven: np.ndarray = np.any(ratios, axis=0)
+        self.rotor_inertia = frozen(np.zeros(len(names)) if rotor_inertia is None else rotor_inertia)
         self.by_joint = by_joint
         self.command_size = int(np.count_nonzero(self.driven)) if by_joint else len(self.names)
         picks = np.count_nonzero(ratios, axis=1) == 1
@@ -163,7 +176,8 @@ def make_drive(
                 f"robot.actuators: joint {joint!r} is driven by none of them ({', '.join(names)}); add it, or name it "
                 "in robot.passive_joints"
             )
-    return Drive(names, limits, ratios, by_joint=by_joint)
+    rotors = np.array([transmission[name].rotor_inertia if name in transmission else 0.0 for name in names])
+    return Drive(names, limits, ratios, rotor_inertia=rotors, by_joint=by_joint)
 
 
 def _require_independent(names: Sequence[str], ratios: Array) -> None:

@@ -148,6 +148,8 @@ class ModelAudit:
         if model.passive is not None:  # the mean of a spring's forces at both ends gives its work exactly
             ends = (sent.state, state)
             force += 0.5 * sum(model.passive_force(end.q, end.v) for end in ends)
+        if model.actuation.rotors is not None:  # Pinocchio's energy has the links' and the armature's part alone
+            force -= model.actuation.rotors @ (state.v - sent.state.v) / gap
         # Contacts do not move along what they hold, so they do no work.
         energy: EnergyBalance = energy_residual(
             model.pinocchio, sent.state, state, force, sent.external, data=self._data

@@ -1,4 +1,4 @@
-"""Joints of MuJoCo's model that have no motor: locked, sprung, or following others."""
+"""What MuJoCo's model has of joints beyond a motor at each: locked, sprung, geared, or following others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.mimic import Followers
+from wbc_controller.core.model import RobotModel
 from wbc_controller.core.passive import PassiveForces
+from wbc_controller.errors import ConfigurationError
 
 
 def lock(joint: ET.Element, position: float) -> None:
@@ -54,6 +56,36 @@ def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[
         equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
         equality.solref = stiff
         equality.solimp = impedance
+
+
+def gear(spec: Any, model: RobotModel) -> None:
+    """Let the rotors of transmissions turn: fixed tendons over their joints, with their inertia.
+
+    Args:
+        spec: MuJoCo's specification.
+        model: the robot.
+
+    Raises:
+        ConfigurationError: where a rotor couples joints of different branches: MuJoCo leaves their coupling out.
+    """
+    drive = model.actuation
+    for name, ratios, inertia in zip(drive.names, drive.ratios, drive.rotor_inertia.tolist(), strict=True):
+        if inertia == 0.0:
+            continue
+        joints = [joint for joint, ratio in zip(model.joints, ratios.tolist(), strict=True) if ratio != 0.0]
+        numbers = [model.pinocchio.getJointId(joint) for joint in joints]
+        last = max(numbers)  # joints are numbered from the root outwards
+        apart = [joint for joint, i in zip(joints, numbers, strict=True) if i not in model.pinocchio.supports[last]]
+        if apart:
+            raise ConfigurationError(
+                f"robot.transmission.{name}.rotor_inertia = {inertia}: it couples {', '.join(apart)} with "
+                f"{model.pinocchio.names[last]}, and MuJoCo knows rotors along one branch only; use 0 for the mock"
+            )
+        tendon = spec.add_tendon()
+        tendon.name = f"{name}/rotor"
+        tendon.armature = inertia
+        for joint in joints:
+            tendon.wrap_joint(joint, ratios[model.joints.index(joint)])
 
 
 def spring(model: Any, passive: PassiveForces) -> None:

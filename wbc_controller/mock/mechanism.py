@@ -17,7 +17,7 @@ from wbc_controller.core.contacts import placement_of
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.grips import Attachment, add_attachment
-from wbc_controller.mock.joints import couple, lock, spring
+from wbc_controller.mock.joints import couple, gear, lock, spring
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
 
@@ -255,6 +255,7 @@ def compile_mechanism(
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
+    gear(spec, model)
     if model.followers is not None:
         couple(spec, model.followers, stiff, impedance)
     if model.floating_base:
