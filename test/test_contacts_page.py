@@ -96,6 +96,20 @@ def test_several_kinds_are_made_and_broken_in_one_cycle(bench, make):
     print(f"largest torque step {max(steps):.2f} N·m of {rate:.2f}")
 
 
+def test_a_force_is_asked_of_a_grip_in_the_axes_in_which_it_is_published(bench, make):
+    task = {"type": "contact_wrench", "contact": "grip", "weight": 1.0, "setpoint_duration": 0.05}
+    grip = SHOWN["grip"] | {"enabled": True, "rpy": [0.4, -0.3, 0.2], "mask": [True, False, True, False, True, False]}
+    robot = bench("g1", {"contacts": {"grip": grip}, "tasks": {"pull": task | {"mask": [True] * 5 + [False]}}})
+    robot.activate()
+    wanted = [10.0, 0.0, -20.0, 0.0, 2.0, 0.0]
+    robot.send("setpoint", make.wrench(wanted, "left_rubber_hand"), "pull")
+    report = robot.cycle(100)
+    assert not any(report.refused for report in robot.reports)
+    np.testing.assert_allclose(report.solution.forces["grip"], [10.0, -20.0, 2.0], atol=0.1)
+    robot.send("setpoint", make.wrench(wanted, "world"), "pull")
+    assert any("left_rubber_hand" in sentence for sentence in robot.cycle().refused)
+
+
 @pytest.mark.parametrize("text", UPDATES)
 def test_the_updates_of_the_page_are_taken(bench, make, text):
     robot = bench("g1", {"contacts": {"grip": SHOWN["grip"]}})

@@ -223,8 +223,10 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     for name, task in settings.tasks.items():
         if isinstance(task, schema.ContactWrenchTask):
             contact = settings.contacts[task.contact]
-            if isinstance(contact, schema.SurfaceContact):  # the forces of others are in world axes
-                reference_frames[name] = contact.frame
+            whole = isinstance(contact, schema.SurfaceContact | schema.FixedContact)
+            frame = contact.frame if whole else contact.against  # the forces of others on the world are in its axes
+            if frame is not None:
+                reference_frames[name] = frame
     return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), reference_frames)
 
 
