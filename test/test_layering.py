@@ -23,7 +23,7 @@ LAYERS = {
     "records.py": (("numpy",), ()),
     "mechanics/*": (("numpy", "scipy", "pinocchio"), ("mechanics", "records", "errors")),
     "core/*": (
-        ("numpy", "scipy", "pinocchio", "qpsolvers", "daqp", "osqp", "proxsuite"),
+        ("numpy", "scipy", "pinocchio", "coal", "qpsolvers", "daqp", "osqp", "proxsuite"),
         ("core", "mechanics", "records", "errors"),
     ),
     # Of core the supervisor needs the robot's limits, and ramps; never the controller whose answers it checks.

@@ -37,7 +37,13 @@ EXPORTED = {
         "polygon_wrench_cone",
         "wrench_cone",
     },
-    "wbc_controller.core.limits": {"JointMotionLimit", "RowLimit", "TorqueLimit", "TorqueSpeedCurve"},
+    "wbc_controller.core.limits": {
+        "JointMotionLimit",
+        "RowLimit",
+        "SelfCollisionLimit",
+        "TorqueLimit",
+        "TorqueSpeedCurve",
+    },
     "wbc_controller.core.solvers": {"Answer", "Solver", "available_solvers", "make_solver"},
 }
 

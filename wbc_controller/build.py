@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,9 +14,10 @@ from wbc_controller import settings as schema
 from wbc_controller.build_contacts import make_contact, make_loop_closure
 from wbc_controller.build_tasks import make_task
 from wbc_controller.clock import Clock
+from wbc_controller.collision_model import build_collision_model
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.formulation import Formulation
-from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
+from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel, build_model
 from wbc_controller.core.passive import PassiveJoint
 from wbc_controller.core.references import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
@@ -30,11 +32,14 @@ from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.loop import ControlLoop
 from wbc_controller.outputs import Outputs
 from wbc_controller.records import Array, CycleReport, Tuning, frozen
+from wbc_controller.resources import locate
 from wbc_controller.robot_description import read_urdf, transmissions
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
 from wbc_controller.tuner import LivePart, Tuner
+
+_log = logging.getLogger(__name__)
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
@@ -94,6 +99,35 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
     return TorqueSpeedCurve(frozen(corner), frozen(no_load))
 
 
+def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionLimit:
+    """Build the limit that keeps links apart; says in the log which pairs it does not.
+
+    Raises:
+        ConfigurationError: where the URDF, its meshes or the SRDF cannot be used.
+    """
+    own = settings.limits.self_collision
+    srdf = None
+    if own.srdf:
+        srdf = locate(own.srdf, "limits.self_collision.srdf").read_text(encoding="utf-8")
+    collision = build_collision_model(
+        model,
+        margin=own.margin,
+        srdf=srdf,
+        pairs=own.pairs,
+        folder=locate(settings.robot.urdf).parent if settings.robot.urdf else None,
+    )
+    _log.info("self-collision: %s", collision.summary)
+    return SelfCollisionLimit(
+        model,
+        collision.geometry,
+        margin=own.margin,
+        acceleration=own.acceleration,
+        horizon=own.horizon,
+        max_pairs=own.max_pairs,
+        summary=collision.summary,
+    )
+
+
 def make_controller(
     settings: Settings, model: RobotModel, timer: Callable[[], float] = time.perf_counter
 ) -> Controller:
@@ -117,6 +151,7 @@ def make_controller(
         [*contacts.values(), *(make_loop_closure(name, loop, model) for name, loop in settings.loops.items())],
         TorqueLimit(model.effort_limits, limits.torque_rate, make_torque_speed(settings, model)),
         JointMotionLimit.of(model, make_tuning(settings, tasks), position=limits.position, velocity=limits.velocity),
+        [make_self_collision(settings, model)] if limits.self_collision.enabled else [],
         period=1.0 / settings.control.rate,
         regularization_acceleration=settings.solver.regularization_acceleration,
         regularization_force=settings.solver.regularization_force,

@@ -103,6 +103,7 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
         ),
         Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
     ]
+    findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in controller.formulation.row_limits]
     controller.dynamics.update(q, np.zeros(model.nv))
     findings += _loops(controller)
     standing = _on_the_floor(controller, made, normal)

@@ -11,11 +11,15 @@ from wbc_controller.errors import ConfigurationError
 PACKAGE_SCHEME = "package://"
 
 
-def locate(uri: str) -> Path:
+def locate(uri: str, key: str = "robot.urdf") -> Path:
     """Find a file given by path or as ``package://<distribution>/<path below its share folder>``.
 
     The distribution is a Python one, such as ``example-robot-data``, whose files stand below ``share/<distribution>/``;
     ROS 2 packages are looked for in the same form on ``AMENT_PREFIX_PATH``.
+
+    Args:
+        uri: the file.
+        key: the configuration key that names it, for the error.
 
     Raises:
         ConfigurationError: where there is no such file.
@@ -27,9 +31,9 @@ def locate(uri: str) -> Path:
         try:
             path = share_folder(package) / rest
         except ConfigurationError as error:
-            raise ConfigurationError(f"robot.urdf = {uri!r}: {error}") from error
+            raise ConfigurationError(f"{key} = {uri!r}: {error}") from error
     if not path.is_file():
-        raise ConfigurationError(f"robot.urdf = {uri!r}: there is no file {path}")
+        raise ConfigurationError(f"{key} = {uri!r}: there is no file {path}")
     return path
 
 

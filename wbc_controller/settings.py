@@ -204,6 +204,32 @@ class TorqueSpeedSettings(_Section):
         return _falling(self)
 
 
+class SelfCollisionSettings(_Section):
+    """Links that could collide are kept at a distance from each other."""
+
+    enabled: bool = Field(False, description="Keep links apart, by the collision elements of the URDF.")
+    margin: Annotated[Positive, Field(le=0.5)] = Field(0.02, description="Least distance, m.")
+    acceleration: Annotated[Positive, Field(le=1.0e3)] = Field(
+        20.0,
+        description="Deceleration with which links have to be able to stop before the margin, m/s²: choose what the "
+        "motors can do with the arm stretched out.",
+    )
+    horizon: NonNegative = Field(
+        0.02,
+        le=1.0,
+        description="Time over which the limit looks ahead, at least one period, s, as `position_horizon`.",
+    )
+    max_pairs: int = Field(12, ge=1, le=200, description="Number of pairs that are held in one cycle: the most urgent.")
+    srdf: str = Field(
+        "", description="An SRDF, in the form of `robot.urdf`: pairs that it disables are not held. Empty: none."
+    )
+    pairs: list[str] = Field(
+        default_factory=list,
+        description="The pairs to be held, each `<link>/<link>`. Empty: all but links that carry each other by "
+        "one or two joints, those that the SRDF disables, and those nearer than the margin in `robot.posture`.",
+    )
+
+
 class LimitSettings(_Section):
     """Which limits the quadratic program holds. Torque limits always apply."""
 
@@ -226,6 +252,7 @@ class LimitSettings(_Section):
         "limit: choose what the motors can do.",
     )
     torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
+    self_collision: SelfCollisionSettings = Field(SelfCollisionSettings(), description="Distances between links.")
     torque_speed: TorqueSpeedSettings = Field(TorqueSpeedSettings(), description="Torque-speed curve of the motors.")
 
 

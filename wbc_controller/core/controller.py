@@ -113,7 +113,8 @@ class Controller:
     ) -> Solution:
         """Compute one answer.
 
-        Where the limits of joint motion leave no solution they are relaxed, then the torque rate; the solution says so.
+        Where the limits on combinations of accelerations leave no solution they are relaxed, then those of joint
+        motion, then the torque rate; the solution says so.
 
         Args:
             state: where the robot is.
@@ -140,7 +141,7 @@ class Controller:
         residuals = _usable(answer, problem, tolerance)
         iterations = answer.iterations
         relaxed: list[str] = []
-        for relaxation in ("joint_motion", "torque_rate"):
+        for relaxation in self.formulation.relaxable(layout) if residuals is None else ():
             if residuals is not None:
                 break
             relaxed.append(relaxation)

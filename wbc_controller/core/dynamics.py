@@ -74,6 +74,24 @@ class Dynamics:
         np.divide(self.centroidal_matrix[:3], self._mass, out=self.com_jacobian)
         np.divide(self.centroidal_drift[:3], self._mass, out=self.com_drift)
 
+    @property
+    def joint_jacobians(self) -> Array:
+        """Columns of the joints' twists at the world's origin, in its axes, (6, nv), linear rows first.
+
+        A link's twist is the sum of v times the columns of the joints that carry it.
+        """
+        return np.asarray(self._data.J)
+
+    @property
+    def joint_jacobians_rate(self) -> Array:
+        """Time derivative of `joint_jacobians`, (6, nv)."""
+        pin.computeJointJacobiansTimeVariation(self._pin, self._data, self.q, self.v)
+        return np.asarray(self._data.dJ)
+
+    def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
+        """Compute where shapes are that are fixed to the links."""
+        pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
+
     def placement(self, frame_id: int) -> pin.SE3:
         """Placement of a frame in the world."""
         return self._placements[frame_id]

@@ -15,6 +15,9 @@ from wbc_controller.core.problem import FORCE_UNIT, Layout
 from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.records import Array, References, RobotState, Tuning
 
+#: Weight of what relaxed limits ask for, (m/s²)⁻².
+_RELAXED = 1.0e4
+
 
 class Formulation:
     """Turns a state and references into a quadratic program; solving it is another matter (`controller`).
@@ -200,6 +203,7 @@ class Formulation:
                 problem.lower[rows],
                 problem.upper[rows],
             )
+            layout.relabel(rows, limit.names)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
         """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
@@ -208,14 +212,35 @@ class Formulation:
         h = actuation.torques(self.bias(references))
         return lower - h, upper - h
 
+    def relaxable(self, layout: Layout) -> tuple[str, ...]:
+        """What `relax` can take out of a built problem, in the order in which it may give."""
+        problem = layout.problem
+        kinds = (
+            limit.kind
+            for limit, rows in zip(layout.row_limits, layout.limits, strict=True)
+            if np.isfinite(problem.lower[rows]).any() or np.isfinite(problem.upper[rows]).any()
+        )
+        return (*kinds, "joint_motion", "torque_rate")
+
     def relax(self, layout: Layout, what: str, references: References) -> None:
-        """Take the limits of ``joint_motion`` (all that bound v̇) or the ``torque_rate`` out of a built problem."""
+        """Take ``joint_motion``, the ``torque_rate`` or a kind of row limits out of a built problem.
+
+        Rows of v̇ that ask for more than zero become part of the cost, far above the tasks: what can be had of them
+        still is.
+        """
         problem = layout.problem
         if what == "joint_motion":
             problem.x_lower[layout.joints] = -np.inf
             problem.x_upper[layout.joints] = np.inf
-            for rows in layout.limits:
-                problem.lower[rows] = -np.inf
-                problem.upper[rows] = np.inf
+        elif what != "torque_rate":
+            for limit, rows in zip(layout.row_limits, layout.limits, strict=True):
+                if limit.kind == what:
+                    lower, upper = problem.lower[rows], problem.upper[rows]
+                    wanted = np.where(lower > 0.0, lower, np.where(upper < 0.0, upper, np.nan))
+                    there = np.isfinite(wanted)
+                    scale, below = _RELAXED**0.5, len(layout.levels) > 1
+                    layout.levels[0].add(scale * problem.C[rows][there], scale * wanted[there], kept=below)
+                    problem.lower[rows] = -np.inf
+                    problem.upper[rows] = np.inf
         else:
             problem.lower[layout.torque], problem.upper[layout.torque] = self.effort_bounds(references)

@@ -352,6 +352,8 @@ def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> s
         return f"{constraint.kind.replace('_', ' ')} of {owner} ({side}, {gives})"
     if constraint.kind == "motion":
         return f"joint motion of {owner} ({side}, {gives})"
+    if constraint.kind == "self_collision":
+        return f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})"
     if constraint.kind not in ("cone", "contact_motion"):  # a limit on a combination of accelerations
         return f"{constraint.kind} limit of {owner} ({side}, {gives})"
     if constraint.kind == "cone" and contact is not None:

@@ -143,6 +143,20 @@ class Level:
     lower: Array
     upper: Array
 
+    def add(self, rows: Array, right: Array, *, kept: bool) -> None:
+        """Add ½ ‖rows x - right‖² to the cost, in place: rows (k, n), right (k,).
+
+        Args:
+            rows: weighted.
+            right: weighted.
+            kept: whether there is a level below, which may not change them.
+        """
+        self.H += rows.T @ rows
+        self.g -= rows.T @ right
+        self.constant += 0.5 * float(right @ right)
+        if kept:
+            self.kept = np.vstack([self.kept, rows])
+
 
 class Layout:
     """Where each quantity stands in the problem, for one set of made contacts.
@@ -226,3 +240,8 @@ class Layout:
         for limit, rows in zip(self.row_limits, self.limits, strict=True):
             labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
         return labels
+
+    def relabel(self, rows: slice, names: Sequence[str]) -> None:
+        """Name some rows of C anew."""
+        n = len(self.problem.g)
+        self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]

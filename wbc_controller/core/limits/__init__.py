@@ -2,6 +2,7 @@
 
 from wbc_controller.core.limits.joint_motion import JointMotionLimit
 from wbc_controller.core.limits.limit import RowLimit
+from wbc_controller.core.limits.self_collision import SelfCollisionLimit
 from wbc_controller.core.limits.torque import TorqueLimit, TorqueSpeedCurve
 
-__all__ = ["JointMotionLimit", "RowLimit", "TorqueLimit", "TorqueSpeedCurve"]
+__all__ = ["JointMotionLimit", "RowLimit", "SelfCollisionLimit", "TorqueLimit", "TorqueSpeedCurve"]

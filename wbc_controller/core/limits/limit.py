@@ -12,12 +12,16 @@ class RowLimit(ABC):
     """Rows lower ≤ G v̇ ≤ upper of the quadratic program; their number never changes.
 
     Attributes:
-        names: a name for each row, ``<kind>:<owner>``, as in `Solution.binding`.
+        names: a name for each row, ``<kind>:<owner>``, as in `Solution.binding`. `fill` may change them.
+        kind: what they are relaxed as, where there is no solution.
         unit: unit of G v̇.
+        summary: one line for a person.
     """
 
     names: tuple[str, ...]
+    kind: str
     unit: str
+    summary: str = ""
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
