@@ -52,7 +52,6 @@ class TorqueLimit:
         self.effort_limits = effort_limits
         self.rate = rate
         self.curve = curve
-        self._least = -effort_limits
 
     def available(self, v: Array) -> tuple[Array, Array]:
         """Lower and upper bounds of τ without the rate, both (na,) in N·m.
@@ -61,7 +60,7 @@ class TorqueLimit:
             v: speeds of the actuators, (na,) in rad/s.
         """
         if self.curve is None:
-            return self._least, self.effort_limits
+            return -self.effort_limits, self.effort_limits
         return self.curve.available(self.effort_limits, v)
 
     def bounds(self, before: Array | None, v: Array, period: float) -> tuple[Array, Array]:
