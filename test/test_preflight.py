@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -170,3 +172,34 @@ def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robo
     hanging = {foot: {"enabled": False} for foot in settings.contacts}
     sentence = refusal(changed(settings, {"contacts": hanging | {"rail": rail}}))
     assert "conflict: force of rail (at most 50 N" in sentence or "moment of rail" in sentence
+
+
+ARMS = ("left_elbow_joint", "right_elbow_joint")
+
+
+def test_what_drives_the_joints_is_said(robot_of, changed):
+    settings, _ = robot_of("g1")
+
+    def sprung(axis):
+        ankles = {f"{side}_ankle_{axis}_joint": {"stiffness": 40.0, "rest": -0.1} for side in ("left", "right")}
+        return changed(settings, {"robot": {"passive_joints": ankles}})
+
+    found = findings(sprung("roll"))
+    assert found["joints"].startswith("29, 27 actuators, 2 passive, base floating")
+    assert "passive joints" not in found  # the ground can bear what their springs do not
+    # In pitch the centre of pressure has to be under the centre of mass, and the springs decide where it is.
+    assert "and the springs of left_ankle_pitch_joint, right_ankle_pitch_joint" in refusal(sprung("pitch"))
+
+
+def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_one_that_does(robot_of, changed):
+    settings, _ = robot_of("g1")
+
+    def sprung(rests):
+        springs = {name: {"stiffness": 40.0, "rest": rest} for name, rest in rests.items()}
+        return findings(changed(settings, {"robot": {"passive_joints": springs}}))
+
+    found = sprung(dict.fromkeys(ARMS, 0.6))["passive joints"]
+    said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(stays with rest: (\S+)\)", found)
+    assert [name for name, *_ in said] == list(ARMS)
+    assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity stretches the bent arms
+    assert "passive joints" not in sprung({name: float(rest) for name, _, rest in said})

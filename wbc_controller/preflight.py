@@ -13,6 +13,7 @@ from wbc_controller.core.contacts import LoopClosure, UnilateralContact
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.model import RobotModel
+from wbc_controller.core.passive import PassiveJoint
 from wbc_controller.core.problem import FORCE_UNIT
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import ConfigurationError
@@ -25,8 +26,8 @@ _LEVEL = 0.01
 _FLOOR = 0.5
 #: A loop that is open by more in the nominal posture is a mistake, m or rad.
 _CLOSED = 1.0e-3
-#: Torque by which a passive joint may be out of balance, N·m.
-_BALANCE = 1.0e-6
+#: Torque by which a passive joint may be out of balance, as a share of the smallest effort limit.
+_BALANCE = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +112,7 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
         findings.append(_support(controller, standing, normal))
     board.reset(controller.dynamics, 0.0)
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
+    findings += _balance(controller, _hanging(controller, made))
     findings += _static(controller, state, board.sample(0.0), made, normal)
     return findings
 
@@ -172,7 +174,7 @@ def _static(
     model = controller.model
     layout = controller.formulation.build(state, references)
     problem = layout.problem
-    still = layout.acceleration_columns
+    still = np.delete(np.arange(model.nv), model.v_index[_hanging(controller, made)])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     problem.b[layout.mechanism.stop :] = 0.0  # a loop that is open by a little does not move either
     solver = make_solver("daqp", problem)
@@ -205,14 +207,7 @@ def _why_not(controller: Controller, made: tuple[str, ...], normal: Array) -> st
         weight = model.mass * model.gravity
         if most < weight:
             return begin + (f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N")
-    h = controller.dynamics.h  # at rest: gravity, and the springs of passive joints
-    loose = [
-        f"{name} {-torque:.3g} N·m"
-        for name, torque, driven in zip(model.joints, model.joint_forces(h), model.actuation.driven, strict=True)
-        if not driven and abs(torque) > _BALANCE
-    ]
-    if loose and not (made or model.floating_base):
-        return begin + "gravity and springs of these passive joints do not balance: " + ", ".join(loose)
+    h = controller.dynamics.h  # at rest: gravity, less the springs of passive joints
     over = [
         f"{name} {abs(torque):.1f} of {limit:g} N·m"
         for name, torque, limit in zip(model.actuators, model.actuation.torques(h), model.effort_limits, strict=True)
@@ -223,4 +218,29 @@ def _why_not(controller: Controller, made: tuple[str, ...], normal: Array) -> st
     return begin + (
         "no contact forces within friction and the supports carry the weight within the effort limits "
         f"(scaled by robot.effort_limit_scale, from {model.effort_limits.min():g} to {model.effort_limits.max():g} N·m)"
+        + (f" and the springs of {', '.join(model.passive.joints)}" if model.passive is not None else "")
     )
+
+
+def _hanging(controller: Controller, made: list[str]) -> list[int]:
+    """Passive joints, by number, that no contact or loop bears: their springs alone decide where they rest."""
+    bearing = [
+        contact for name, contact in controller.contacts.items() if name in made or isinstance(contact, LoopClosure)
+    ]
+    borne = np.zeros(controller.model.nv, dtype=bool)
+    for contact in bearing:
+        borne |= np.any(contact.jacobian(controller.dynamics), axis=0)
+    driven = controller.model.actuation.driven
+    return [i for i, column in enumerate(controller.model.v_index.tolist()) if not driven[i] and not borne[column]]
+
+
+def _balance(controller: Controller, hanging: list[int]) -> list[Finding]:
+    """Say which hanging joints will not stay where the posture has them, and what would keep them there."""
+    model, found = controller.model, []
+    torques = model.joint_forces(controller.dynamics.h)  # at rest: gravity, less the springs
+    for i in hanging:
+        if not abs(torques[i]) <= _BALANCE * float(model.effort_limits.min()):
+            spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJoint()
+            rest = f" (stays with rest: {spring.rest + torques[i] / spring.stiffness:.6g})" if spring.stiffness else ""
+            found.append(f"{model.joints[i]} by {-torques[i]:.2g} N·m{rest}")
+    return [Finding("passive joints", "not in balance in the posture: " + ", ".join(found))] if found else []

@@ -63,7 +63,7 @@ def run_controller(
         observers=(recorder.add,) if recorder is not None else (),
         node=f"{namespace.rstrip('/')}/{node}",
     )
-    _log.info("%s: %d joints, waiting for 'activate' on %s", node, model.na, f"{namespace.rstrip('/')}/{node}/command")
+    _log.info("%s: %d joints, waiting for 'activate' on %s", node, model.nj, f"{namespace.rstrip('/')}/{node}/command")
     try:
         loop.run(
             stop,

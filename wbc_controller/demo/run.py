@@ -77,7 +77,7 @@ def run_demo(robot: str, folder: Path, *, lockstep: bool = False, real_time_fact
     stage = _Stage(robot, settings, make_model(settings), scenario, folder)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes on the loopback, DDS between them"
-    console.print(f"[bold]{robot}[/bold]: {stage.model.na} joints, {stage.model.mass:.1f} kg; {how}")
+    console.print(f"[bold]{robot}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as say, play as (transport, advance, cycles):

@@ -167,7 +167,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 raise ConfigurationError(f"{source}: {error}") from error
             raise
         self._settings, self._gate, self._loop = settings, gate, loop
-        _log.info("configured from %s: %d joints, %.0f Hz", source, model.na, settings.control.rate)
+        _log.info("configured from %s: %d joints, %.0f Hz", source, model.nj, settings.control.rate)
 
     def _await_urdf(self) -> None:
         if self._urdf_transport is not None:
