@@ -36,6 +36,7 @@ Gains = Annotated[
 Length = Annotated[Positive, Field(le=1.0)]
 #: One coordinate of such a shape, m.
 Coordinate = Annotated[Finite, Field(ge=-1.0, le=1.0)]
+Corners = Annotated[list[Annotated[list[Coordinate], Field(min_length=2, max_length=2)]], Field(max_length=12)]
 
 
 class _Section(BaseModel):
@@ -549,8 +550,8 @@ class SurfaceContact(_PushingContact):
     )
     half_length: Length | None = Field(None, description="Half of the rectangle's side along x, m.")
     half_width: Length | None = Field(None, description="Half of the rectangle's side along y, m.")
-    vertices: list[Annotated[list[Coordinate], Field(min_length=2, max_length=2)]] | None = Field(
-        None, description="In place of a rectangle: the corners [x, y] of a convex polygon, in any order, m."
+    vertices: Corners | None = Field(
+        None, description="In place of a rectangle: the corners [x, y] of a convex polygon, in any order, up to 12, m."
     )
     max_yaw_moment: Annotated[Positive, Field(le=1.0e4)] | None = Field(
         None, description="Largest moment about the normal, N·m; where it is not given the wrench cone alone bounds it."

@@ -80,11 +80,9 @@ def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
     size = float(np.abs(vertices - middle).max())
     corners = (vertices - middle) / size  # well-conditioned: a polygon of size 1 about the origin, friction 1
     rays = np.array([[fx, fy, y, -x, x * fy - y * fx] for x, y in corners for fx in (1, -1) for fy in (1, -1)])
-    kept: list[Array] = []
-    for facet in ConvexHull(rays).equations:  # (k, 6): a p + b ≤ 0, several of one facet
-        if all(np.abs(facet - other).max() > _SAME_FACET for other in kept):
-            kept.append(facet)
-    facets = np.array(kept)
+    simplices = ConvexHull(rays).equations  # (k, 6): a p + b ≤ 0, several of one facet
+    _, first = np.unique(np.round(simplices / _SAME_FACET), axis=0, return_index=True)
+    facets = simplices[np.sort(first)]
     facets[np.abs(facets) < 1.0e-12] = 0.0
     # Back to the given friction and size ...
     C = facets[:, [0, 1, 5, 2, 3, 4]] / np.array([friction, friction, 1.0, size, size, friction * size])
