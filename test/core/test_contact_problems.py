@@ -9,6 +9,8 @@ import pytest
 from wbc_controller.core.contacts import FixedContact, LoopClosure, Rectangle, SurfaceContact
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.errors import NoSolution
+from wbc_controller.mechanics import Kinematics, PinnedFrames, constrained_dynamics
+from wbc_controller.mechanics import SurfaceContact as Held
 
 
 def with_contacts(robot, *contacts):
@@ -146,3 +148,35 @@ def test_two_links_that_are_held_by_a_loop_and_pulled_apart_by_grips_conflict(be
     why = error.value.infeasibility
     assert set(why.conflict) == {"contact_motion:bar", *(f"contact_motion:{hand}" for hand in hands)}
     assert "motion of bar" in why.sentence
+
+
+def test_a_solution_with_a_loop_and_a_grip_is_the_motion_of_the_mechanics(bench):
+    """Under the torques of the answer, Gauss's principle with constraints of their own gives the same motion (S10)."""
+    robot, hands = bench("g1"), ("left_rubber_hand", "right_rubber_hand")
+    model, dynamics = robot.model, robot.controller.dynamics
+    dynamics.update(robot.stance, np.zeros(model.nv))
+    a, b = (dynamics.placement(model.frame_id(hand, "")) for hand in hands)
+    middle = a.actInv(b).translation
+    bar = LoopClosure("bar", model, hands, (pin.SE3(np.eye(3), middle), pin.SE3.Identity()), [True] * 3 + [False] * 3)
+    grip = FixedContact("grip", model, hands[0], pin.SE3.Identity(), max_force=1000.0, max_moment=1000.0)
+    feet = list(robot.controller.contacts.values())
+    with_contacts(robot, *feet, grip, bar)
+    J = np.vstack([contact.jacobian(dynamics) for contact in (*feet, grip, bar)])
+    v = np.random.default_rng(2).normal(size=model.nv)
+    v = 0.5 * (v - np.linalg.pinv(J) @ (J @ v))  # nothing that is held moves
+    state = robot.state(v=v)
+    references = replace(robot.references(), contacts=dict.fromkeys([contact.name for contact in (*feet, grip)], 1.0))
+    solution = robot.controller.solve(state, references)
+    kinematics = Kinematics(model.pinocchio, robot.stance, v)
+    constraints = [PinnedFrames(first=hands[0], first_offset=middle, second=hands[1]), Held(frame=hands[0])]
+    for foot in feet:
+        frame = robot.settings.contacts[foot.name].frame
+        placement = kinematics.placement(frame).actInv(foot.placement(dynamics))
+        constraints.append(Held(frame=frame, placement=placement))
+    force = np.zeros(model.nv)
+    force[model.v_index] = solution.tau
+    motion = constrained_dynamics(model.pinocchio, robot.stance, v, force, constraints)
+    assert np.abs(solution.v_dot).max() > 0.5
+    np.testing.assert_allclose(motion.v_dot, solution.v_dot, atol=1e-6 * np.abs(solution.v_dot).max())
+    ours = J.T @ np.concatenate([solution.forces[contact.name] for contact in (*feet, grip, bar)])
+    np.testing.assert_allclose(motion.constraint_force, ours, atol=1e-6 * np.abs(ours).max())
