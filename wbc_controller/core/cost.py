@@ -15,6 +15,8 @@ from wbc_controller.records import Array, References
 #: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
 
+_NONE = np.zeros(0)
+
 
 class LevelCost:
     """Fills one `Level`: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖².
@@ -108,8 +110,10 @@ class LevelCost:
             g[task.columns] -= weight * right
             constant += 0.5 * weight * float(right @ right)
             taking_part.append(task.name)
-        none = self._none.setdefault(n, np.zeros((0, n)))
-        level = Level(tuple(taking_part), H, g, constant, none, none, none[:, 0], none[:, 0])
+        if n not in self._none:
+            self._none[n] = np.zeros((0, n))
+        none = self._none[n]
+        level = Level(tuple(taking_part), H, g, constant, none, none, _NONE, _NONE)
         if not self._last:
             level.kept = np.zeros((of_tasks, n))
             level.kept[:, :nv] = rows[:of_tasks]

@@ -98,20 +98,24 @@ class Dynamics:
 
     def velocity(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Spatial velocity of a frame, (6,), linear part first."""
-        return np.asarray(pin.getFrameVelocity(self._pin, self._data, frame_id, axes).vector)
+        velocity: Array = pin.getFrameVelocity(self._pin, self._data, frame_id, axes).vector
+        return velocity
 
     def jacobian(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Jacobian of a frame, (6, nv), linear rows first."""
-        return np.asarray(pin.getFrameJacobian(self._pin, self._data, frame_id, axes))
+        J: Array = pin.getFrameJacobian(self._pin, self._data, frame_id, axes)
+        return J
 
     def drift_local(self, frame_id: int) -> Array:
         """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): d/dt of its local velocity is J v̇ + this."""
-        return np.asarray(pin.getFrameAcceleration(self._pin, self._data, frame_id, pin.LOCAL).vector)
+        drift: Array = pin.getFrameAcceleration(self._pin, self._data, frame_id, pin.LOCAL).vector
+        return drift
 
     def drift_world(self, frame_id: int) -> Array:
         """Classical acceleration of a frame's origin, and angular acceleration, at v̇ = 0, in world axes, (6,)."""
         axes = pin.LOCAL_WORLD_ALIGNED
-        return np.asarray(pin.getFrameClassicalAcceleration(self._pin, self._data, frame_id, axes).vector)
+        drift: Array = pin.getFrameClassicalAcceleration(self._pin, self._data, frame_id, axes).vector
+        return drift
 
     def external_force(self, frame: str, wrench: Array) -> Array:
         """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).

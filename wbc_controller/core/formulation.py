@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class Formulation:
             for level in levels
         ]
 
-    @property
+    @cached_property
     def has_priorities(self) -> bool:
         """Whether one quadratic program is not enough: there are levels, or tolerances."""
         return len(self._costs) > 1 or any(task.tolerance is not None for task in self.tasks.values())
@@ -110,12 +111,9 @@ class Formulation:
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
         self.dynamics.update(state.q, state.v)
-        made = tuple(
-            name
-            for name, contact in self.contacts.items()
-            if contact.permanent or references.contacts.get(name, 0.0) > 0.0
-        )
-        layout = self.layout(made)
+        activations = references.contacts
+        made = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
+        layout = self.layout(tuple(made))
         self._fill_contacts(layout, references)
         self._fill_equations_of_motion(layout, references, tau_before)
         self._fill_cost(layout, references)
@@ -181,11 +179,12 @@ class Formulation:
         problem.A[layout.mechanism.stop :, layout.acceleration_columns] = J
         velocity = J @ dynamics.v
         b, x_lower, x_upper = problem.b[layout.mechanism.stop :], *problem.bounds[:, layout.force_columns]
-        for contact, rows in zip(layout.contacts, layout.force_rows, strict=True):
+        for i, (contact, rows) in enumerate(zip(layout.contacts, layout.force_rows, strict=True)):
             b[rows] = contact.acceleration(dynamics, velocity[rows])
-            lower, upper = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
-            np.divide(lower, FORCE_UNIT, out=x_lower[rows])
-            np.divide(upper, FORCE_UNIT, out=x_upper[rows])
+            bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
+            if bounds is not layout.force_bounds[i]:
+                x_lower[rows], x_upper[rows] = bounds[0] / FORCE_UNIT, bounds[1] / FORCE_UNIT
+                layout.force_bounds[i] = bounds
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model

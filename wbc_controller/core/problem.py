@@ -216,6 +216,8 @@ class Layout:
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
         self.J = np.zeros((nf, nv))  # stacked contact Jacobians
+        #: Bounds of each contact's force that stand in the problem.
+        self.force_bounds: list[tuple[Array, Array] | None] = [None for _ in contacts]
         self.force_rows = [slice(columns.start - nv, columns.stop - nv) for columns in self.forces]
         self.acceleration_columns = slice(0, nv)
         self.force_columns = slice(nv, nv + nf)

@@ -16,6 +16,7 @@ zero where these are not known. Stopped and fault publish zero torques. A fault 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,7 +171,7 @@ class Supervisor:
             The command; None where nothing is to be sent.
         """
         tau: Array | None = None
-        if joint_velocity is not None and not np.isfinite(joint_velocity).all():
+        if joint_velocity is not None and not math.isfinite(np.add.reduce(joint_velocity)):
             joint_velocity = None
         solution = outcome if isinstance(outcome, Solution) else None
         if self.solving:

@@ -68,7 +68,7 @@ class Contact(ABC):
 
     @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of f, both (k,).
+        """Lower and upper bounds of f, both (k,); to be read only.
 
         Args:
             activation: from 0 (about to break) to 1 (made); the largest forces are scaled by it.
@@ -117,16 +117,25 @@ class UnilateralContact(Contact):
         self.max_normal_force = max_normal_force
         self.max_yaw_moment = max_yaw_moment
         self.bound_groups = (("normal_force", 2, 3),)
-        self._unbounded = np.full(self.size, np.inf)
+        self._largest = (np.nan, np.nan, np.nan)
+        self._bounds = (np.zeros(0), np.zeros(0))
         if max_yaw_moment < np.inf:
             self.bound_groups += (("yaw_moment", 5, 6),)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of f, both (k,): the activation scales the largest normal force and yaw moment."""
-        lower, upper = -self._unbounded, self._unbounded.copy()
-        upper[2] = activation * self.max_normal_force
-        lower[2] = min(self.min_normal_force, upper[2])
+        """Lower and upper bounds of f, both (k,): the activation scales the largest normal force and yaw moment.
+
+        While nothing changes they are the same arrays.
+        """
+        largest = (activation * self.max_normal_force, activation * self.max_yaw_moment, self.min_normal_force)
+        if largest == self._largest:
+            return self._bounds
+        normal, yaw, smallest = largest
+        lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        upper[2] = normal
+        lower[2] = min(smallest, normal)
         if self.max_yaw_moment < np.inf:
-            upper[5] = activation * self.max_yaw_moment
-            lower[5] = -upper[5]
-        return lower, upper
+            upper[5] = yaw
+            lower[5] = -yaw
+        self._largest, self._bounds = largest, (lower, upper)
+        return self._bounds

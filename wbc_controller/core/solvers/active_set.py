@@ -13,7 +13,7 @@ from wbc_controller.records import Array
 _GUESSES = 3
 #: Largest violation of a constraint, as DAQP has it, in the problem's units.
 _FEASIBLE = 1.0e-8
-#: Largest number in the solution of a linear system that is not next to singular.
+#: Largest norm of the solution of a linear system that is not next to singular.
 _LARGEST = 1.0e6
 
 
@@ -58,7 +58,8 @@ class ActiveSet:
             wrong = active[self._side[active] * costs < 0.0] if len(active) else active
             if not len(wrong) and residuals.violation <= _FEASIBLE:
                 multipliers = np.zeros(len(self._side))
-                multipliers[active] = costs
+                if len(active):
+                    multipliers[active] = costs
                 return Answer(x, "optimal", guess, multipliers, residuals)
             beyond = (residuals.room < -_FEASIBLE) & (self._side == 0)
             if not (len(wrong) or beyond.any()):
@@ -86,5 +87,5 @@ class ActiveSet:
         K[:n, n:] = K[n:, :n].T
         K[n:, n:] = 0.0
         _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # K is symmetric: its transpose saves a copy
-        usable = info == 0 and np.abs(answer).max() <= _LARGEST  # False for NaN
+        usable = info == 0 and answer @ answer <= _LARGEST**2  # False for NaN
         return answer if usable else None
