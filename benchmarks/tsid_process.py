@@ -96,7 +96,7 @@ class Tsid:
             ],
         }
         worker = Path(__file__).with_name("tsid_worker.py")
-        self._process = subprocess.Popen([environment(), worker], stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
+        self._process = subprocess.Popen([environment(), "-I", worker], stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
         self._nv = model.nv
         self._feet = list(settings.contacts)
         self._width = 2 * model.nv - 6 + 6 * len(self._feet) + 1

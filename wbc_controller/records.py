@@ -27,6 +27,12 @@ def frozen(values: npt.ArrayLike) -> Array:
     return array
 
 
+def freeze(array: Array) -> Array:
+    """Make an array that nobody else writes to read-only, without a copy."""
+    array.setflags(write=False)
+    return array
+
+
 def frozen_mapping(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a read-only copy of a mapping."""
     return MappingProxyType(dict(mapping))

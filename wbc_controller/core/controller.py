@@ -12,7 +12,8 @@ from wbc_controller.core.hierarchy import Hierarchy
 from wbc_controller.core.infeasibility import explain
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.problem import Layout, QuadraticProgram, Residuals
-from wbc_controller.core.solvers import NOT_FINITE, Answer, Solver, make_solver
+from wbc_controller.core.solvers import Answer, Solver, make_solver
+from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.core.tasks import Task
 from wbc_controller.core.unpacking import unpack
 from wbc_controller.errors import ConfigurationError, NoSolution
@@ -101,7 +102,8 @@ class Controller:
         if answer.x is None:
             return answer, (), ()
         (level,) = layout.levels
-        cost = layout.problem.objective(answer.x) + level.constant
+        cost = layout.problem.objective(answer.x) if answer.objective is None else answer.objective
+        cost += level.constant
         return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
 
     def solve(

@@ -86,7 +86,7 @@ class LevelCost:
             if weight <= 0.0:
                 continue
             J, right, self.errors[task.name] = task.equation(dynamics, references.tasks[task.name])
-            end = row + task.dimension
+            end = row + len(right)
             scale = weight**0.5
             np.multiply(J, scale, out=self._rows[row:end])
             np.multiply(right, scale, out=self._right[row:end])

@@ -86,11 +86,10 @@ class QuadraticProgram:
         room = value - self.bounds
         np.negative(room[1], out=room[1])
         equalities = np.abs(self.A @ x - self.b)
-        # np.maximum hands NaN on, as max does not.
-        violation = np.maximum(
-            -np.minimum.reduce(room, axis=None, initial=0.0), np.maximum.reduce(equalities, initial=0.0)
-        )
-        return Residuals(value, equalities, room, float(violation))
+        beyond = -float(np.minimum.reduce(room, axis=None, initial=0.0))
+        off = float(np.maximum.reduce(equalities, initial=0.0))
+        violation = max(beyond, off) if beyond == beyond and off == off else math.nan  # max loses a NaN
+        return Residuals(value, equalities, room, beyond, violation)
 
     def violation(self, x: Array) -> float:
         """Largest amount by which x breaks a constraint; NaN where x has one."""
@@ -109,12 +108,14 @@ class Residuals:
         value: x and C x in one, (n + m_in,).
         equalities: |A x - b|, (m_eq,).
         room: how far x and C x are above their lower and below their upper bounds, (2, n + m_in); negative beyond.
-        violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
+        beyond: largest amount by which an inequality is broken, 0 where none is.
+        violation: the same of all constraints; NaN where x or the problem has one.
     """
 
     value: Array
     equalities: Array
     room: Array
+    beyond: float
     violation: float
 
 

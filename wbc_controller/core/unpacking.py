@@ -9,7 +9,7 @@ import numpy as np
 
 from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.problem import FORCE_UNIT, Layout, Residuals
-from wbc_controller.records import Array, References, frozen, frozen_mapping
+from wbc_controller.records import Array, References, freeze, frozen, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
@@ -51,10 +51,10 @@ def unpack(
     equalities, stop = residuals.equalities, layout.mechanism.stop
     torques = residuals.value[n + layout.torque.start : n + layout.torque.stop]
     x = frozen(x)
-    forces = frozen(FORCE_UNIT * x[nv:])
+    forces = freeze(FORCE_UNIT * x[nv:])
     return {
         "v_dot": x[:nv],
-        "tau": frozen(torques + layout.torque_bias),
+        "tau": freeze(torques + layout.torque_bias),
         "forces": frozen_mapping(
             {
                 contact.name: forces[columns.start - nv : columns.stop - nv]
@@ -65,7 +65,7 @@ def unpack(
             {
                 "equations_of_motion": float(np.maximum.reduce(equalities[:stop], initial=0.0)),
                 "contact_motion": float(np.maximum.reduce(equalities[stop:], initial=0.0)),
-                "inequalities": max(0.0, -float(np.minimum.reduce(residuals.room, axis=None))),
+                "inequalities": residuals.beyond,
             }
         ),
         "task_errors": frozen_mapping(_task_errors(formulation, layout, x, references)),

@@ -25,7 +25,7 @@ from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.trajectories import Ramp
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
-from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, frozen
+from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
 from wbc_controller.safety.checks import torques_usable
 
 REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
@@ -263,6 +263,6 @@ class Supervisor:
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:
             period = limits.period
-            v_desired = frozen(state.v[self._v_index] + period * solution.v_dot[self._v_index])
-            q_desired = frozen(state.q[self._q_index] + period * v_desired)
+            v_desired = freeze(state.v[self._v_index] + period * solution.v_dot[self._v_index])
+            q_desired = freeze(state.q[self._q_index] + period * v_desired)
         return JointCommand(state.stamp if state is not None else 0, frozen(tau), q_desired, v_desired)

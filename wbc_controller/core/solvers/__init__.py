@@ -1,6 +1,6 @@
 """Solvers of the quadratic program: persistent ones one per file, all others through qpsolvers."""
 
 from wbc_controller.core.solvers.factory import available_solvers, make_solver
-from wbc_controller.core.solvers.solver import NOT_FINITE, Answer, Solver
+from wbc_controller.core.solvers.solver import Answer, Solver
 
-__all__ = ["NOT_FINITE", "Answer", "Solver", "available_solvers", "make_solver"]
+__all__ = ["Answer", "Solver", "available_solvers", "make_solver"]

@@ -50,9 +50,10 @@ class ActiveSet:
             active = self._side.nonzero()[0]
             if self._m + len(active) > self._n:
                 return None
-            answer = self._on(problem, active)
-            if answer is None:
+            found = self._on(problem, active)
+            if found is None:
                 return None
+            answer, objective = found
             x, costs = answer[: self._n], answer[self._n + self._m :]
             residuals = problem.residuals(x)
             wrong = active[self._side[active] * costs < 0.0] if len(active) else active
@@ -60,7 +61,7 @@ class ActiveSet:
                 multipliers = np.zeros(len(self._side))
                 if len(active):
                     multipliers[active] = costs
-                return Answer(x, "optimal", guess, multipliers, residuals)
+                return Answer(x, "optimal", guess, multipliers, residuals, objective)
             beyond = (residuals.room < -_FEASIBLE) & (self._side == 0)
             if not (len(wrong) or beyond.any()):
                 return None  # an equality is violated, or a value is not finite
@@ -68,8 +69,8 @@ class ActiveSet:
             self._side[wrong] = 0
         return None
 
-    def _on(self, problem: QuadraticProgram, active: np.ndarray) -> Array | None:
-        """[x, y, λ] with these inequalities at their bounds; None where the linear system does not determine it."""
+    def _on(self, problem: QuadraticProgram, active: np.ndarray) -> tuple[Array, float] | None:
+        """[x, y, λ] with these inequalities at their bounds, and the objective; None where they are not determined."""
         n, m = self._n, self._n + self._m
         size = m + len(active)
         K = self._memory[: size * size].reshape(size, size)
@@ -88,4 +89,5 @@ class ActiveSet:
         K[n:, n:] = 0.0
         _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # K is symmetric: its transpose saves a copy
         usable = info == 0 and answer @ answer <= _LARGEST**2  # False for NaN
-        return answer if usable else None
+        # xᵀHx is -gᵀx - bᵀy - wᵀλ by the first rows, so that this is ½ xᵀHx + gᵀx.
+        return (answer, -0.5 * float(right @ answer)) if usable else None
