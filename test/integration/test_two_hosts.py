@@ -13,6 +13,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from network import Network, NotPermitted
@@ -22,7 +23,7 @@ CHANGES = {
     "control": {"rate": 200.0},
     "safety": {"state_timeout": 0.3, "damping_time": 1.0, "activation_ramp": 0.3},
     "guard": {"patience": 0.2},
-    "mock": {"command_timeout": 1.0},
+    "mock": {"command_timeout": 10.0},  # what damps the robot is the guard
 }
 SUPPORT = Path(__file__).resolve().parent.parent / "support"
 CUT = 5.0
@@ -158,7 +159,8 @@ def test_a_cut_of_five_seconds_is_survived_on_both_sides(network, hosts, record_
     time.sleep(CUT - 0.5 - (time.monotonic() - cut))
     damped = robot.since(cut + 0.5, "robot")
     assert len(damped) > 50
-    assert all(said["from_damping"] < 0.1 for said in damped[-50:])  # at first they lag behind the swinging legs
+    assert np.median([said["from_damping"] for said in damped]) < 0.25  # they lag behind the swinging legs
+    assert sum(said["power"] for said in damped) < 0.0
     assert not controller.since(cut + 0.5, "robot")  # the cable is cut indeed
     assert controller.says("controller", "fault STALE_INPUT: ")
     time.sleep(max(0.0, cut + CUT - time.monotonic()))

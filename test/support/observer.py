@@ -1,8 +1,8 @@
 """A user in a process of its own: prints what it hears as lines of JSON, and sends the commands that it reads.
 
 Run as ``python observer.py <robot>``; each line read is a word for the command topic. Printed are the states
-of controller and guard as they change, and fifty times a second the robot's torques: the largest, and the largest
-difference from a damping of 2 N·m·s/rad.
+of controller and guard as they change, and fifty times a second the robot's torques: the largest, the largest
+difference from a damping of 2 N·m·s/rad, and their power.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def main(robot):
             "robot",
             largest=float(np.max(np.abs(content.effort))),
             from_damping=float(np.max(np.abs(content.effort - expected))),
-            speed=float(np.max(np.abs(content.velocity))),
+            power=float(content.effort @ content.velocity),
         )
 
     def find(table, node, key):
