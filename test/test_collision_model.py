@@ -9,7 +9,7 @@ import pytest
 from wbc_controller.build import make_self_collision
 from wbc_controller.collision_model import build_collision_model
 from wbc_controller.configuration import parse_settings
-from wbc_controller.core.model import build_model
+from wbc_controller.core.from_urdf import build_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.preflight import check
 from wbc_controller.settings import Settings

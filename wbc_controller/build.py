@@ -17,8 +17,9 @@ from wbc_controller.clock import Clock
 from wbc_controller.collision_model import build_collision_model
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.formulation import Formulation
+from wbc_controller.core.from_urdf import build_model
 from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit, TorqueSpeedCurve
-from wbc_controller.core.model import RobotModel, build_model
+from wbc_controller.core.model import RobotModel
 from wbc_controller.core.passive import PassiveJoint
 from wbc_controller.core.references import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.core.model import build_model
+from wbc_controller.core.from_urdf import build_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.resources import locate, share_folder
 

@@ -15,9 +15,9 @@ from wbc_controller.collision_model import build_collision_model
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.formulation import Formulation
+from wbc_controller.core.from_urdf import build_model
 from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
 from wbc_controller.core.limits.self_collision import RETURN_SPEED
-from wbc_controller.core.model import build_model
 from wbc_controller.core.tasks import PostureTask
 from wbc_controller.records import Reference, References, RobotState
 from wbc_controller.resources import share_folder

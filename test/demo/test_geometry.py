@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from synthetic_run import robot
 
-from wbc_controller.core.model import build_model
+from wbc_controller.core.from_urdf import build_model
 from wbc_controller.demo.geometry import TRIANGLES, build_parts, convex_hull
 from wbc_controller.resources import share_folder
 

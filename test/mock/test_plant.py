@@ -8,7 +8,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from wbc_controller.configuration import parse_settings
-from wbc_controller.core.model import build_model
+from wbc_controller.core.from_urdf import build_model
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mock.mechanism import contact_frame
 from wbc_controller.mock.plant import Plant
