@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from wbc_controller.build import controller_endpoints, make_controller, make_loop, make_model
-from wbc_controller.clock import ManualClock
+from wbc_controller.clock import Clock, ManualClock
 from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.model import RobotModel
 from wbc_controller.interface import Direction, counterpart
+from wbc_controller.loop import ControlLoop
 from wbc_controller.messages import decode, encode, header, message, stamp
 from wbc_controller.preflight import stance
 from wbc_controller.settings import Settings
@@ -175,9 +176,7 @@ class Bench:
         self.topics = controller_endpoints(self.settings, self.model)
         bus = MemoryBus()
         self.transport = MemoryTransport(bus)
-        self.loop = make_loop(
-            self.settings, self.model, self.transport, self.clock, self.topics, observers=(self.reports.append,)
-        )
+        self.loop = self.remake(self.clock)
         self.user = MemoryTransport(bus)
         self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
         self._payloads: dict[tuple[str, str], list[bytes]] = {}
@@ -189,6 +188,12 @@ class Bench:
             else:
                 self._payloads[key] = []
                 self.user.subscribe(counterpart(topic), self._payloads[key].append)
+
+    def remake(self, clock: Clock) -> ControlLoop:
+        """A loop on another clock."""
+        return make_loop(
+            self.settings, self.model, self.transport, clock, self.topics, observers=(self.reports.append,)
+        )
 
     @property
     def time(self) -> int:

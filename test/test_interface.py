@@ -100,7 +100,7 @@ def test_without_tasks_contacts_and_frames_their_rows_are_empty():
 def test_namespace_and_remapping_reach_every_endpoint():
     found, made = expand(namespace="/robot", remappings={"joint_states": "/joints"})
     assert found["joint_states", ""].name == "/joints"
-    others = [endpoint.name for endpoint in made if endpoint.key not in ("joint_states", "diagnostics")]
+    others = [endpoint.name for endpoint in made if endpoint.key not in ("joint_states", "diagnostics", "clock")]
     assert all(name.startswith("/robot/") for name in others)
 
 
@@ -145,7 +145,7 @@ def test_latched_topics(key):
 
 def test_requests_are_reliable_and_queued():
     for topic in CONTROLLER_TOPICS:
-        if topic.direction is Direction.IN and topic.key not in ("joint_states", "odom", "robot_description"):
+        if topic.direction is Direction.IN and topic.key not in ("joint_states", "odom", "clock", "robot_description"):
             assert topic.qos.reliable, topic.key
             assert topic.qos.depth >= 10, topic.key
 
@@ -165,7 +165,7 @@ def test_what_the_mock_sends_the_controller_can_read_and_back():
         writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
         assert writer.qos.reliable >= reader.qos.reliable
         assert writer.qos.latched >= reader.qos.latched
-    assert met == {"joint_states", "odom", "robot_description", "effort", "joint_commands"}
+    assert met == {"clock", "joint_states", "odom", "robot_description", "effort", "joint_commands"}
 
 
 def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_guard():
@@ -190,7 +190,7 @@ def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_gu
 def test_there_is_no_dead_row(bench):
     """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
-    by_hand = {"joint_states", "odom", "command", "robot_description"}  # inputs.py, service.py
+    by_hand = {"joint_states", "odom", "command", "robot_description", "clock"}  # inputs.py, service.py
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
     controller = bench()

@@ -56,10 +56,17 @@ def _node_options(function: F) -> F:
 @main.command()
 @click.argument("config")
 @click.option("--activate", is_flag=True, help="Activate as soon as the inputs are fresh, without a command.")
+@click.option("--use-sim-time", is_flag=True, help="Measure ages and durations by /clock: for simulators alone.")
 @click.option("--record", type=click.Path(path_type=Path), help="Write torques and cycle times to this .npz file.")
 @_node_options
 def run(
-    config: str, activate: bool, record: Path | None, namespace: str, remaps: tuple[str, ...], verbose: bool
+    config: str,
+    activate: bool,
+    use_sim_time: bool,
+    record: Path | None,
+    namespace: str,
+    remaps: tuple[str, ...],
+    verbose: bool,
 ) -> None:
     """Run the controller on DDS, where ROS 2's topics are, without ROS 2."""
     from wbc_controller import service
@@ -74,6 +81,7 @@ def run(
             namespace=namespace,
             remappings=remappings,
             activate=activate,
+            use_sim_time=use_sim_time,
             record=record,
         )
 

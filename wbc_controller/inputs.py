@@ -97,7 +97,7 @@ class Inputs:
             self._parts["odom"] = _Part()
         self._notes: dict[str, str] = {}
         for endpoint in endpoints:
-            if endpoint.direction is Direction.OUT or endpoint.key == "robot_description":
+            if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock"):
                 continue
             if endpoint.key == "odom" and not model.floating_base:
                 continue

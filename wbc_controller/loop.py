@@ -93,7 +93,9 @@ class ControlLoop:
         now = self._clock.now()
         latched = self._inputs.latch()
         refused = list(latched.refused)
-        problem = stale_inputs(latched.ages, self._live.state_timeout, latched.notes)
+        trouble = self._clock.trouble()
+        problem = Fault("CLOCK", trouble) if trouble else None
+        problem = problem or stale_inputs(latched.ages, self._live.state_timeout, latched.notes)
         read = self._timer()
         starts = self._take_requests(latched, now, problem, refused)
         changes = self._take_settings(latched, refused)
@@ -123,7 +125,7 @@ class ControlLoop:
         self._unexplained = None
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
-        self._outputs.publish_status(report, now, time.time_ns())
+        self._outputs.publish_status(report, now, self._clock.stamp())
         self._outputs.publish_markers(now, latched.state, self._references, solution)
         self._say(report, now)
         for observer in self.observers:
@@ -277,7 +279,7 @@ class ControlLoop:
         command = self.supervisor.shut_down(self._clock.now())
         report = self._report(self._inputs.latch(), command, None, [], {})
         self._outputs.publish_command(report)
-        self._outputs.publish_status(report, self._clock.now(), time.time_ns())
+        self._outputs.publish_status(report, self._clock.now(), self._clock.stamp())
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
@@ -295,7 +297,7 @@ class ControlLoop:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
                 deadline += missed * period  # stay on the grid: lateness does not add up
-            stop.wait(deadline - now if deadline > now else 0.0)
+            self._clock.wait(stop, deadline - now if deadline > now else 0.0)
             deadline += period
 
     def _patience(self, period: float) -> float:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from wbc_controller.build import controller_endpoints, make_loop, make_model
-from wbc_controller.clock import MonotonicClock
+from wbc_controller.clock import MonotonicClock, SimulatedClock
 from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.interface import CONTROLLER_TOPICS
+from wbc_controller.interface import CONTROLLER_TOPICS, Endpoint
+from wbc_controller.messages import decode, nanoseconds
 from wbc_controller.robot_description import wait_for_urdf
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.transport import Transport
@@ -28,6 +29,7 @@ def run_controller(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
     activate: bool = False,
+    use_sim_time: bool = False,
     record: Path | None = None,
 ) -> None:
     """Run the controller until stopped.
@@ -40,6 +42,7 @@ def run_controller(
         namespace: namespace of the node.
         remappings: of topic names.
         activate: activate as soon as the inputs are fresh, without a command.
+        use_sim_time: measure ages and durations by the topic of the clock.
         record: file for torques and cycle times.
 
     Raises:
@@ -58,7 +61,7 @@ def run_controller(
         settings,
         model,
         transport,
-        MonotonicClock(),
+        clock_of(topics, transport) if use_sim_time else MonotonicClock(),
         topics,
         observers=(recorder.add,) if recorder is not None else (),
         node=f"{namespace.rstrip('/')}/{node}",
@@ -74,6 +77,19 @@ def run_controller(
     finally:
         if recorder is not None and record is not None:
             recorder.save(record)
+
+
+def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:
+    """A simulator's clock, by the topic of it.
+
+    Args:
+        topics: of the node.
+        transport: carries the messages; those of the clock come in every mode and state of the node.
+    """
+    clock = SimulatedClock()
+    (endpoint,) = [topic for topic in topics if topic.key == "clock"]
+    transport.subscribe(endpoint, lambda payload: clock.set(nanoseconds(decode(payload, endpoint.type).clock)))
+    return clock
 
 
 def run_mock(

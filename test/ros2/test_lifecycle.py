@@ -10,10 +10,12 @@ import pytest
 
 try:
     import rclpy
+    from builtin_interfaces.msg import Time
     from nav_msgs.msg import Odometry
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
+    from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray, String
     from std_srvs.srv import Trigger
@@ -304,6 +306,34 @@ def test_a_service_waits_without_keeping_joint_states_from_the_loop(make_node, s
     assert answers[0] == (True, "active")
     assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
     assert node._loop.supervisor.mode is Mode.ACTIVE
+
+
+def test_simulated_time_is_honoured(make_node, spin, context, robot):
+    node, user = make_node(robot="g1", use_sim_time=True), rclpy.create_node("user", context=context)
+    executor = spin(node, robot, user)
+    clock = user.create_publisher(Clock, "/clock", 1)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    client = user.create_client(Trigger, "/wbc_controller/activate")
+    assert client.wait_for_service(10)
+
+    def activate():
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().message
+
+    assert "no time has come on the topic of the clock" in activate()
+    within(10, lambda: clock.get_subscription_count() == 2)  # rclpy's own, and the controller's
+    clock.publish(Clock(clock=Time(sec=7)))
+    within(10, lambda: node._loop._clock.now() == 7.0)
+    assert activate() == "active"
+    robot.timers.__next__().cancel()  # no more states, and no more time
+    time.sleep(0.2)
+    assert node._loop.supervisor.mode is Mode.ACTIVE
+    clock.publish(Clock(clock=Time(sec=7, nanosec=80_000_000)))
+    within(10, lambda: node._loop.supervisor.mode is Mode.DAMPING)
+    assert "joint_states is 80 ms old" in node._loop.supervisor.fault.sentence
+    assert node.get_clock().now().nanoseconds == 7_080_000_000
 
 
 def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):

@@ -168,8 +168,9 @@ class MockRobot:
         return True
 
     def publish(self) -> None:
-        """Publish the present state. The joint states come after the base's, as they are what starts a cycle."""
+        """Publish the time and the present state. The joint states come last, as they are what starts a cycle."""
         stamp, base = self.stamp, self._robot.base_link
+        self._publish("clock", "", messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp)))
         q, v = self.plant.state()
         if self._robot.floating_base:
             self._publish("odom", "", _odometry(stamp, base, q, v))

@@ -27,6 +27,7 @@ from wbc_controller.ros2.gate import Gate
 from wbc_controller.ros2.live import LiveParameters
 from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.ros2.process import logging_to, spinning
+from wbc_controller.service import clock_of
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.ros2 import Ros2Transport
 
@@ -147,7 +148,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         if not settings.robot.urdf and self._urdf is None:
             self._await_urdf()
             raise ConfigurationError("robot.urdf is empty, and the topic robot_description has brought no URDF yet")
-        gate = Gate(Ros2Transport(self))
+        transport = Ros2Transport(self)
+        gate = Gate(transport)
         try:
             model = make_model(settings, None if settings.robot.urdf else self._urdf)
             topics = controller_endpoints(settings, model, node=node, namespace=namespace)
@@ -155,7 +157,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 settings,
                 model,
                 gate,
-                MonotonicClock(),
+                clock_of(topics, transport) if self.get_parameter("use_sim_time").value else MonotonicClock(),
                 topics,
                 observers=(self._answers.observe,),
                 node=self.get_fully_qualified_name(),
