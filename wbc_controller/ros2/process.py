@@ -23,7 +23,7 @@ from wbc_controller.signals import set_by_signals
 _log = logging.getLogger(__name__)
 
 #: Time without another look after each callback, s.
-_PAUSE = 0.005
+_PAUSE = 0.02
 
 
 class PacedExecutor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
