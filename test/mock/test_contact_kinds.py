@@ -7,7 +7,7 @@ import pytest
 from wbc_controller.build import make_audit, make_controller, make_model
 from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.core.references import EnableContact, SetSetpoint
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mock.grips import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.mock.plant import Plant
@@ -229,3 +229,34 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
     assert np.abs(robot.solution.forces[name]).max() > 1.0
     assert reports[-1].warnings == ()
     assert np.linalg.norm(reports[-1].force) < 0.5
+
+
+def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jump():
+    """Several in one cycle, in both directions, over and over."""
+    pinned = {"translation": [0.0] * 3, "mask": masked(0, 1, 2), "max_force": 100.0, "enabled": False}
+    contacts = {"grip": GRIP | pinned, "palm": PALM | {"enabled": False}}
+    values = g1_with("grip", contacts["grip"]).model_dump()
+    robot = Simulation(Settings.model_validate(values | {"contacts": values["contacts"] | contacts}))
+    rng, made, torques = np.random.default_rng(4), dict.fromkeys(contacts, False), []
+    start = np.array(robot.controller.dynamics.com)
+
+    def look(robot):
+        assert not robot.solution.relaxed
+        torques.append(robot.solution.tau)
+
+    for _ in range(10):
+        changes = [SetSetpoint("com", start + rng.uniform(-0.02, 0.02, 3) * [0.5, 1.0, 0.5])]
+        for name in rng.permutation(list(contacts))[: rng.integers(1, 3)]:
+            made[name] = not made[name]
+            changes.append(EnableContact(name, made[name]))
+        if made["grip"]:
+            robot.plant.grip("grip", True)
+        robot.apply(*changes)
+        robot.run(0.22, look)
+        assert {name for name in contacts if name in robot.solution.forces} == {n for n in made if made[n]}
+        if not made["grip"]:
+            robot.plant.grip("grip", False)
+    steps = np.abs(np.diff(torques, axis=0) / robot.controller.model.effort_limits)
+    print(f"largest torque step {steps.max():.3f} of the effort limit")
+    assert steps.max() < 0.15  # the torque rate allows 0.2
+    assert not robot.plant.fallen
