@@ -18,6 +18,7 @@ from wbc_controller.core.problem import FORCE_UNIT
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, References, RobotState, frozen
+from wbc_controller.robot_description import impossible_inertias
 from wbc_controller.settings import Settings
 
 #: Contacts whose heights differ by more, with the base upright, do not stand on one floor, m.
@@ -97,6 +98,7 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
     findings = [
         Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
+        *_inertias(model),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
         Finding(
@@ -115,6 +117,12 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
     findings += _balance(controller, _hanging(controller, made))
     findings += _static(controller, state, board.sample(0.0), made, normal)
     return findings
+
+
+def _inertias(model: RobotModel) -> list[Finding]:
+    """Say which links have an inertia that no body has: where they weigh something, the model is wrong."""
+    names = impossible_inertias(model.urdf)
+    return [Finding("inertias", f"no body has that of {', '.join(names)}")] if names else []
 
 
 def _joints(model: RobotModel) -> str:

@@ -137,3 +137,30 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
         by_joint=robot.command == "joints",
     )
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
+
+
+def inertia_tensor(inertia: ElementTree.Element) -> Array:
+    """The tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
+    tensor = np.zeros((3, 3))
+    for row, column in ("xx", "yy", "zz", "xy", "xz", "yz"):
+        i, j = "xyz".index(row), "xyz".index(column)
+        tensor[i, j] = tensor[j, i] = float(inertia.get(f"i{row}{column}", "0"))
+    return tensor
+
+
+def some_body_has(moments: Array) -> bool:
+    """Whether a body has these principal moments, (3,) in rising order: none is more than the other two together."""
+    return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
+
+
+def impossible_inertias(urdf: str) -> list[str]:
+    """Name the links whose inertia no body has; Pinocchio does not look at it, and MuJoCo refuses it."""
+    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - as in `describe`
+    names = []
+    for link in links:
+        inertia = link.find("inertial/inertia")
+        if inertia is not None:
+            moments: Array = np.asarray(np.linalg.eigvalsh(inertia_tensor(inertia)), dtype=np.float64)
+            if not some_body_has(moments):
+                names.append(str(link.get("name")))
+    return names

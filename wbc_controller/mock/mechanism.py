@@ -19,6 +19,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.grips import Attachment, add_attachment
 from wbc_controller.mock.joints import couple, gear, lock, spring
 from wbc_controller.records import Array
+from wbc_controller.robot_description import inertia_tensor, some_body_has
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
 
 _log = logging.getLogger(__name__)
@@ -165,19 +166,13 @@ def _write_inertias(spec: Any, tree: ET.Element) -> None:
         if origin is not None:
             position = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
             rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
-        tensor = np.zeros((3, 3))
-        if inertia is not None:
-            for row, column in ("xx", "yy", "zz", "xy", "xz", "yz"):
-                i, j = "xyz".index(row), "xyz".index(column)
-                tensor[i, j] = tensor[j, i] = float(inertia.get(f"i{row}{column}", "0"))
-        moments, axes = np.linalg.eigh(tensor)
+        moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        # A flat link's largest moment is the sum of the others; rounding must not make it impossible.
-        if moments[0] + moments[1] < moments[2] <= (moments[0] + moments[1]) * (1.0 + 1e-9):
-            moments[2] = moments[0] + moments[1]
-        elif moments[0] + moments[1] < moments[2]:  # common in links that are there for a frame; MuJoCo refuses it
+        if not some_body_has(moments):  # common in links that are there for a frame; MuJoCo refuses it
             balanced.append(str(link.get("name")))
             moments = np.full(3, moments.mean())
+        # A flat link's largest moment is the sum of the others; rounding must not make it impossible.
+        moments[2] = min(moments[2], moments[0] + moments[1])
         body.explicitinertial = True
         body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
         body.ipos = position
