@@ -105,6 +105,7 @@ class SelfCollisionLimit(RowLimit):
             f"self_collision:{shapes[pair.first].name}/{shapes[pair.second].name}" for pair in pairs
         )
         self._radii = np.array([_radius(shape.geometry) for shape in shapes])
+        self._smaller = np.where(self._radii[self._first] < self._radii[self._second], self._first, self._second)
         # Of each shape, whether a column of v moves it; and of each pair, how (-1: the first one, 1: the second one).
         self._moves = np.array([_moved(model.pinocchio, shape.parentJoint) for shape in shapes])
         self._signs = self._moves[self._second] - self._moves[self._first]
@@ -126,14 +127,18 @@ class SelfCollisionLimit(RowLimit):
         ahead = max(period, self.horizon)
         near, distance, points = self._near(dynamics, ahead)
         if near:
-            J, drift = self._rate(dynamics, near, *points)
+            pairs = np.array(near)
+            normal, first, second = points
+            along = np.hstack([normal, _cross(first, normal)])  # of a twist at the world's origin to nᵀ v(p)
+            J = (along @ dynamics.joint_jacobians) * self._signs[pairs]
             bound = self.bound(distance, J @ dynamics.v, ahead)
-            wanted = bound - drift
-            most = np.argsort(-wanted, kind="stable")[: len(lower)]
-            most = most[~(bound[most] < -_FASTER / ahead)]
-            rows[: len(most)] = J[most]
-            lower[: len(most)] = wanted[most]
-            names[: len(most)] = [self._pair_names[near[i]] for i in most.tolist()]
+            there = (~(bound < -_FASTER / ahead)).nonzero()[0]
+            if len(there):
+                bound = bound[there] - self._drift(dynamics, pairs[there], along[there], first[there], second[there])
+                most = np.argsort(-bound, kind="stable")[: len(lower)]
+                rows[: len(most)] = J[there[most]]
+                lower[: len(most)] = bound[most]
+                names[: len(most)] = [self._pair_names[pairs[i]] for i in there[most].tolist()]
         self.names = tuple(names)
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
@@ -203,37 +208,32 @@ class SelfCollisionLimit(RowLimit):
         # The normal is within the cone around the line between the balls' centres that has both balls in it.
         sine = np.minimum(radii / length, 1.0)
         cosine = np.sqrt(1.0 - sine**2)
-        closing = np.full(len(pairs), np.inf)
-        for shapes in (first, second):  # along the normal it is the same at both nearest points
-            v = relative[:, :3] + _cross(relative[:, 3:], origins[shapes])
-            speed, radial = _dot(v, v), _dot(v, apart) / -length
-            across = np.sqrt(np.maximum(speed - radial**2, 0.0))
-            fastest = np.where(sine < 1.0, np.maximum(radial, radial * cosine) + across * sine, np.sqrt(speed))
-            closing = np.minimum(closing, np.maximum(fastest, 0.0) + turning * self._radii[shapes])
+        smaller = self._smaller[pairs]  # of the two nearest points, along the normal, both have the same velocity
+        v = relative[:, :3] + _cross(relative[:, 3:], origins[smaller])
+        speed, radial = _dot(v, v), _dot(v, apart) / -length
+        across = np.sqrt(np.maximum(speed - radial**2, 0.0))
+        closing = np.where(sine < 1.0, np.maximum(radial, radial * cosine) + across * sine, np.sqrt(speed))
+        closing = np.maximum(closing, 0.0) + turning * self._radii[smaller]
         self._least[pairs] = least = np.maximum(self._least[pairs], length - radii)
         reach = self._reach_of(closing, ahead)
         there = ~(least > reach)
         return pairs[there], reach[there]
 
-    def _rate(self, dynamics: Dynamics, pairs: list[int], n: Array, p1: Array, p2: Array) -> tuple[Array, Array]:
-        """J_d, (k, nv), and δ, (k,) in m/s², of some pairs."""
-        columns, rates = dynamics.joint_jacobians, dynamics.joint_jacobians_rate
-        signs = self._signs[pairs]
-        along = np.hstack([n, _cross(p1, n)])  # of a twist at the world's origin to nᵀ v(p): the same for p₂ = p₁ + d n
-        J = (along @ columns) * signs
-        drift = ((along @ rates) * signs) @ dynamics.v
+    def _drift(self, dynamics: Dynamics, pairs: np.ndarray, along: Array, first: Array, second: Array) -> Array:
+        """δ of some pairs, (k,) in m/s², with their nearest points, both (k, 3)."""
+        spatial = ((along @ dynamics.joint_jacobians_rate) * self._signs[pairs]) @ dynamics.v
         # Of the first shapes, then of the second, nᵀ (ω × v(p)): what an acceleration has besides the spatial one. Of
         # the part about the shape's origin c, nᵀ (ω × (ω × (p - c))), only what brings the links nearer.
         shapes = np.concatenate([self._first[pairs], self._second[pairs]])
-        twist = self._moves[shapes] @ (columns * dynamics.v).T  # (2 k, 6), at the world's origin
+        twist = self._moves[shapes] @ (dynamics.joint_jacobians * dynamics.v).T  # (2 k, 6), at the world's origin
         v, w = twist[:, :3], twist[:, 3:]
         c = np.concatenate(self._origins).reshape(-1, 3)[shapes]
-        n, arm = np.concatenate([-n, n]), np.concatenate([p1, p2]) - c
+        n, arm = np.concatenate([-along[:, :3], along[:, :3]]), np.concatenate([first, second]) - c
         nw, ww = _dot(n, w), _dot(w, w)
         carried = _dot(v, _cross(n, w)) + nw * _dot(w, c) - ww * _dot(n, c)
         about = nw * _dot(w, arm) - ww * _dot(n, arm)
         extra = carried + np.minimum(about, 0.0)
-        return J, drift + extra[: len(pairs)] + extra[len(pairs) :]
+        return np.asarray(spatial + extra[: len(pairs)] + extra[len(pairs) :])
 
 
 def _dot(a: Array, b: Array) -> Array:
