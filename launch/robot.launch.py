@@ -26,6 +26,12 @@ def generate_launch_description() -> LaunchDescription:
             description="Start the guard too, which damps the robot when the controller's commands stop.",
         ),
         DeclareLaunchArgument(
+            "use_sim_time",
+            default_value="false",
+            choices=["true", "false"],
+            description="Let ages and ramps go by /clock: for simulators, never on a robot.",
+        ),
+        DeclareLaunchArgument(
             "joint_states", default_value="joint_states", description="Topic of the robot's joint states."
         ),
         DeclareLaunchArgument(
@@ -50,7 +56,10 @@ def generate_launch_description() -> LaunchDescription:
         executable="wbc_controller",
         name="wbc_controller",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[config | {"activate": ParameterValue(LaunchConfiguration("activate"), value_type=bool)}],
+        parameters=[
+            config,
+            {name: ParameterValue(LaunchConfiguration(name), value_type=bool) for name in ("activate", "use_sim_time")},
+        ],
         remappings=remappings,
         output="screen",
     )

@@ -2,9 +2,10 @@
 
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import EqualsSubstitution, IfElseSubstitution, LaunchConfiguration
+from launch.substitutions import EqualsSubstitution, IfElseSubstitution, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
@@ -32,7 +33,7 @@ def generate_launch_description() -> LaunchDescription:
             choices=["true", "false"],
             description="Start the guard too, which damps the robot when the controller's commands stop.",
         ),
-        DeclareLaunchArgument("namespace", default_value="", description="Namespace of both nodes."),
+        DeclareLaunchArgument("namespace", default_value="", description="Namespace of all nodes."),
         DeclareLaunchArgument(
             "activate",
             default_value="false",
@@ -42,18 +43,35 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "real_time_factor", default_value="1.0", description="Simulated seconds per second of the mock robot."
         ),
+        DeclareLaunchArgument(
+            "use_sim_time",
+            default_value="false",
+            choices=["true", "false"],
+            description="Let ages and ramps go by the mock robot's clock: for a computer that does not keep up.",
+        ),
+        DeclareLaunchArgument(
+            "rviz",
+            default_value="false",
+            choices=["true", "false"],
+            description="Start RViz too (package rviz2), with the layout that is shipped.",
+        ),
     ]
     robot, config = LaunchConfiguration("robot"), LaunchConfiguration("config")
     which = {
         "robot": ParameterValue(IfElseSubstitution(EqualsSubstitution(config, ""), robot, ""), value_type=str),
         "config": ParameterValue(config, value_type=str),
     }
+    clock = [("/clock", "clock")]  # of two robots, each has its own
     controller = Node(
         package="wbc_controller",
         executable="wbc_controller",
         name="wbc_controller",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[which | {"activate": ParameterValue(LaunchConfiguration("activate"), value_type=bool)}],
+        parameters=[
+            which,
+            {name: ParameterValue(LaunchConfiguration(name), value_type=bool) for name in ("activate", "use_sim_time")},
+        ],
+        remappings=clock,
         output="screen",
     )
     mock = Node(
@@ -64,6 +82,7 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[
             which | {"real_time_factor": ParameterValue(LaunchConfiguration("real_time_factor"), value_type=float)}
         ],
+        remappings=clock,
         condition=IfCondition(LaunchConfiguration("mock")),
         output="screen",
     )
@@ -76,4 +95,13 @@ def generate_launch_description() -> LaunchDescription:
         condition=IfCondition(LaunchConfiguration("guard")),
         output="screen",
     )
-    return LaunchDescription([*arguments, mock, controller, guard])
+    rviz = Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=LaunchConfiguration("namespace"),
+        arguments=["-d", PathJoinSubstitution([FindPackageShare("wbc_controller"), "layouts", "wbc.rviz"])],
+        remappings=[(f"/{topic}", topic) for topic in ("robot_description", "wbc_controller/markers", "odom")],
+        condition=IfCondition(LaunchConfiguration("rviz")),
+        output="screen",
+    )
+    return LaunchDescription([*arguments, mock, controller, guard, rviz])

@@ -16,6 +16,7 @@ try:
     from geometry_msgs.msg import PointStamped, WrenchStamped
     from nav_msgs.msg import Odometry
     from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Bool, Float64MultiArray, String
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
@@ -36,7 +37,7 @@ def environment(tmp_path):
     for folder in (binaries, index, share):
         folder.mkdir(parents=True)
     (index / "wbc_controller").touch()
-    for name in ("config", "launch"):
+    for name in ("config", "launch", "layouts"):
         shutil.copytree(ROOT / name, share / name)
     for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main"), ("guard", "guard_main")):
         (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
@@ -72,9 +73,9 @@ def user(environment, monkeypatch):
     context.try_shutdown()
 
 
-def launch(environment, *arguments):
+def launch(environment, *arguments, file="wbc.launch.py"):
     return subprocess.Popen(
-        ["ros2", "launch", "wbc_controller", "wbc.launch.py", *arguments],
+        ["ros2", "launch", "wbc_controller", file, *arguments],
         env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
@@ -97,8 +98,8 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
     hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
     setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)
 
-    # Half of real time, so that a busy machine keeps up too.
-    process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5")
+    # Half of real time, and ages by the simulator's clock, so that a busy machine keeps up too.
+    process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5", "use_sim_time:=true")
     try:
         until(lambda: command.get_subscription_count() and hold.get_subscription_count())
         until(lambda: states == ["inactive"])
@@ -161,8 +162,9 @@ def test_the_guard_may_be_launched_too(environment, user):
 @pytest.mark.parametrize(
     ("file", "arguments"),
     [
-        ("wbc.launch.py", ("robot", "config", "mock", "guard", "namespace", "activate", "real_time_factor")),
-        ("robot.launch.py", ("config", "namespace", "activate", "guard", "joint_states", "odom", "effort")),
+        ("wbc.launch.py", ("robot", "config", "mock", "guard", "namespace", "activate", "real_time_factor", "rviz")),
+        ("robot.launch.py", ("config", "namespace", "activate", "guard", "joint_states", "odom", "use_sim_time")),
+        ("simulation.launch.py", ("config", "controllers", "simulator", "description", "odom", "activate")),
     ],
 )
 def test_every_argument_is_described(environment, file, arguments):
@@ -173,3 +175,110 @@ def test_every_argument_is_described(environment, file, arguments):
     for argument in arguments:
         assert f"'{argument}':" in done.stdout
     assert "no description given" not in done.stdout
+
+
+@pytest.fixture
+def stand_in(environment, tmp_path):
+    """Install an executable that notes the words and the parameters it was started with."""
+
+    def install(package, executable):
+        folder = tmp_path / "lib" / package
+        folder.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "share/ament_index/resource_index/packages" / package).touch()
+        notes = tmp_path / f"{executable}.txt"
+        script = folder / executable
+        script.write_text(
+            f"#!{sys.executable}\nimport pathlib, sys\n"
+            "files = [word for word, flag in zip(sys.argv[1:], sys.argv) if flag == '--params-file']\n"
+            "text = '\\n'.join([*sys.argv[1:], *(pathlib.Path(file).read_text() for file in files)])\n"
+            f"pathlib.Path({str(notes)!r}).write_text(text)\n"
+        )
+        script.chmod(0o755)
+        return notes
+
+    return install
+
+
+def wait_for(files, process):
+    deadline = time.monotonic() + 30.0
+    while not all(file.exists() and file.read_text() for file in files):
+        assert time.monotonic() < deadline, "not within 30 s"
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=20)
+    return output
+
+
+def test_rviz_is_started_with_the_layout_where_that_is_asked_for(environment, stand_in):
+    notes = stand_in("rviz2", "rviz2")
+    wait_for([notes], launch(environment, "rviz:=true", "mock:=false", "namespace:=r3"))
+    words = notes.read_text().split("\n")
+    assert Path(words[words.index("-d") + 1]).is_file()
+    assert "/wbc_controller/markers:=wbc_controller/markers" in words
+    assert "__ns:=/r3" in words
+
+
+@pytest.mark.parametrize("simulator", ["true", "false"])
+def test_a_simulator_behind_ros2_control(environment, stand_in, tmp_path, simulator):
+    notes = {
+        name: stand_in(package, name)
+        for package, name in (
+            ("mujoco_ros2_control", "ros2_control_node"),
+            ("robot_state_publisher", "robot_state_publisher"),
+            ("controller_manager", "spawner"),
+            ("wbc_controller", "wbc_controller"),
+        )
+    }
+    xacro = tmp_path / "bin/xacro"
+    xacro.parent.mkdir()
+    xacro.write_text('#!/bin/sh\necho "<robot name=\\"$1\\"/>"\n')
+    xacro.chmod(0o755)
+    environment["PATH"] = f"{xacro.parent}:{environment['PATH']}"
+    controllers = ROOT / "config/ros2_control/go2.yaml"
+    process = launch(
+        environment, f"config:={ROOT / 'config/go2.yaml'}", f"controllers:={controllers}", "description:=robot.xacro",
+        f"simulator:={simulator}", file="simulation.launch.py",
+    )  # fmt: skip
+    started = notes if simulator == "true" else {name: notes[name] for name in ("spawner", "wbc_controller")}
+    wait_for(started.values(), process)
+    words = notes["spawner"].read_text().split("\n")
+    assert words[:4] == ["joint_state_broadcaster", "effort_controller", "--param-file", str(controllers)]
+    controller = notes["wbc_controller"].read_text()
+    assert "odom:=/simulator/floating_base_state" in controller
+    assert "use_sim_time: true" in controller
+    for name, file in notes.items():
+        assert file.exists() == (name in started)
+    if simulator == "true":
+        assert "use_sim_time: true" in notes["ros2_control_node"].read_text()
+        assert "JointGroupEffortController" in notes["ros2_control_node"].read_text()
+        assert '<robot name="robot.xacro"/>' in notes["robot_state_publisher"].read_text()
+
+
+def test_two_robots_in_one_graph(environment, user):
+    node, until = user
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said, stamps, processes = {}, {}, []
+    for robot in ("r1", "r2"):
+        said[robot] = []
+        node.create_subscription(
+            String, f"/{robot}/wbc_controller/state", lambda m, robot=robot: said[robot].append(m.data), latched
+        )
+        node.create_subscription(
+            Clock, f"/{robot}/clock", lambda m, robot=robot: stamps.__setitem__(robot, m.clock.sec), 1
+        )
+    try:
+        for robot in said:
+            processes.append(
+                launch(environment, "robot:=go2", f"namespace:={robot}", "real_time_factor:=0.3", "use_sim_time:=true",
+                       "activate:=true")
+            )  # fmt: skip
+        until(lambda: all(states[-1:] == ["active"] for states in said.values()), 40.0)
+        start = dict(stamps)
+        until(lambda: all(stamps[robot] >= start[robot] + 3 for robot in said), 60.0)
+        assert {robot: states[-1] for robot, states in said.items()} == {"r1": "active", "r2": "active"}
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        outputs = [process.communicate(timeout=20)[0] for process in processes]
+        print(said, *outputs)  # shown by pytest where the test fails
+    assert all(output.count("process has finished cleanly") == 2 for output in outputs)
