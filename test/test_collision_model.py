@@ -102,6 +102,21 @@ def test_a_robot_without_collision_elements_is_refused():
         build_collision_model(star(a=(), b=()), margin=0.01)
 
 
+def test_of_named_links_the_visual_elements_count(robot_of):
+    settings, model = robot_of("g1")
+    hands = ["left_rubber_hand", "right_rubber_hand"]
+    without, seen = (build_collision_model(model, margin=0.02, visual=visual).geometry for visual in ((), hands))
+    links = [{shape.name for shape in geometry.geometryObjects} for geometry in (without, seen)]
+    assert links[1] - links[0] == set(hands)
+    assert make_self_collision(changed(settings, visual=hands), model).summary.startswith(
+        f"{len(seen.collisionPairs)} "
+    )
+    with pytest.raises(
+        ConfigurationError, match=r"visual: 'left_ruber_hand' is not a link with .*did you mean 'left_rub"
+    ):
+        build_collision_model(model, margin=0.02, visual=["left_ruber_hand"])
+
+
 def test_a_mesh_that_is_not_there_is_named():
     mesh = ("0 0 0", '<mesh filename="package://example-robot-data/robots/no_such.stl"/>')
     with pytest.raises(ConfigurationError, match=r"collision element cannot be read: .*no_such"):

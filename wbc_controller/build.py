@@ -115,6 +115,7 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         margin=own.margin,
         srdf=srdf,
         pairs=own.pairs,
+        visual=own.visual,
         folder=locate(settings.robot.urdf).parent if settings.robot.urdf else None,
     )
     _log.info("self-collision: %s", collision.summary)

@@ -46,6 +46,7 @@ def build_collision_model(
     margin: float,
     srdf: str | None = None,
     pairs: Sequence[str] = (),
+    visual: Sequence[str] = (),
     folder: Path | None = None,
 ) -> CollisionModel:
     """Read the collision elements of a robot's URDF.
@@ -60,13 +61,14 @@ def build_collision_model(
         margin: least distance, m.
         srdf: the SRDF's text.
         pairs: the pairs to be kept apart, each ``<link>/<link>``; none for the choice above.
+        visual: links whose visual elements count as well.
         folder: where meshes that are named by a relative path are looked for.
 
     Raises:
         ConfigurationError: where the URDF has no collision elements, a mesh cannot be read, the SRDF is not one, or a
             named link has no shape.
     """
-    geometry = _shapes(model, folder)
+    geometry = _shapes(model, _with_visuals(model.urdf, visual), folder)
     links = [shape.name for shape in geometry.geometryObjects]
     if not links:
         raise ConfigurationError(
@@ -91,12 +93,30 @@ def build_collision_model(
     return CollisionModel(geometry, near)
 
 
-def _shapes(model: RobotModel, folder: Path | None) -> pin.GeometryModel:
+def _with_visuals(urdf: str, links: Sequence[str]) -> str:
+    """The URDF with the visual elements of some links as collision elements."""
+    if not links:
+        return urdf
+    root = ElementTree.fromstring(urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
+    found = {str(link.get("name")): link.findall("visual") for link in root.iter("link")}
+    seen = [name for name, elements in found.items() if elements]
+    for name in links:
+        if name not in seen:
+            raise ConfigurationError(
+                f"limits.self_collision.visual: {name!r} is not a link with a visual element; "
+                f"{valid_choices(name, seen)}"
+            )
+        for element in found[name]:
+            element.tag = "collision"
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryModel:
     """One convex shape for each link with collision elements."""
-    packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", model.urdf)))
+    packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
     try:
-        read = pin.buildGeomFromUrdfString(model.pinocchio, model.urdf, pin.COLLISION, None, folders)
+        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders)
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"limits.self_collision: a collision element cannot be read: {error}") from error
     elements: dict[int, list[pin.GeometryObject]] = {}

@@ -224,6 +224,10 @@ class SelfCollisionSettings(_Section):
     srdf: str = Field(
         "", description="An SRDF, in the form of `robot.urdf`: pairs that it disables are not held. Empty: none."
     )
+    visual: list[str] = Field(
+        default_factory=list,
+        description="Links of which the visual elements count too: those that have no collision elements.",
+    )
     pairs: list[str] = Field(
         default_factory=list,
         description="The pairs to be held, each `<link>/<link>`. Empty: all but links that carry each other by "

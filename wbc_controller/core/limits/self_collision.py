@@ -135,7 +135,8 @@ class SelfCollisionLimit(RowLimit):
             there = (~(bound < -_FASTER / ahead)).nonzero()[0]
             if len(there):
                 bound = bound[there] - self._drift(dynamics, pairs[there], along[there], first[there], second[there])
-                most = np.argsort(-bound, kind="stable")[: len(lower)]
+                # In the order of the pairs: a pair keeps its row, and the solver its guess, while none comes or goes.
+                most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
                 rows[: len(most)] = J[there[most]]
                 lower[: len(most)] = bound[most]
                 names[: len(most)] = [self._pair_names[pairs[i]] for i in there[most].tolist()]
