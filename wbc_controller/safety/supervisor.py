@@ -254,7 +254,7 @@ class Supervisor:
         joint_velocity: Array | None = None,
     ) -> JointCommand:
         model, limits = self._model, self.limits
-        step = limits.torque_rate * limits.period * model.effort_limits
+        step = (limits.torque_rate * limits.period) * model.effort_limits
         # np.clip does the same in five times as long.
         tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
         lower, upper = self._available(joint_velocity) or (-model.effort_limits, model.effort_limits)

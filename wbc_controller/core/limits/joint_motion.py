@@ -107,8 +107,8 @@ class JointMotionLimit:
         if self.velocity is None:
             lower, upper = np.full(len(q), -most), np.full(len(q), most)
         else:
-            lower = np.clip((-self.velocity - v) / period, -most, most)
-            upper = np.clip((self.velocity - v) / period, -most, most)
+            lower = _within((-self.velocity - v) / period, most)
+            upper = _within((self.velocity - v) / period, most)
         if self._limits is None:
             return lower, upper
         position_lower, position_upper = self._position_bounds(q, v, period)
@@ -137,10 +137,15 @@ class JointMotionLimit:
                 speed > 0.0, speed / period, spring * RETURN_TIME * speed
             )
             bound = np.where(short, np.where(outside, back, turning), bound)
-        upper, lower = np.clip(bound, -most, most)
+        upper, lower = _within(bound, most)
         lower = -lower
         crossed = lower > upper  # not viable, between limits that are close together: the one that it moves to counts
         if crossed.any():
             up = speed[0] > 0.0
             lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
         return lower, upper
+
+
+def _within(values: Array, most: float) -> Array:
+    """Values cut to ±most; np.clip does it in five times as long."""
+    return np.minimum(np.maximum(values, -most), most)

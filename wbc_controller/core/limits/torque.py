@@ -74,6 +74,6 @@ class TorqueLimit:
         lower, upper = self.available(v)
         if before is None:
             return lower, upper
-        step = self.rate * period * self.effort_limits
+        step = (self.rate * period) * self.effort_limits
         held = np.minimum(np.maximum(before, lower), upper)
         return np.maximum(lower, held - step), np.minimum(upper, held + step)
