@@ -34,7 +34,6 @@ def talos(tasks: dict[str, Any] | None = None, **sections: dict[str, Any]) -> Se
     content["control"] |= {"rate": 1000.0}
     content["mock"] |= {"step": 0.001}
     content["safety"] |= {"activation_ramp": 0.0}
-    content["solver"] |= {"regularization_force": 1.0e-8}
     content["tasks"] = alike if tasks is None else tasks
     for section, values in sections.items():
         content[section] |= values

@@ -81,7 +81,7 @@ class Contact(ABC):
             dynamics: the snapshot.
             velocity: J v there, (k,).
         """
-        return np.asarray(-self.damping * velocity - self.drift(dynamics))
+        return -self.damping * velocity - self.drift(dynamics)
 
 
 class UnilateralContact(Contact):

@@ -12,6 +12,8 @@ from wbc_controller.records import Array, Tuning
 RETURN_TIME = 0.1
 #: Distance by which rounding may take a joint beyond its limit, rad.
 _ROUNDING = 1.0e-11
+#: Both limits are looked at as upper ones, of q and of -q.
+_SIDES = np.array([[1.0], [-1.0]])
 
 
 class JointMotionLimit:
@@ -120,8 +122,8 @@ class JointMotionLimit:
     def _position_bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
         """Bounds that the positions ask for, within ±q̈_max."""
         most = self.acceleration
-        speed = np.stack([v, -v])  # (2, nj), towards the upper and the lower limit
-        room = self._limits - np.stack([q, -q])
+        speed = np.multiply(_SIDES, v)  # (2, nj), towards the upper and the lower limit
+        room = self._limits - np.multiply(_SIDES, q)
         ahead = max(period, self.horizon)
         left = room - (0.5 * ahead) * speed
         reach = most * ahead

@@ -26,7 +26,8 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
         R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
     """
     reference = pin.Quaternion(quaternion).normalized().toRotationMatrix()
-    return np.asarray(pin.log3(reference @ rotation.T))
+    error: Array = pin.log3(reference @ rotation.T)
+    return error
 
 
 class _FrameTask(MotionTask):

@@ -233,11 +233,8 @@ class MotionTask(AccelerationTask):
 
     def wanted(self, dynamics: Dynamics, reference: Reference, error: Array) -> Array:
         """ẍ*, (size,)."""
-        return np.asarray(
-            reference.acceleration
-            + self.damping * (reference.velocity - self.velocity(dynamics))
-            + self.stiffness * error
-        )
+        damped = self.damping * (reference.velocity - self.velocity(dynamics))
+        return reference.acceleration + damped + self.stiffness * error
 
 
 class RateTask(AccelerationTask):
