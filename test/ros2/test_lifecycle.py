@@ -15,6 +15,7 @@ try:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
+    from rclpy.qos import ReliabilityPolicy
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray, String
@@ -59,9 +60,10 @@ def text_of(records):
 def make_node(context):
     nodes = []
 
-    def make_node(**overrides):
+    def make_node(words=(), **overrides):
         parameters = [Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()]
-        nodes.append(ControllerNode(arguments=[], context=context, parameter_overrides=parameters))
+        options = {"cli_args": ["--ros-args", *words]} if words else {}
+        nodes.append(ControllerNode(arguments=[], context=context, parameter_overrides=parameters, **options))
         return nodes[-1]
 
     yield make_node
@@ -164,6 +166,21 @@ def test_bad_parameters_fail_the_transition_with_the_reason_and_can_be_mended(ma
     if "robot__posture" in overrides:
         node.undeclare_parameter("robot.posture")
     assert node.trigger_configure() == SUCCESS
+
+
+def test_topics_are_remapped_and_their_qos_overridden_as_always(make_node):
+    words = ["-r", "odom:=/estimator/odom", "-r", "__ns:=/r1", "-p", "robot:=g1"]
+    for key, value in (("reliability", "reliable"), ("depth", 7)):
+        words += ["-p", f"qos_overrides./r1/joint_states.subscription.{key}:={value}"]
+    node = make_node(words)
+    assert node.trigger_configure() == SUCCESS
+    (odom,) = node.get_subscriptions_info_by_topic("/estimator/odom")
+    assert (odom.node_namespace, odom.qos_profile.reliability) == ("/r1", ReliabilityPolicy.BEST_EFFORT)
+    (joint_states,) = node.get_subscriptions_info_by_topic("/r1/joint_states")
+    assert joint_states.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert node.get_parameter("qos_overrides./r1/joint_states.subscription.depth").value == 7
+    assert node.count_publishers("/r1/wbc_controller/state") == 1
+    assert node.count_publishers("/diagnostics") == 1
 
 
 def set_one(node, name, value):
