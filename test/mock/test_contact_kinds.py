@@ -32,6 +32,9 @@ def g1_with(name, contact, **others):
     if name == "left_foot":
         values["contacts"].pop(name)
     values["contacts"][name] = contact
+    if contact["type"] == "fixed":  # what nobody asks for is zero between two links
+        target = [10.0, -8.0, 6.0, 0.5, -0.4, 0.3]
+        values["tasks"]["pull"] = {"type": "contact_wrench", "contact": name, "target": target, "weight": 0.01}
     return Settings.model_validate(values | others)
 
 
@@ -44,6 +47,8 @@ CASES = {
     "bolted": ("grip", GRIP),
     "pinned": ("grip", GRIP | {"mask": masked(0, 1, 2)}),
     "hinged": ("grip", GRIP | {"mask": masked(0, 1, 2, 3, 5)}),
+    "held by the other hand": ("grip", GRIP | {"against": "right_rubber_hand"}),
+    "pinned to the other hand": ("grip", GRIP | {"against": "right_rubber_hand", "mask": masked(0, 1, 2)}),
     "palm": ("palm", PALM),
     "knob": ("knob", KNOB),
 }
@@ -235,7 +240,7 @@ def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jum
     """Several in one cycle, in both directions, over and over."""
     pinned = {"translation": [0.0] * 3, "mask": masked(0, 1, 2), "max_force": 100.0, "enabled": False}
     contacts = {"grip": GRIP | pinned, "palm": PALM | {"enabled": False}}
-    values = g1_with("grip", contacts["grip"]).model_dump()
+    values = load_settings(find_configuration("g1")).model_dump()
     robot = Simulation(Settings.model_validate(values | {"contacts": values["contacts"] | contacts}))
     rng, made, torques = np.random.default_rng(4), dict.fromkeys(contacts, False), []
     start = np.array(robot.controller.dynamics.com)
