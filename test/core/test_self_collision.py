@@ -17,7 +17,7 @@ from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.from_urdf import build_model
 from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
-from wbc_controller.core.limits.self_collision import RETURN_SPEED
+from wbc_controller.core.limits.self_collision import _FASTER, RETURN_SPEED
 from wbc_controller.core.tasks import PostureTask
 from wbc_controller.records import Reference, References, RobotState
 from wbc_controller.resources import share_folder
@@ -196,6 +196,8 @@ def test_what_was_computed_before_changes_no_row(limits, robot):
         names = limit.names
         skipped += len(limit._pair_names) - limit.computed
         if i % 10 == 9:
+            distances = limit.distances(dynamics)
+            assert (limit._least <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
             kept, limit._seen, limit._least = (limit._seen, limit._least), None, np.full_like(limit._least, -np.inf)
             limit.fill(dynamics, 0.002, *filled[1])
             assert limit.computed > 0
@@ -206,6 +208,45 @@ def test_what_was_computed_before_changes_no_row(limits, robot):
             used += np.isfinite(filled[0][1]).sum()
     assert used > 5
     assert skipped > 0.8 * 120 * len(limit._pair_names)  # it saved something
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limits, robot):
+    model, limit = limits[robot]
+    rng, dynamics, tight = np.random.default_rng(8), Dynamics(model), []
+    for joint in rng.choice(np.arange(6, model.nv), 12, replace=False):
+        q, _ = random_motion(model, rng)
+        v = np.zeros(model.nv)
+        v[joint] = 1.0
+        dynamics.update(q, v)
+        before, _, after = along(model, limit, q, v, 1.0e-3, range(len(limit._pair_names)))
+        rate, most = np.abs(after - before) / 2.0e-3, limit._leverage[:, joint]
+        assert (rate <= most + 1.0e-6).all()
+        tight.append(np.max(rate / np.where(most > 0.0, most, 1.0)))
+    assert max(tight) > 0.4  # nor is it far more than it can be
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
+    """However fast the links move: against the distances and rates of all pairs, one by one."""
+    model, limit = limits[robot]
+    rng, dynamics, found, all_pairs = np.random.default_rng(9), Dynamics(model), 0, list(range(len(limit._pair_names)))
+    filled = np.empty((400, model.nv)), np.empty(400), np.empty(400)
+    for _ in range(12):
+        q, v = random_motion(model, rng)
+        v *= rng.uniform(0.2, 4.0)
+        dynamics.update(q, v)
+        limit._seen, limit._least = None, np.full_like(limit._least, -np.inf)
+        limit.fill(dynamics, 0.002, *filled)
+        assert limit.computed < 0.7 * len(all_pairs)
+        answers = [limit._distance(i) for i in all_pairs]
+        parts = [(a.min_distance, a.normal, a.getNearestPoint1(), a.getNearestPoint2()) for a in answers]
+        distance, *points = (np.array(part) for part in zip(*parts, strict=True))
+        bound = limit.bound(distance, rows_of(limit, dynamics, all_pairs, points)[0] @ v, limit.horizon)
+        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_FASTER / limit.horizon)}
+        assert set(limit.names) - {"self_collision:unused"} == needed
+        found += len(needed)
+    assert found > 50
 
 
 # The barrier. ------------------------------------------------------------------------------------------------------
