@@ -64,7 +64,7 @@ class Cycle:
         self.failures = 0
         self._period = 1.0 / settings.control.rate
         self._now = 0.0
-        self._v_index = model.v_index
+        self._v_index = model.v_places
 
     def start(self, q: Array) -> References:
         """Take the references from a configuration at rest, and activate."""

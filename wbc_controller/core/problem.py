@@ -86,10 +86,10 @@ class QuadraticProgram:
         room = value - self.bounds
         np.negative(room[1], out=room[1])
         equalities = np.abs(self.A @ x - self.b)
-        beyond = -float(np.minimum.reduce(room, axis=None, initial=0.0))
+        least = float(np.minimum.reduce(room, axis=None, initial=np.inf))
         off = float(np.maximum.reduce(equalities, initial=0.0))
-        violation = max(beyond, off) if beyond == beyond and off == off else math.nan  # max loses a NaN
-        return Residuals(value, equalities, room, beyond, violation)
+        violation = max(0.0, -least, off) if least == least and off == off else math.nan  # max loses a NaN
+        return Residuals(value, equalities, room, least, violation)
 
     def violation(self, x: Array) -> float:
         """Largest amount by which x breaks a constraint; NaN where x has one."""
@@ -108,14 +108,14 @@ class Residuals:
         value: x and C x in one, (n + m_in,).
         equalities: |A x - b|, (m_eq,).
         room: how far x and C x are above their lower and below their upper bounds, (2, n + m_in); negative beyond.
-        beyond: largest amount by which an inequality is broken, 0 where none is.
-        violation: the same of all constraints; NaN where x or the problem has one.
+        least_room: the smallest of it.
+        violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
     """
 
     value: Array
     equalities: Array
     room: Array
-    beyond: float
+    least_room: float
     violation: float
 
 

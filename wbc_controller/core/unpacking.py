@@ -65,11 +65,11 @@ def unpack(
             {
                 "equations_of_motion": float(np.maximum.reduce(equalities[:stop], initial=0.0)),
                 "contact_motion": float(np.maximum.reduce(equalities[stop:], initial=0.0)),
-                "inequalities": residuals.beyond,
+                "inequalities": max(0.0, -residuals.least_room),
             }
         ),
         "task_errors": frozen_mapping(_task_errors(formulation, layout, x, references)),
-        "binding": frozen_mapping(_binding(layout, residuals.room, multipliers)),
+        "binding": frozen_mapping(_binding(layout, residuals, multipliers)),
         "external_wrenches": frozen_mapping(references.external_wrenches),
     }
 
@@ -85,10 +85,13 @@ def _task_errors(formulation: Formulation, layout: Layout, x: Array, references:
     return errors
 
 
-def _binding(layout: Layout, room: Array, multipliers: Array) -> dict[str, float]:
+def _binding(layout: Layout, residuals: Residuals, multipliers: Array) -> dict[str, float]:
     """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
+    # Mostly none does, and that is seen at once: no bound that is close to its value is larger than about the largest.
+    if residuals.least_room > 2.0 * _BINDING * (1.0 + float(np.abs(residuals.value).max())):
+        return {}
     size = np.minimum(np.maximum(np.abs(layout.problem.bounds), 1.0), _LARGEST)
-    sides, rows = (room <= _BINDING * size).nonzero()
+    sides, rows = (residuals.room <= _BINDING * size).nonzero()
     found: dict[str, float] = {}
     for side, row in zip(sides.tolist(), rows.tolist(), strict=True):
         name, unit = layout.labels[row][side], layout.labels[row][2]

@@ -47,13 +47,13 @@ def torques_usable(
         available: what the motors have at the present speeds, where that is less: lower and upper, both (na,) in N·m.
     """
     if available is None:
-        lower, upper = -limits, limits
         good = np.abs(tau) <= (1.0 + tolerance) * limits
     else:
         lower, upper = available
         good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     if good.all():
         return None
+    lower, upper = (-limits, limits) if available is None else available
     bound = np.where(tau < 0.0, -lower, upper)
     worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(~good))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))
