@@ -178,12 +178,13 @@ class Formulation:
             J[rows] = contact.jacobian(dynamics)
         problem.A[layout.mechanism.stop :, layout.acceleration_columns] = J
         velocity = J @ dynamics.v
-        b, x_lower, x_upper = problem.b[layout.mechanism.stop :], *problem.bounds[:, layout.force_columns]
+        b = problem.b[layout.mechanism.stop :]
         for i, (contact, rows) in enumerate(zip(layout.contacts, layout.force_rows, strict=True)):
             b[rows] = contact.acceleration(dynamics, velocity[rows])
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
             if bounds is not layout.force_bounds[i]:
-                x_lower[rows], x_upper[rows] = bounds[0] / FORCE_UNIT, bounds[1] / FORCE_UNIT
+                problem.x_lower[layout.forces[i]] = bounds[0] / FORCE_UNIT
+                problem.x_upper[layout.forces[i]] = bounds[1] / FORCE_UNIT
                 layout.force_bounds[i] = bounds
 
     def _fill_joint_motion(self, layout: Layout) -> None:

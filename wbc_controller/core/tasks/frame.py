@@ -25,9 +25,17 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
     Returns:
         R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
     """
-    reference = pin.Quaternion(quaternion).normalized().toRotationMatrix()
+    return _turn(rotation, _matrix(quaternion))
+
+
+def _turn(rotation: Array, reference: Array) -> Array:
     error: Array = pin.log3(reference @ rotation.T)
     return error
+
+
+def _matrix(quaternion: Array) -> Array:
+    matrix: Array = pin.Quaternion(quaternion).normalized().toRotationMatrix()
+    return matrix
 
 
 class _FrameTask(MotionTask):
@@ -94,6 +102,8 @@ class FrameOrientationTask(_FrameTask):
 
     size = 3
     part = slice(3, 6)
+    #: The last frozen reference, which mostly is that of this cycle too, and its rotation matrix.
+    _known: tuple[Array, Array] | None = None
 
     def position(self, dynamics: Dynamics) -> Array:
         """Orientation as a quaternion, (4,)."""
@@ -101,7 +111,12 @@ class FrameOrientationTask(_FrameTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Rotation vector to the reference in world axes, (3,) in rad."""
-        return orientation_error(dynamics.placement(self._frame_id).rotation, position)
+        if self._known is not None and position is self._known[0]:
+            reference = self._known[1]
+        else:
+            reference = _matrix(position)
+            self._known = None if position.flags.writeable else (position, reference)
+        return _turn(dynamics.placement(self._frame_id).rotation, reference)
 
 
 class FramePoseTask(_FrameTask):
