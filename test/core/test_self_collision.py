@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import coal
 import numpy as np
@@ -19,6 +19,7 @@ from wbc_controller.core.from_urdf import build_model
 from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
 from wbc_controller.core.limits.self_collision import _FASTER, RETURN_SPEED
 from wbc_controller.core.tasks import PostureTask
+from wbc_controller.errors import NoSolution
 from wbc_controller.records import Reference, References, RobotState
 from wbc_controller.resources import share_folder
 from wbc_controller.settings import SelfCollisionSettings
@@ -375,27 +376,26 @@ def run(bench, kind, cycles, back=0):
     return visited, [solution.task_errors[hand] for hand in ("left_hand", "right_hand")]
 
 
-@pytest.mark.parametrize("kind", ["torso", "cross", "random"])
-@pytest.mark.parametrize("robot", SRDF)
+@pytest.mark.parametrize(("robot", "kind"), [*product(SRDF, ["torso", "cross"]), ("g1", "random")])
 def test_arms_keep_their_distance_whatever_they_are_commanded(bench, robot, kind):
     held, free = bench(robot, limits=settings(robot)), bench(robot)
     names = of_arms(robot, held.controller.formulation.row_limits[0]._pair_names)
     original = Original(held.model, names)
-    visited, _ = run(held, kind, 240)
+    visited, _ = run(held, kind, 240 if kind == "random" else 150)
     assert any(name.startswith("self_collision:") for _, _, solution in visited for name in solution.binding)
     least = min(original.least(q) for q, _, _ in visited[::6])
     assert least[0] > MARGIN - TOLERANCE, least
-    without, _ = run(free, kind, 120)
-    assert min(original.least(q) for q, _, _ in without[60::10])[0] < 0.0  # it mattered
+    without, _ = run(free, kind, 100)
+    assert min(original.least(q) for q, _, _ in without[50::10])[0] < 0.0  # it mattered
 
 
-def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench):
-    g1 = bench("g1", limits=settings("g1"))
-    visited, errors = run(g1, "torso", 120, back=400)
-    assert max(errors) < 0.005
+@pytest.mark.parametrize("robot", SRDF)
+def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench, robot):
+    visited, errors = run(bench(robot, limits=settings(robot)), "torso", 100, back=300)
+    assert max(errors) < 0.01
     _, _, last = visited[-1]
     assert not any(name.startswith("self_collision:") for name in last.binding)
-    blocked = visited[119][2].task_errors
+    blocked = visited[99][2].task_errors
     assert min(blocked["left_hand"], blocked["right_hand"]) > 0.05
 
 
@@ -412,6 +412,20 @@ def test_fewer_rows_than_pairs_go_to_those_that_ask_for_most(limits):
     filled[400].pop("self_collision:unused")
     assert filled[3] == dict(sorted(filled[400].items(), key=lambda item: -item[1])[:3])
     assert len(filled[400]) > 3
+
+
+@pytest.mark.parametrize("where", ["position", "velocity"])
+def test_a_state_that_is_not_finite_is_refused_and_leaves_nothing_behind(bench, where):
+    g1 = bench("g1", limits=settings("g1"))
+    good = g1.controller.solve(g1.state(), g1.references())
+    names = g1.controller.formulation.row_limits[0].names
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    (q if where == "position" else v)[-3] = np.nan
+    with pytest.raises(NoSolution, match="not finite"):
+        g1.controller.solve(g1.state(q, v), g1.references())
+    again = g1.controller.solve(g1.state(), g1.references())
+    assert g1.controller.formulation.row_limits[0].names == names
+    np.testing.assert_allclose(again.tau, good.tau, atol=1e-6)
 
 
 def test_a_start_inside_of_each_other_is_recovered_from(bench):

@@ -60,6 +60,7 @@ class SelfCollisionLimit(RowLimit):
         margin: least distance, m.
         acceleration: A, m/s².
         horizon: T, at least the period, s.
+        computed: number of distances that the last cycle computed.
     """
 
     kind = "self_collision"
@@ -115,6 +116,7 @@ class SelfCollisionLimit(RowLimit):
         # Views of the placements that Pinocchio overwrites.
         self._origins = [self._data.oMg[i].translation for i in range(len(shapes))]
         self._joints = _joint_columns(model.pinocchio)
+        self.computed = 0
         self._seen: Array | None = None
         self._least = np.full(len(pairs), -np.inf)
 
@@ -191,8 +193,10 @@ class SelfCollisionLimit(RowLimit):
 
     def _reach_of(self, closing: Array, ahead: float) -> Array:
         """Distance, m, below which a pair with at most this closing speed, (k,) in m/s, may need a row."""
-        fastest = closing + _FASTER
-        return np.asarray(fastest * (fastest / (2.0 * self.acceleration) + ahead) + ahead * closing + self.margin)
+        # w_f²/(2 A) + w_f T + w T + margin, with the w_f = w + `_FASTER` that a cycle without a row may lead to.
+        half = 0.5 / self.acceleration
+        least = _FASTER * (_FASTER * half + ahead) + self.margin
+        return np.asarray((half * closing + (2.0 * half * _FASTER + 2.0 * ahead)) * closing + least)
 
     def _nearer(self, dynamics: Dynamics, pairs: np.ndarray, ahead: float) -> tuple[np.ndarray, Array]:
         """Those of some pairs that may need a row by the links' velocities too, and the distances below which they do.
