@@ -32,7 +32,7 @@ def environment() -> Path:
     """
     python, done = ENVIRONMENT / "bin" / "python", ENVIRONMENT / "installed"
     if not (done.is_file() and done.read_text(encoding="utf-8") == " ".join(REQUIREMENTS)):
-        print(f"Preparing {ENVIRONMENT.name} for tsid: about 60 MB to download, once.", file=sys.stderr)
+        print(f"Preparing {ENVIRONMENT.name} for tsid: half a gigabyte on disk, once.", file=sys.stderr)
         install = ["-m", "pip", "install", "--disable-pip-version-check", "--quiet", "--only-binary", ":all:"]
         try:
             subprocess.run([sys.executable, "-m", "venv", "--clear", ENVIRONMENT], check=True)  # noqa: S603

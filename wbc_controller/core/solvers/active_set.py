@@ -13,8 +13,8 @@ from wbc_controller.records import Array
 _GUESSES = 3
 #: Largest violation of a constraint, as DAQP has it, in the problem's units.
 _FEASIBLE = 1.0e-8
-#: Largest norm of the solution of a linear system that is not next to singular.
-_LARGEST = 1.0e6
+#: Largest norm of the solution of a linear system that is not next to singular: of usual ones it is 1e3.
+_LARGEST = 1.0e8
 
 
 class ActiveSet:
