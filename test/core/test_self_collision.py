@@ -17,7 +17,7 @@ from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.from_urdf import build_model
 from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
-from wbc_controller.core.limits.self_collision import _FASTER, RETURN_SPEED
+from wbc_controller.core.limits.self_collision import _FASTER, INEXACT, RETURN_SPEED
 from wbc_controller.core.tasks import PostureTask
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Reference, References, RobotState
@@ -26,8 +26,8 @@ from wbc_controller.settings import SelfCollisionSettings
 
 SRDF = {"g1": "", "talos": "package://example-robot-data/robots/talos_data/srdf/talos.srdf"}
 MARGIN = 0.02
-#: By how much the links may come nearer than the margin while they are flung at each other, m.
-TOLERANCE = 0.002
+#: By how much the links may come nearer than the margin while they are flung at each other, m: not at all.
+TOLERANCE = 0.0
 
 
 def settings(robot, **changes):
@@ -253,9 +253,10 @@ def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
 # The barrier. ------------------------------------------------------------------------------------------------------
 
 
-def barrier(acceleration=10.0, horizon=0.02, margin=MARGIN):
+def barrier(acceleration=10.0, horizon=0.02):
+    """A barrier at `MARGIN`, with what it keeps for inexact rows."""
     limit = SelfCollisionLimit.__new__(SelfCollisionLimit)
-    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, margin
+    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, MARGIN - INEXACT
     return limit
 
 
