@@ -28,7 +28,7 @@ LAYERS = {
     ),
     # Of core the supervisor needs the robot's limits, and ramps; never the controller whose answers it checks.
     "safety/*": (("numpy",), ("safety", "core.model", "core.limits.torque", "core.trajectories", "records", "errors")),
-    "settings.py": (("pydantic",), ("settings",)),
+    "settings/*": (("pydantic",), ("settings",)),
     "configuration.py": (("pydantic", "yaml"), ("configuration", "settings", "resources", "errors")),
     "interface.py": ((), ("interface", "records", "errors")),
 }

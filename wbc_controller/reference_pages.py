@@ -58,7 +58,7 @@ def _qos(qos: Qos) -> str:
 def configuration_page() -> str:
     """Every key of a configuration file, as Markdown."""
     parts = [
-        _GENERATED.format(source="wbc_controller/settings.py") + "# Configuration\n\n",
+        _GENERATED.format(source="wbc_controller/settings/") + "# Configuration\n\n",
         "One ROS 2 parameter file per robot; `config/g1.yaml` is an example. An unknown key is an error. "
         "`wbc check FILE` says what it finds. Keys marked *live* can be changed while the controller runs, by "
         "`~/update` or as parameters of the ROS 2 node; all others are read when it is configured.\n\n"

@@ -1,0 +1,123 @@
+"""The schema of a robot's configuration file: names, types, units, ranges and defaults.
+
+The file is a ROS 2 parameter file: ``wbc_controller: ros__parameters: …``. Unknown keys are errors.
+"""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from wbc_controller.settings.contacts import (
+    ContactSettings,
+    Coordinate,
+    Corners,
+    Direction,
+    FixedContact,
+    Length,
+    LoopSettings,
+    PointContact,
+    RollingContact,
+    SurfaceContact,
+)
+from wbc_controller.settings.limits import (
+    ActuatorTorqueSpeed,
+    LimitSettings,
+    SelfCollisionSettings,
+    TorqueSpeedSettings,
+)
+from wbc_controller.settings.robot import PassiveJointSettings, RobotSettings, TransmissionSettings
+from wbc_controller.settings.service import (
+    AuditSettings,
+    ControlSettings,
+    GuardSettings,
+    MockSettings,
+    SafetySettings,
+    SolverSettings,
+)
+from wbc_controller.settings.tasks import (
+    AngularMomentumTask,
+    AxisAlignmentTask,
+    CapturePointTask,
+    ComTask,
+    ContactWrenchTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    GazeTask,
+    LinearMomentumTask,
+    PostureTask,
+    RelativePoseTask,
+    TaskSettings,
+    TorqueTask,
+)
+from wbc_controller.settings.values import LIST, NUMBER, Section
+
+NODE_NAME = "wbc_controller"
+
+
+class Settings(Section):
+    """One robot's whole configuration."""
+
+    robot: RobotSettings
+    control: ControlSettings = ControlSettings()
+    solver: SolverSettings = SolverSettings()
+    limits: LimitSettings = LimitSettings()
+    safety: SafetySettings = SafetySettings()
+    guard: GuardSettings = GuardSettings()
+    audit: AuditSettings = AuditSettings()
+    tasks: dict[str, TaskSettings] = Field(min_length=1)
+    contacts: dict[str, ContactSettings] = Field(default_factory=dict)
+    loops: dict[str, LoopSettings] = Field(default_factory=dict)
+    mock: MockSettings = MockSettings()
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Settings:
+        both = sorted(set(self.contacts) & set(self.loops))
+        if both:
+            raise ValueError(f"loops: {', '.join(map(repr, both))} is the name of a contact too; take another one")
+        return self
+
+
+__all__ = [
+    "LIST",
+    "NODE_NAME",
+    "NUMBER",
+    "ActuatorTorqueSpeed",
+    "AngularMomentumTask",
+    "AuditSettings",
+    "AxisAlignmentTask",
+    "CapturePointTask",
+    "ComTask",
+    "ContactSettings",
+    "ContactWrenchTask",
+    "ControlSettings",
+    "Coordinate",
+    "Corners",
+    "Direction",
+    "FixedContact",
+    "FrameOrientationTask",
+    "FramePoseTask",
+    "FramePositionTask",
+    "GazeTask",
+    "GuardSettings",
+    "Length",
+    "LimitSettings",
+    "LinearMomentumTask",
+    "LoopSettings",
+    "MockSettings",
+    "PassiveJointSettings",
+    "PointContact",
+    "PostureTask",
+    "RelativePoseTask",
+    "RobotSettings",
+    "RollingContact",
+    "SafetySettings",
+    "SelfCollisionSettings",
+    "Settings",
+    "SolverSettings",
+    "SurfaceContact",
+    "TaskSettings",
+    "TorqueSpeedSettings",
+    "TorqueTask",
+    "TransmissionSettings",
+]

@@ -1,0 +1,105 @@
+"""Which limits the quadratic program holds."""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeVar
+
+from pydantic import Field, model_validator
+
+from wbc_controller.settings.values import NonNegative, Positive, Section
+
+_Curve = TypeVar("_Curve", bound="ActuatorTorqueSpeed | TorqueSpeedSettings")
+
+
+def _falling(curve: _Curve) -> _Curve:
+    if not (curve.corner < curve.no_load):
+        raise ValueError(f"no_load = {curve.no_load}: must be above corner = {curve.corner}")
+    return curve
+
+
+class ActuatorTorqueSpeed(Section):
+    """The torque-speed curve of one actuator."""
+
+    corner: Positive = Field(le=1.0e4, description="Speed up to which the effort limit is available, rad/s.")
+    no_load: Positive = Field(le=1.0e4, description="Speed at which no torque is available, rad/s.")
+
+    @model_validator(mode="after")
+    def _falls(self) -> ActuatorTorqueSpeed:
+        return _falling(self)
+
+
+class TorqueSpeedSettings(Section):
+    """What torque the motors have at which speed: in the direction of motion it falls above the corner speed."""
+
+    enabled: bool = Field(False, description="Hold the torque-speed curve.")
+    corner: Positive = Field(
+        0.5,
+        le=10.0,
+        description="Speed up to which the effort limit is available, as a share of the URDF's velocity limit.",
+    )
+    no_load: Positive = Field(
+        1.0, le=10.0, description="Speed at which no torque is available, as a share of the URDF's velocity limit."
+    )
+    actuators: dict[str, ActuatorTorqueSpeed] = Field(
+        default_factory=dict, description="Actuators with values of their own; those of `robot.transmission` need them."
+    )
+
+    @model_validator(mode="after")
+    def _falls(self) -> TorqueSpeedSettings:
+        return _falling(self)
+
+
+class SelfCollisionSettings(Section):
+    """Links that could collide are kept at a distance from each other."""
+
+    enabled: bool = Field(False, description="Keep links apart, by the collision elements of the URDF.")
+    margin: Annotated[Positive, Field(le=0.5)] = Field(0.02, description="Least distance, m.")
+    acceleration: Annotated[Positive, Field(le=1.0e3)] = Field(
+        20.0,
+        description="Deceleration with which links have to be able to stop before the margin, m/s²: choose what the "
+        "motors can do with the arm stretched out.",
+    )
+    horizon: NonNegative = Field(
+        0.02,
+        le=1.0,
+        description="Time over which the limit looks ahead, at least one period, s, as `position_horizon`.",
+    )
+    max_pairs: int = Field(12, ge=1, le=200, description="Number of pairs that are held in one cycle: the most urgent.")
+    srdf: str = Field(
+        "", description="An SRDF, in the form of `robot.urdf`: pairs that it disables are not held. Empty: none."
+    )
+    visual: list[str] = Field(
+        default_factory=list,
+        description="Links of which the visual elements count too: those that have no collision elements.",
+    )
+    pairs: list[str] = Field(
+        default_factory=list,
+        description="The pairs to be held, each `<link>/<link>`. Empty: all but links that carry each other by "
+        "one or two joints, those that the SRDF disables, and those nearer than the margin in `robot.posture`.",
+    )
+
+
+class LimitSettings(Section):
+    """Which limits the quadratic program holds. Torque limits always apply."""
+
+    live = ("position_margin", "position_horizon", "velocity_scale", "acceleration", "torque_rate")
+
+    position: bool = Field(True, description="Hold the URDF's joint position limits.")
+    position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from them, rad.")
+    position_horizon: NonNegative = Field(
+        0.02,
+        le=1.0,
+        description="Time over which the position limits look ahead, at least one period, s: a longer one brakes "
+        "earlier, and is softer against noise in the measured positions.",
+    )
+    velocity: bool = Field(True, description="Hold the URDF's joint velocity limits.")
+    velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Share of them that may be used.")
+    acceleration: Positive = Field(
+        200.0,
+        le=1.0e5,
+        description="Largest joint acceleration, rad/s². With it a joint has to be able to brake before its position "
+        "limit: choose what the motors can do.",
+    )
+    torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
+    self_collision: SelfCollisionSettings = Field(SelfCollisionSettings(), description="Distances between links.")
+    torque_speed: TorqueSpeedSettings = Field(TorqueSpeedSettings(), description="Torque-speed curve of the motors.")
