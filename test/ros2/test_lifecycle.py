@@ -26,6 +26,9 @@ except ImportError as error:
 from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.records import Mode
 from wbc_controller.ros2.controller_node import ControllerNode
+from wbc_controller.ros2.declaration import values
+from wbc_controller.ros2.parameters import settings_from
+from wbc_controller.settings import Settings
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
@@ -235,6 +238,19 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
     assert (com.weight, com.stiffness) == (3.0, 70.0)
 
 
+@pytest.mark.parametrize("given", [{"robot": "go2"}, {"config": str(find_configuration("go2"))}])
+def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
+    node = make_node(**given, tasks__com__weight=3.0)
+    assert node.trigger_configure() == SUCCESS
+    dumped = values(node)
+    names = set(dumped)
+    assert len(names) > 60
+    assert not [name for name in names for upper in names if name.startswith(f"{upper}.")]
+    assert settings_from(dumped, "/wbc_controller", [], node._own)[0] == Settings.model_validate(
+        node._loop.tuner.settings.model_dump()
+    )
+
+
 def test_what_an_update_changes_is_shown(make_node, spin, context):
     node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
     executor = spin(node, user)
@@ -244,6 +260,7 @@ def test_what_an_update_changes_is_shown(make_node, spin, context):
     within(10, lambda: publish.get_subscription_count() == 1)
     publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
     within(10, lambda: node.get_parameter("tasks.com.stiffness").value == 33.0)
+    assert not node.has_parameter("robot.joints")  # beside robot
 
 
 def test_a_command_sent_before_activation_is_not_obeyed_later(make_node, spin, context, log):

@@ -20,7 +20,7 @@ def declare(node: Any, parameters: dict[str, tuple[Any, str]]) -> tuple[str, ...
         descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
         if node.has_parameter(name):
             node.set_descriptor(name, descriptor)
-        else:
+        elif name != ROBOT:  # beside robot.urdf and the like it would keep `ros2 param dump` from its work
             node.declare_parameter(name, default, descriptor)
     return tuple(parameters)
 

@@ -38,8 +38,10 @@ class LiveParameters:
 
     def show(self, tuner: Tuner) -> None:
         """Declare the settings as parameters; from now on they are changed live."""
-        settings = {key: (value, ParameterDescriptor(description=description, dynamic_typing=True))
-                    for key, value, description in flat(tuner.settings)}  # fmt: skip
+        settings = {
+            key: (value, ParameterDescriptor(description=description, dynamic_typing=True))
+            for key, value, description in self._showable(tuner)
+        }
         for key, (_, descriptor) in settings.items():
             if self._node.has_parameter(key):
                 self._node.set_descriptor(key, descriptor)
@@ -56,6 +58,11 @@ class LiveParameters:
             if self._node.has_parameter(key) and _plain(self._node.get_parameter(key).value) == value:
                 self._node.undeclare_parameter(key)
         self._shown = {}
+
+    def _showable(self, tuner: Tuner) -> list[tuple[str, Any, str]]:
+        """The settings, but for the section of a name that has a value: `ros2 param dump` cannot write both."""
+        named = self._node.has_parameter(ROBOT)
+        return [each for each in flat(tuner.settings) if not (named and each[0].startswith(f"{ROBOT}."))]
 
     def _change(self, parameters: Sequence[Any]) -> dict[str, Any]:
         return {each.name: each.value for each in parameters if is_of_the_robot(each.name, self._own)}
@@ -95,7 +102,7 @@ class LiveParameters:
         node = self._node
         changed = [
             Parameter(key, value=value)
-            for key, value, _ in flat(self._tuner.settings)
+            for key, value, _ in self._showable(self._tuner)
             if not node.has_parameter(key) or _plain(node.get_parameter(key).value) != value
         ]
         if changed:
