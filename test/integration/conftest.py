@@ -249,7 +249,7 @@ def _on_dds(request: pytest.FixtureRequest) -> Iterator[User]:
     processes = request.getfixturevalue("processes")
     user = request.getfixturevalue("dds_user")
     processes.start("mock", ROBOT)
-    processes.start("run", ROBOT)
+    processes.start("run", ROBOT, "--use-sim-time")
     yield user
 
 
