@@ -14,7 +14,7 @@ from wbc_controller.signals import set_by_signals
 WAITING = """
 import os, signal, threading, time
 from wbc_controller.signals import set_by_signals
-for _ in range(150):
+for _ in range(60):
     stop = threading.Event()
     with set_by_signals(stop):
         threading.Timer(0.001, os.kill, (os.getpid(), signal.SIGINT)).start()
