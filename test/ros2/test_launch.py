@@ -282,3 +282,19 @@ def test_two_robots_in_one_graph(environment, user):
         outputs = [process.communicate(timeout=20)[0] for process in processes]
         print(said, *outputs)  # shown by pytest where the test fails
     assert all(output.count("process has finished cleanly") == 2 for output in outputs)
+
+
+def test_the_launch_file_for_a_robot_that_is_there(environment, stand_in):
+    notes = [stand_in("wbc_controller", "wbc_controller"), stand_in("wbc_controller", "guard")]
+    process = launch(
+        environment, "config:=my.yaml", "odom:=/estimator/odom", "effort:=/torques", "guard:=true", "namespace:=r4",
+        "use_sim_time:=true", file="robot.launch.py",
+    )  # fmt: skip
+    wait_for(notes, process)
+    controller, guard = (file.read_text() for file in notes)
+    for text in (controller, guard):
+        assert "effort_controller/commands:=/torques" in text
+        assert "__ns:=/r4" in text
+        assert "config: my.yaml" in text
+    assert "odom:=/estimator/odom" in controller
+    assert "use_sim_time: true" in controller

@@ -211,6 +211,7 @@ def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
         ("robot.joints", ["a"], "robot.posture has"),
         ("control.rate", 100.0, "control.rate: read only when the controller is configured"),
         ("robot", "talos", "robot: read only when the node is configured"),
+        ("use_sim_time", True, "use_sim_time: read only when the node is configured"),
     ):
         before = node.get_parameter_or(name).value
         reason = set_one(node, name, value)

@@ -70,7 +70,7 @@ class LiveParameters:
     def _check(self, parameters: Sequence[Any]) -> Any:
         if self._tuner is None:
             return SetParametersResult(successful=True)
-        fixed = [each.name for each in parameters if each.name in (ROBOT, CONFIG)]
+        fixed = [each.name for each in parameters if each.name in (ROBOT, CONFIG, "use_sim_time")]
         try:
             if fixed:
                 raise ConfigurationError(f"{', '.join(fixed)}: read only when the node is configured")
