@@ -30,24 +30,24 @@ def configuration(*, strict: bool) -> Settings:
     return Settings.model_validate(values)
 
 
-def reach(*, strict: bool) -> tuple[float, float, Simulation]:
-    """Reach for 2.5 s; gives how far hand and centre of mass went ahead, m."""
+def reach(seconds: float, *, strict: bool) -> tuple[float, float, Simulation]:
+    """Reach for a while; gives how far hand and centre of mass went ahead, m."""
     robot = Simulation(configuration(strict=strict))
     dynamics = robot.controller.dynamics
     hand = robot.controller.tasks["left_hand"]
     robot.run(0.1)
     start, com = hand.position(dynamics), np.array(dynamics.com)
     robot.apply(EnableTask("left_hand", True), SetSetpoint("left_hand", start + np.array([FAR, 0.0, 0.0])))
-    robot.run(2.5)
+    robot.run(seconds)
     return float((hand.position(dynamics) - start)[0]), float((dynamics.com - com)[0]), robot
 
 
 def main() -> int:
     """Reach with priorities and without; 0 where all targets are met."""
-    hand, com, robot = reach(strict=True)
+    hand, com, robot = reach(2.0, strict=True)
     for level in robot.solution.levels:
         print(f"{', '.join(level.tasks)}: cost {level.cost:.3g}, {level.iterations} iterations")
-    _, weighted_com, _ = reach(strict=False)
+    _, weighted_com, _ = reach(1.5, strict=False)
     targets = [
         ("centre of mass ahead, with levels", 1e3 * com, 0.0, 1e3 * TOLERANCE + 2.0, "mm"),
         ("hand ahead, with levels", 1e3 * hand, 1e3 * FAR - 5.0, 1e3 * FAR + 5.0, "mm"),
