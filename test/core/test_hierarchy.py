@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.core.hierarchy import Hierarchy
-from wbc_controller.core.problem import Level, QuadraticProgram
+from wbc_controller.core.problem import Level, Quadratic, QuadraticProgram
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import ConfigurationError
 
@@ -26,7 +26,7 @@ def level(name, rows, right, n, band=None):
     half = np.zeros(0) if band is None else band
     A, b = exact
     return Level(
-        (name,), A.T @ A + EPSILON * np.eye(n), -A.T @ b, 0.5 * b @ b, A, G, middle - half, middle + half
+        (name,), Quadratic(A.T @ A + EPSILON * np.eye(n), -A.T @ b), 0.5 * b @ b, A, G, middle - half, middle + half
     )  # fmt: skip
 
 

@@ -497,7 +497,7 @@ class TwoArms:
         bounds = self.formulation.motion_limit.bounds
 
         def braked(q, v, period):
-            lower, upper = bounds(q, v, period)
+            lower, upper = np.array(bounds(q, v, period))
             lower[list(joints)] = upper[list(joints)] = 0.0
             return lower, upper
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import qpsolvers
 
-from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.problem import QuadraticProgram, Squares
 from wbc_controller.core.solvers import available_solvers, make_solver
 from wbc_controller.core.solvers.active_set import ActiveSet
 from wbc_controller.core.solvers.factory import require_solver
@@ -14,7 +14,7 @@ pytestmark = [
 ]
 SOLVERS = available_solvers()
 PERSISTENT = ("daqp", "osqp", "proxqp")
-FIELDS = QuadraticProgram.__dataclass_fields__
+FIELDS = ("H", "g", "A", "b", "C", "bounds", "lower", "upper", "x_lower", "x_upper")
 
 
 def random_problem(rng, n=20, equalities=5, inequalities=15):
@@ -241,37 +241,80 @@ def test_all_solvers_agree_on_the_standing_robot(bench, robot, name):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
-    """From the right one at once; from none, all, or the wrong side either by mending it, or there is no answer."""
+    """The right one does; none, all of them, or the wrong sides do only if they are the right one."""
     problem = random_problem(np.random.default_rng(seed))
     expected = reference_answer(problem)
     answer = make_solver("daqp", problem).solve(problem)
-    sizes = len(problem.g), len(problem.b), len(problem.upper)
-    active_set = ActiveSet(*sizes)
+    active_set = active_set_of(problem)
     active_set.learn(answer.multipliers)
     guessed = active_set.solve(problem)
     assert guessed.iterations == 1
     np.testing.assert_allclose(guessed.x, expected, atol=1e-7)
     np.testing.assert_allclose(guessed.multipliers, answer.multipliers, atol=1e-6)
-    for start in (0.0 * guessed.multipliers, -guessed.multipliers, np.where(guessed.multipliers == 0.0, 0.0, 1.0)):
-        active_set.learn(start)
-        mended = active_set.solve(problem)
-        if mended is not None:
-            np.testing.assert_allclose(mended.x, expected, atol=1e-7)
+    assert guessed.multipliers.any()
+    for wrong in (0.0 * guessed.multipliers, -guessed.multipliers, np.where(guessed.multipliers == 0.0, 0.0, 1.0)):
+        if (np.sign(wrong) != np.sign(guessed.multipliers)).any():
+            active_set.learn(wrong)
+            assert active_set.solve(problem) is None
+
+
+def active_set_of(problem):
+    return ActiveSet(len(problem.g), len(problem.b), len(problem.upper))
+
+
+def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4):
+    """Such as the controller makes them: few rows, and a diagonal that leaves out the first columns."""
+    problem = QuadraticProgram.empty(n, equalities, inequalities, rows)
+    problem.stack[equalities:] = R = rng.normal(size=(rows, n))
+    problem.A[:], inside = rng.normal(size=(equalities, n)), rng.normal(size=n)
+    problem.b[:], problem.C[:] = problem.A @ inside, rng.normal(size=(inequalities, n))
+    problem.upper[:] = problem.C @ inside + rng.uniform(0.0, 0.3, inequalities)
+    problem.x_lower[first::3] = inside[first::3] - 0.1
+    problem.g[:] = 10.0 * rng.normal(size=n)
+    diagonal, inverse = np.zeros(n), np.zeros(n)
+    diagonal[first:] = 10.0 ** rng.uniform(-3.0, 1.0, n - first)
+    inverse[first:] = 1.0 / diagonal[first:]
+    problem.cost.squares = Squares(problem.stack, R, first, diagonal, inverse)
+    return problem, R.T @ R + np.diag(diagonal)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
+    """Without active inequalities and with them, bounds and rows."""
+    problem, H = squares_problem(np.random.default_rng(seed))
+    squares = problem.cost.squares
+    np.testing.assert_allclose(problem.H, H, rtol=1e-14, atol=1e-14)
+    assert problem.cost.squares is None
+    multipliers = make_solver("daqp", problem).solve(problem).multipliers
+    unbounded = problem.copy()
+    unbounded.bounds[0], unbounded.bounds[1] = -np.inf, np.inf
+    assert multipliers[: len(problem.g)].any()
+    assert multipliers[len(problem.g) :].any()
+    for posed, learnt in ((problem, multipliers), (unbounded, 0.0 * multipliers)):
+        active_set = active_set_of(posed)
+        active_set.learn(learnt)
+        whole = active_set.solve(posed)
+        posed.cost.squares = squares
+        smaller = active_set.solve(posed)
+        assert posed.cost.squares is squares  # H was not formed
+        size = max(1.0, np.abs(whole.x).max())
+        np.testing.assert_allclose(smaller.x, whole.x, atol=1e-9 * size)
+        np.testing.assert_allclose(smaller.multipliers, whole.multipliers, atol=1e-8 * max(1.0, np.abs(learnt).max()))
+        assert smaller.objective == pytest.approx(posed.objective(whole.x), rel=1e-9)
 
 
 def test_the_active_set_is_followed_without_a_search():
     rng = np.random.default_rng(7)
     problem = random_problem(rng)
-    sizes = len(problem.g), len(problem.b), len(problem.upper)
-    active_set = ActiveSet(*sizes)
+    active_set = active_set_of(problem)
     active_set.learn(make_solver("daqp", problem).solve(problem).multipliers)
-    found = [active_set.solve(problem := drift(problem, rng)) for _ in range(25)]
+    found = [active_set.solve(problem := drift(problem, rng, size=0.001)) for _ in range(25)]
     assert sum(answer is not None for answer in found) >= 23
 
 
 def test_an_active_set_beyond_what_determines_x_is_given_up():
     problem = random_problem(np.random.default_rng(0))
-    active_set = ActiveSet(len(problem.g), len(problem.b), len(problem.upper))
+    active_set = active_set_of(problem)
     active_set.learn(np.ones(len(problem.g) + len(problem.upper)))
     assert active_set.solve(problem) is None
     problem.A[1] = problem.A[0]  # a singular system

@@ -33,7 +33,7 @@ class Dynamics:
         self._pin = model.pinocchio
         self._data = model.pinocchio.createData()
         self._zero = np.zeros(model.nv)
-        self._mass = pin.computeTotalMass(model.pinocchio)
+        self._mass = np.array(pin.computeTotalMass(model.pinocchio))
         self.q: Array
         self.v: Array
         # Pinocchio's data stay where they are: views of them are made once.
@@ -48,6 +48,7 @@ class Dynamics:
         self.com_drift = np.zeros(3)
         self.centroidal_matrix: Array = data.Ag
         self.centroidal_drift: Array = data.dhg.vector
+        self._linear_matrix, self._linear_drift = self.centroidal_matrix[:3], self.centroidal_drift[:3]
         self._placements: list[pin.SE3] = list(data.oMf)
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
@@ -71,8 +72,8 @@ class Dynamics:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
-        np.divide(self.centroidal_matrix[:3], self._mass, out=self.com_jacobian)
-        np.divide(self.centroidal_drift[:3], self._mass, out=self.com_drift)
+        np.divide(self._linear_matrix, self._mass, out=self.com_jacobian)
+        np.divide(self._linear_drift, self._mass, out=self.com_drift)
 
     @property
     def joint_jacobians(self) -> Array:

@@ -12,12 +12,14 @@ from wbc_controller.core.cost import LevelCost
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import FORCE_UNIT, Layout
+from wbc_controller.core.problem import FORCE_UNIT, Layout, Quadratic
 from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.records import Array, References, RobotState, Tuning
 
 #: Weight of what relaxed limits ask for, (m/s²)⁻².
 _RELAXED = 1.0e4
+#: As an array: of a number one is made in every product.
+_TO_FORCES = np.array(-FORCE_UNIT)
 
 
 class Formulation:
@@ -94,7 +96,7 @@ class Formulation:
         """Columns, rows and arrays of the problem with one set of made contacts."""
         if names not in self._layouts:
             contacts = [self.contacts[name] for name in names]
-            self._layouts[names] = Layout(self.model, contacts, self.row_limits)
+            self._layouts[names] = Layout(self.model, contacts, self.row_limits, self._costs[0].rows)
         return self._layouts[names]
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
@@ -135,11 +137,12 @@ class Formulation:
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
     def _fill_cost(self, layout: Layout, references: References) -> None:
-        H, g = layout.problem.H, layout.problem.g
+        program, n = layout.problem.cost, len(layout.problem.g)
         first, *below = self._costs
-        layout.levels = [first.fill(layout, H, g, self.dynamics, references)]
+        layout.levels = [first.fill(layout, program, self.dynamics, references)]
         for cost in below:
-            layout.levels.append(cost.fill(layout, np.zeros_like(H), np.zeros_like(g), self.dynamics, references))
+            empty = Quadratic(np.zeros((n, n)), np.zeros(n))
+            layout.levels.append(cost.fill(layout, empty, self.dynamics, references))
 
     @property
     def task_errors(self) -> dict[str, float]:
@@ -149,17 +152,14 @@ class Formulation:
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
         h = self.bias(references)
-        forces_to_motion = -FORCE_UNIT * layout.J.T
         actuation, unactuated, torque = model.actuation, layout.unactuated, layout.torque
-        accelerations, forces = layout.acceleration_columns, layout.force_columns
-        problem.A[unactuated, accelerations] = actuation.unactuated(dynamics.M)
-        problem.A[unactuated, forces] = actuation.unactuated(forces_to_motion)
-        problem.b[unactuated] = -actuation.unactuated(h)
-        problem.C[torque, accelerations] = actuation.torques(dynamics.M)
-        problem.C[torque, forces] = actuation.torques(forces_to_motion)
-        bias = actuation.torques(h)
+        layout.free_motion[:] = actuation.unactuated(dynamics.M)
+        np.multiply(actuation.unactuated(layout.J_transposed), _TO_FORCES, out=layout.free_forces)
+        np.negative(actuation.unactuated(h), out=problem.b[unactuated])
+        layout.torque_motion[:] = actuation.torques(dynamics.M)
+        np.multiply(actuation.torques(layout.J_transposed), _TO_FORCES, out=layout.torque_forces)
+        layout.torque_bias[:] = bias = actuation.torques(h)
         lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
-        layout.torque_bias[:] = bias
         np.subtract(lower, bias, out=problem.lower[torque])
         np.subtract(upper, bias, out=problem.upper[torque])
 
@@ -176,8 +176,7 @@ class Formulation:
         problem, dynamics, J = layout.problem, self.dynamics, layout.J
         for contact, rows in zip(layout.contacts, layout.force_rows, strict=True):
             J[rows] = contact.jacobian(dynamics)
-        problem.A[layout.mechanism.stop :, layout.acceleration_columns] = J
-        velocity = J @ dynamics.v
+        velocity = J.dot(dynamics.v)
         b = problem.b[layout.mechanism.stop :]
         for i, (contact, rows) in enumerate(zip(layout.contacts, layout.force_rows, strict=True)):
             b[rows] = contact.acceleration(dynamics, velocity[rows])
@@ -189,9 +188,10 @@ class Formulation:
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
-        lower, upper = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
-        problem.x_lower[model.v_places] = lower
-        problem.x_upper[model.v_places] = upper
+        bounds = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
+        if bounds is not layout.motion_bounds:  # they do not always depend on the state
+            problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
+            layout.motion_bounds = bounds
 
     def _fill_row_limits(self, layout: Layout) -> None:
         problem = layout.problem
@@ -232,6 +232,7 @@ class Formulation:
         if what == "joint_motion":
             problem.x_lower[layout.joints] = -np.inf
             problem.x_upper[layout.joints] = np.inf
+            layout.motion_bounds = None
         elif what != "torque_rate":
             for limit, rows in zip(layout.row_limits, layout.limits, strict=True):
                 if limit.kind == what:

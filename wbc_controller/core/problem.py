@@ -23,14 +23,64 @@ FORCE_UNIT = 100.0
 
 
 @dataclass(slots=True)
+class Squares:
+    """H = RᵀR + diag(d): the rows of least squares that it was made of.
+
+    Attributes:
+        stack: the equalities' A with R below it, (m_eq + r, n).
+        rows: R, (r, n).
+        first: how many columns come first in which d is 0.
+        diagonal: d, (n,), positive in the others.
+        inverse: d⁻¹, and 0 where d is 0, (n,).
+    """
+
+    stack: Array
+    rows: Array
+    first: int
+    diagonal: Array
+    inverse: Array
+
+
+class Quadratic:
+    """½ xᵀHx + gᵀx, where H is not formed before it is asked for: mostly the squares that it is made of are enough.
+
+    Attributes:
+        g: (n,).
+        squares: of H, as long as it was not asked for.
+    """
+
+    __slots__ = ("_H", "g", "squares")
+
+    def __init__(self, H: Array, g: Array) -> None:
+        self._H = H
+        self.g = g
+        self.squares: Squares | None = None
+
+    @property
+    def H(self) -> Array:
+        """(n, n), symmetric positive definite; from now on it is what counts, and may be changed in place."""
+        if self.squares is not None:
+            R = self.squares.rows
+            np.matmul(R.T, R, out=self._H)
+            self._H.reshape(-1)[:: len(self.g) + 1] += self.squares.diagonal
+            self.squares = None
+        return self._H
+
+    def add(self, rows: Array, right: Array) -> None:
+        """Add ½ ‖rows x - right‖² but for its constant, in place: rows (k, n), right (k,)."""
+        H = self.H
+        H += rows.T @ rows
+        self.g -= rows.T @ right
+
+
+@dataclass(slots=True)
 class QuadraticProgram:
     """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
 
     The arrays are filled anew in every cycle; a solver may read them, and must not keep them.
 
     Attributes:
-        H: (n, n), symmetric positive definite.
-        g: (n,).
+        cost: ½ xᵀHx + gᵀx.
         A: (m_eq, n).
         b: (m_eq,).
         C: (m_in, n).
@@ -39,14 +89,15 @@ class QuadraticProgram:
         upper: likewise.
         x_lower: the part of it for x, (n,).
         x_upper: likewise.
+        stack: memory of which A is the beginning, with room below for rows of the cost.
     """
 
-    H: Array
-    g: Array
+    cost: Quadratic
     A: Array
     b: Array
     C: Array
     bounds: Array
+    stack: Array | None = None
     lower: Array = field(init=False)
     upper: Array = field(init=False)
     x_lower: Array = field(init=False)
@@ -58,12 +109,13 @@ class QuadraticProgram:
         self.lower, self.upper = self.bounds[:, n:]
 
     @classmethod
-    def empty(cls, n: int, equalities: int, inequalities: int) -> QuadraticProgram:
-        """Allocate a problem without bounds."""
+    def empty(cls, n: int, equalities: int, inequalities: int, rows: int = 0) -> QuadraticProgram:
+        """Allocate a problem without bounds, with room for some rows of the cost."""
+        stack = np.zeros((equalities + rows, n))
         return cls(
-            H=np.zeros((n, n)),
-            g=np.zeros(n),
-            A=np.zeros((equalities, n)),
+            cost=Quadratic(np.zeros((n, n)), np.zeros(n)),
+            stack=stack,
+            A=stack[:equalities],
             b=np.zeros(equalities),
             C=np.zeros((inequalities, n)),
             bounds=np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
@@ -71,7 +123,18 @@ class QuadraticProgram:
 
     def copy(self) -> QuadraticProgram:
         """A copy that the next cycle does not overwrite."""
-        return QuadraticProgram(*(part.copy() for part in (self.H, self.g, self.A, self.b, self.C, self.bounds)))
+        cost = Quadratic(self.H.copy(), self.g.copy())
+        return QuadraticProgram(cost, *(part.copy() for part in (self.A, self.b, self.C, self.bounds)))
+
+    @property
+    def H(self) -> Array:
+        """(n, n), symmetric positive definite."""
+        return self.cost.H
+
+    @property
+    def g(self) -> Array:
+        """(n,)."""
+        return self.cost.g
 
     @property
     def is_finite(self) -> bool:
@@ -82,10 +145,10 @@ class QuadraticProgram:
 
     def residuals(self, x: Array) -> Residuals:
         """How well x meets the constraints."""
-        value = np.concatenate((x, self.C @ x))
+        value = np.concatenate((x, self.C.dot(x)))  # `dot` of a vector takes two thirds of the time of @
         room = value - self.bounds
         np.negative(room[1], out=room[1])
-        equalities = np.abs(self.A @ x - self.b)
+        equalities = np.abs(self.A.dot(x) - self.b)
         least = float(np.minimum.reduce(room, axis=None, initial=np.inf))
         off = float(np.maximum.reduce(equalities, initial=0.0))
         violation = max(0.0, -least, off) if least == least and off == off else math.nan  # max loses a NaN
@@ -125,8 +188,7 @@ class Level:
 
     Attributes:
         tasks: names of the tasks that take part in this cycle.
-        H: (n, n), the regularization included, so that it is positive definite.
-        g: (n,).
+        cost: ½ xᵀHx + gᵀx, the regularization included, so that H is positive definite.
         constant: makes the cost the sum of squares that it is.
         kept: rows of the tasks' least-squares problem, weighted, (r, n): what no level below may change. Empty where
             there is no level below.
@@ -136,13 +198,22 @@ class Level:
     """
 
     tasks: tuple[str, ...]
-    H: Array
-    g: Array
+    cost: Quadratic
     constant: float
     kept: Array
     G: Array
     lower: Array
     upper: Array
+
+    @property
+    def H(self) -> Array:
+        """(n, n), positive definite."""
+        return self.cost.H
+
+    @property
+    def g(self) -> Array:
+        """(n,)."""
+        return self.cost.g
 
     def add(self, rows: Array, right: Array, *, kept: bool) -> None:
         """Add ½ ‖rows x - right‖² to the cost, in place: rows (k, n), right (k,).
@@ -152,8 +223,7 @@ class Level:
             right: weighted.
             kept: whether there is a level below, which may not change them.
         """
-        self.H += rows.T @ rows
-        self.g -= rows.T @ right
+        self.cost.add(rows, right)
         self.constant += 0.5 * float(right @ right)
         if kept:
             self.kept = np.vstack([self.kept, rows])
@@ -183,7 +253,9 @@ class Layout:
             problem's.
     """
 
-    def __init__(self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = ()) -> None:
+    def __init__(
+        self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
+    ) -> None:
         nv, na = model.nv, model.na
         self.contacts = tuple(contacts)
         sizes = [contact.size for contact in contacts]
@@ -209,19 +281,27 @@ class Layout:
         for limit in limits:
             self.limits.append(slice(inequality, inequality + len(limit.names)))
             inequality += len(limit.names)
-        self.problem = QuadraticProgram.empty(nv + nf, row, inequality)
+        self.problem = QuadraticProgram.empty(nv + nf, row, inequality, cost_rows)
         self.problem.A[self.unactuated.stop : self.mechanism.stop, :nv] = coupling  # C v̇ = 0
         for contact, columns, rows in zip(contacts, self.forces, self.cones, strict=True):
             self.problem.C[rows, columns] = contact.cone
             self.problem.upper[rows] = 0.0
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
-        self.J = np.zeros((nf, nv))  # stacked contact Jacobians
+        self.acceleration_columns = slice(0, nv)
+        self.force_columns = slice(nv, nv + nf)
+        self.J = self.problem.A[self.mechanism.stop :, self.acceleration_columns]  # stacked contact Jacobians
+        # The parts of the equations of motion: those without actuators, and those that give the torques.
+        self.free_motion = self.problem.A[self.unactuated, self.acceleration_columns]
+        self.free_forces = self.problem.A[self.unactuated, self.force_columns]
+        self.torque_motion = self.problem.C[self.torque, self.acceleration_columns]
+        self.torque_forces = self.problem.C[self.torque, self.force_columns]
+        self.J_transposed = self.J.T
+        #: Bounds of the joints' accelerations that stand in the problem.
+        self.motion_bounds: tuple[Array, Array] | None = None
         #: Bounds of each contact's force that stand in the problem.
         self.force_bounds: list[tuple[Array, Array] | None] = [None for _ in contacts]
         self.force_rows = [slice(columns.start - nv, columns.stop - nv) for columns in self.forces]
-        self.acceleration_columns = slice(0, nv)
-        self.force_columns = slice(nv, nv + nf)
         self.key = tuple(contact.name for contact in contacts)
         self.labels = self._labels(model)
 

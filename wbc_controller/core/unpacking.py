@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TypedDict
 
 import numpy as np
 
 from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.problem import FORCE_UNIT, Layout, Residuals
-from wbc_controller.records import Array, References, freeze, frozen, frozen_mapping
+from wbc_controller.records import Array, References, freeze, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
 #: Largest size of a bound, so that one at infinity is never binding.
 _LARGEST = 1.0e9
+_NONE: Mapping[str, Array] = MappingProxyType({})
 
 
 class Unpacked(TypedDict):
@@ -50,27 +53,27 @@ def unpack(
     nv, n = formulation.model.nv, len(x)
     equalities, stop = residuals.equalities, layout.mechanism.stop
     torques = residuals.value[n + layout.torque.start : n + layout.torque.stop]
-    x = frozen(x)
+    x = freeze(x)
     forces = freeze(FORCE_UNIT * x[nv:])
     return {
         "v_dot": x[:nv],
         "tau": freeze(torques + layout.torque_bias),
-        "forces": frozen_mapping(
+        "forces": MappingProxyType(
             {
                 contact.name: forces[columns.start - nv : columns.stop - nv]
                 for contact, columns in zip(layout.contacts, layout.forces, strict=True)
             }
         ),
-        "residuals": frozen_mapping(
+        "residuals": MappingProxyType(
             {
                 "equations_of_motion": float(np.maximum.reduce(equalities[:stop], initial=0.0)),
                 "contact_motion": float(np.maximum.reduce(equalities[stop:], initial=0.0)),
                 "inequalities": max(0.0, -residuals.least_room),
             }
         ),
-        "task_errors": frozen_mapping(_task_errors(formulation, layout, x, references)),
-        "binding": frozen_mapping(_binding(layout, residuals, multipliers)),
-        "external_wrenches": frozen_mapping(references.external_wrenches),
+        "task_errors": MappingProxyType(_task_errors(formulation, layout, x, references)),
+        "binding": MappingProxyType(_binding(layout, residuals, multipliers)),
+        "external_wrenches": frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
     }
 
 
@@ -87,8 +90,9 @@ def _task_errors(formulation: Formulation, layout: Layout, x: Array, references:
 
 def _binding(layout: Layout, residuals: Residuals, multipliers: Array) -> dict[str, float]:
     """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
-    # Mostly none does, and that is seen at once: no bound that is close to its value is larger than about the largest.
-    if residuals.least_room > 2.0 * _BINDING * (1.0 + float(np.abs(residuals.value).max())):
+    # Mostly none does, and that is seen at once: no bound that is close to its value is larger than about the largest,
+    # and none of these is larger than their norm.
+    if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(residuals.value.dot(residuals.value))):
         return {}
     size = np.minimum(np.maximum(np.abs(layout.problem.bounds), 1.0), _LARGEST)
     sides, rows = (residuals.room <= _BINDING * size).nonzero()

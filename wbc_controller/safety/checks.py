@@ -51,7 +51,7 @@ def torques_usable(
     else:
         lower, upper = available
         good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
-    if good.all():
+    if np.count_nonzero(good) == len(good):
         return None
     lower, upper = (-limits, limits) if available is None else available
     bound = np.where(tau < 0.0, -lower, upper)

@@ -71,6 +71,7 @@ class Supervisor:
         self._since = 0.0  # when the present mode began, s
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
+        self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._held = self._tau  # the torques at the start of holding
         self._q_index, self._v_index = model.q_places, model.v_places
         self._nan = frozen(np.full(model.nj, np.nan))
@@ -257,12 +258,12 @@ class Supervisor:
         step = (limits.torque_rate * limits.period) * model.effort_limits
         # np.clip does the same in five times as long.
         tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
-        lower, upper = self._available(joint_velocity) or (-model.effort_limits, model.effort_limits)
-        tau = np.minimum(np.maximum(tau, lower), upper)  # last: what a motor has not got no rate can give it
+        lower, upper = self._available(joint_velocity) or self._effort_limits
+        tau = freeze(np.minimum(np.maximum(tau, lower), upper))  # last: what a motor has not got no rate can give it
         self._tau = tau
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:
             period = limits.period
             v_desired = freeze(state.v[self._v_index] + period * solution.v_dot[self._v_index])
             q_desired = freeze(state.q[self._q_index] + period * v_desired)
-        return JointCommand(state.stamp if state is not None else 0, frozen(tau), q_desired, v_desired)
+        return JointCommand(state.stamp if state is not None else 0, tau, q_desired, v_desired)

@@ -6,7 +6,7 @@ import numpy as np
 
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.records import Array, Tuning
+from wbc_controller.records import Array, Tuning, frozen
 
 #: Time constant of the way back of a joint that is beyond its position limit, s: gentle, as it may start there.
 RETURN_TIME = 0.1
@@ -75,6 +75,8 @@ class JointMotionLimit:
         self.velocity = velocity
         self.acceleration = acceleration
         self.horizon = horizon
+        self._widest = (frozen([]), frozen([]))
+        self._widest_of = (0, 0.0)
 
     @classmethod
     def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
@@ -104,10 +106,18 @@ class JointMotionLimit:
             q: joint positions, (nj,) in rad.
             v: joint velocities, (nj,) in rad/s.
             period: time for which an acceleration is held, s.
+
+        Returns:
+            The same pair for every state, where neither positions nor velocities are limited.
         """
         most = self.acceleration
         if self.velocity is None:
-            lower, upper = np.full(len(q), -most), np.full(len(q), most)
+            if self._widest_of != (len(q), most):
+                self._widest_of = (len(q), most)
+                self._widest = (frozen(np.full(len(q), -most)), frozen(np.full(len(q), most)))
+            if self._limits is None:
+                return self._widest
+            lower, upper = self._widest
         else:
             lower = _within((-self.velocity - v) / period, most)
             upper = _within((self.velocity - v) / period, most)

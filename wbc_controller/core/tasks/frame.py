@@ -29,7 +29,7 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
 
 
 def _turn(rotation: Array, reference: Array) -> Array:
-    error: Array = pin.log3(reference @ rotation.T)
+    error: Array = pin.log3(reference.dot(rotation.T))
     return error
 
 

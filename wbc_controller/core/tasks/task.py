@@ -11,7 +11,7 @@ import numpy as np
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.problem import Layout
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.records import Array, Reference
+from wbc_controller.records import Array, Reference, frozen
 
 #: A gain: one number, or one for each axis.
 Gains = float | Sequence[float]
@@ -63,6 +63,7 @@ class Task(ABC):
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
         self.rows = np.flatnonzero(np.asarray(mask))
+        self._whole = len(self.rows) == len(mask)
 
     @property
     def gains(self) -> Mapping[str, Array]:
@@ -128,8 +129,8 @@ class AccelerationTask(Task):
 
     def rest(self, dynamics: Dynamics) -> Reference:
         """Reference that keeps the present value."""
-        still = np.zeros(self.size)
-        return Reference(self.position(dynamics), still, still)
+        still = frozen(np.zeros(self.size))
+        return Reference(frozen(self.position(dynamics)), still, still)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, float]:
         """Rows of the least-squares problem J v̇ = b.
@@ -143,15 +144,15 @@ class AccelerationTask(Task):
         """
         right, size = self.right(dynamics, reference)
         J = self.jacobian(dynamics)
-        return (J if self.dimension == self.size else J[self.rows]), right, size
+        return (J if self._whole else J[self.rows]), right, size
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, float]:
         """The same without J: b (k,), and the norm of the masked error."""
         error = self.error(dynamics, reference.position)
         right = self.wanted(dynamics, reference, error) - self.drift(dynamics)
-        if self.dimension != self.size:
+        if not self._whole:
             error, right = error[self.rows], right[self.rows]
-        return right, math.sqrt(error @ error)
+        return right, math.sqrt(error.dot(error))
 
 
 class EffortTask(Task):
