@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import qpsolvers
@@ -301,6 +303,26 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
         np.testing.assert_allclose(smaller.x, whole.x, atol=1e-9 * size)
         np.testing.assert_allclose(smaller.multipliers, whole.multipliers, atol=1e-8 * max(1.0, np.abs(learnt).max()))
         assert smaller.objective == pytest.approx(posed.objective(whole.x), rel=1e-9)
+
+
+def test_where_weights_are_far_apart_the_whole_system_is_solved(bench):
+    """The smaller one loses digits: that is seen by the equalities, and then not tried again with these weights."""
+    g1 = bench("g1")
+    references = g1.references()
+    weights = {name: (1e-3 if name == "posture" else 1e4) * weight for name, weight in references.weights.items()}
+    state = g1.near_stance(np.random.default_rng(0), position=0.05, velocity=0.1)
+    problem = g1.controller.formulation.build(state, replace(references, weights=weights)).problem
+    problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
+    squares = problem.cost.squares
+    active_set = active_set_of(problem)
+    x, *_ = active_set._condensed(problem, squares, None, None)
+    assert problem.violation(x) > 1e-8
+    answer = active_set.solve(problem)
+    assert answer.residuals.violation <= 1e-8
+    assert problem.cost.squares is None  # H was formed
+    problem.cost.squares = squares
+    active_set._condensed = None
+    np.testing.assert_array_equal(active_set.solve(problem).x, answer.x)
 
 
 def test_the_active_set_is_followed_without_a_search():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -63,7 +63,11 @@ class LevelCost:
         self._momentum_scale, self._momentum_scale_rows = scale, scale[:, None]
         self._first = level == min(task.level for task in tasks)
         self.rows = sum(task.dimension for task in self._exact) + 6
-        self._diagonals: dict[int, tuple[list[float], Array, Array]] = {}
+        self._weights: list[float] = []
+        self._weighted_rows: list[tuple[AccelerationTask, Array, Array]] = []
+        self._weighted_single: list[tuple[AccelerationTask, Array]] = []
+        self._taking_part: tuple[str, ...] = ()
+        self._diagonals: dict[int, tuple[Array, Array]] = {}
         self._none: dict[int, Array] = {}
 
     def fill(self, layout: Layout, cost: Quadratic, dynamics: Dynamics, references: References) -> Level:
@@ -75,26 +79,21 @@ class LevelCost:
             dynamics: the snapshot.
             references: what is wanted, and how much.
         """
-        nv, g, weights = self._model.nv, cost.g, references.weights
+        nv, g, wanted = self._model.nv, cost.g, references.tasks
         n = len(g)
+        self._weigh(references.weights)
         errors = self.errors = {}
-        taking_part: list[str] = []
         stack = layout.problem.stack if self._first else None
         stack = np.zeros((self.rows, n)) if stack is None else stack
         top = len(stack) - self.rows
         rows, minus_right = stack[top:, :nv], np.empty(self.rows)
         row = 0
-        for task in self._exact:
-            name = task.name
-            weight = weights.get(name, 0.0)
-            if not weight <= 0.0:  # NaN goes on, to be found
-                J, right, errors[name] = task.equation(dynamics, references.tasks[name])
-                end = row + len(right)
-                scale = weight**0.5
-                np.multiply(J, scale, out=rows[row:end])
-                np.multiply(right, -scale, out=minus_right[row:end])
-                taking_part.append(name)
-                row = end
+        for task, scale, minus_scale in self._weighted_rows:
+            J, right, errors[task.name] = task.equation(dynamics, wanted[task.name])
+            end = row + len(right)
+            np.multiply(J, scale, out=rows[row:end])
+            np.multiply(right, minus_scale, out=minus_right[row:end])
+            row = end
         of_tasks = row
         if self._base:  # √ε_a ḣ_G / m, for a base that moves
             row += 6
@@ -103,35 +102,46 @@ class LevelCost:
         rows, minus_right = stack[top : top + row], minus_right[:row]
         minus_right.dot(rows, out=g)
         constant = 0.5 * float(minus_right.dot(minus_right))
-        single = [0.0 if (weight := weights.get(task.name, 0.0)) <= 0.0 else weight for task in self._single]
-        for task, weight in zip(self._single, single, strict=True):
-            if weight != 0.0:
-                right, errors[task.name] = task.right(dynamics, references.tasks[task.name])
-                g[task.columns] -= weight * right
-                constant += 0.5 * weight * float(right.dot(right))
-                taking_part.append(task.name)
-        cost.squares = Squares(stack[: top + row], rows, self._base, *self._diagonal(n, single))
+        for task, weight in self._weighted_single:
+            right, errors[task.name] = task.right(dynamics, wanted[task.name])
+            weighted = weight * right
+            g[task.columns] -= weighted
+            constant += 0.5 * float(weighted.dot(right))
+        cost.squares = Squares(stack[: top + row], rows, self._base, *self._diagonal(n))
         if n not in self._none:
             self._none[n] = np.zeros((0, n))
         none = self._none[n]
-        level = Level(tuple(taking_part), cost, constant, none, none, _NONE, _NONE)
+        level = Level(self._taking_part, cost, constant, none, none, _NONE, _NONE)
         if not self._last:
             level.kept = rows[:of_tasks].copy()
         if self._others:
             self._add_others(level, layout, dynamics, references)
         return level
 
-    def _diagonal(self, n: int, weights: list[float]) -> tuple[Array, Array]:
+    def _weigh(self, weights: Mapping[str, float]) -> None:
+        """Find which tasks take part, where a weight has changed. What NaN weighs does: it is found later."""
+        present = [weights.get(task.name, 0.0) for task in (*self._exact, *self._single)]
+        if present == self._weights:
+            return
+        self._weights = present
+        taking_part = {task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0}
+        roots = {name: np.array(weights[name] ** 0.5) for name in taking_part}  # as arrays they multiply faster
+        self._weighted_rows = [(t, roots[t.name], -roots[t.name]) for t in self._exact if t.name in taking_part]
+        self._weighted_single = [(t, np.array(weights[t.name])) for t in self._single if t.name in taking_part]
+        self._taking_part = tuple(t.name for t in (*self._exact, *self._single) if t.name in taking_part)
+        self._diagonals.clear()
+
+    def _diagonal(self, n: int) -> tuple[Array, Array]:
         """Diagonal of H without the rows, (n,), and its inverse but for the base's columns, where both are 0."""
-        if n not in self._diagonals or self._diagonals[n][0] != weights:
+        if n not in self._diagonals:
             nv = self._model.nv
             diagonal, inverse = np.zeros(n), np.zeros(n)
             diagonal[self._base : nv], diagonal[nv:] = self._regularization
-            for task, weight in zip(self._single, weights, strict=True):
+            for task, weight in self._weighted_single:
                 diagonal[task.columns] += weight
             inverse[self._base :] = 1.0 / diagonal[self._base :]
-            self._diagonals[n] = (weights, diagonal, inverse)
-        return self._diagonals[n][1:]
+            self._diagonals[n] = (diagonal, inverse)
+        return self._diagonals[n]
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:
         """Add the tasks on forces and torques, and those with a tolerance."""

@@ -154,10 +154,11 @@ class Formulation:
         h = self.bias(references)
         actuation, unactuated, torque = model.actuation, layout.unactuated, layout.torque
         layout.free_motion[:] = actuation.unactuated(dynamics.M)
-        np.multiply(actuation.unactuated(layout.J_transposed), _TO_FORCES, out=layout.free_forces)
+        forces_to_motion = (layout.J * _TO_FORCES).T
+        layout.free_forces[:] = actuation.unactuated(forces_to_motion)
         np.negative(actuation.unactuated(h), out=problem.b[unactuated])
         layout.torque_motion[:] = actuation.torques(dynamics.M)
-        np.multiply(actuation.torques(layout.J_transposed), _TO_FORCES, out=layout.torque_forces)
+        layout.torque_forces[:] = actuation.torques(forces_to_motion)
         layout.torque_bias[:] = bias = actuation.torques(h)
         lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
         np.subtract(lower, bias, out=problem.lower[torque])

@@ -296,7 +296,6 @@ class Layout:
         self.free_forces = self.problem.A[self.unactuated, self.force_columns]
         self.torque_motion = self.problem.C[self.torque, self.acceleration_columns]
         self.torque_forces = self.problem.C[self.torque, self.force_columns]
-        self.J_transposed = self.J.T
         #: Bounds of the joints' accelerations that stand in the problem.
         self.motion_bounds: tuple[Array, Array] | None = None
         #: Bounds of each contact's force that stand in the problem.

@@ -66,8 +66,8 @@ class Supervisor:
     def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
         self.mode = Mode.INACTIVE
         self.fault: Fault | None = None
-        self.limits = limits
         self._model = model
+        self.limits = limits
         self._since = 0.0  # when the present mode began, s
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
@@ -75,6 +75,17 @@ class Supervisor:
         self._held = self._tau  # the torques at the start of holding
         self._q_index, self._v_index = model.q_places, model.v_places
         self._nan = frozen(np.full(model.nj, np.nan))
+
+    @property
+    def limits(self) -> SupervisorLimits:
+        """What it holds; may be replaced between cycles."""
+        return self._limits
+
+    @limits.setter
+    def limits(self, limits: SupervisorLimits) -> None:
+        self._limits = limits
+        self._step = (limits.torque_rate * limits.period) * self._model.effort_limits
+        self._period = np.array(limits.period)  # as an array it multiplies faster
 
     @property
     def solving(self) -> bool:
@@ -254,8 +265,7 @@ class Supervisor:
         solution: Solution | None,
         joint_velocity: Array | None = None,
     ) -> JointCommand:
-        model, limits = self._model, self.limits
-        step = (limits.torque_rate * limits.period) * model.effort_limits
+        step = self._step
         # np.clip does the same in five times as long.
         tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
         lower, upper = self._available(joint_velocity) or self._effort_limits
@@ -263,7 +273,7 @@ class Supervisor:
         self._tau = tau
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:
-            period = limits.period
+            period = self._period
             v_desired = freeze(state.v[self._v_index] + period * solution.v_dot[self._v_index])
             q_desired = freeze(state.q[self._q_index] + period * v_desired)
         return JointCommand(state.stamp if state is not None else 0, tau, q_desired, v_desired)

@@ -34,6 +34,8 @@ class ActiveSet:
 
         | B_z d⁻¹ B_zᵀ + E   B_k |  | p   |   | [b; 0; w] + B_z d⁻¹ g_z |
         | B_kᵀ               0   |  | x_k | = | g_k                     |
+
+    Where weights are so far apart (1e6 and more) that it loses too many digits, it is left alone until they change.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
@@ -43,6 +45,7 @@ class ActiveSet:
         self._active = self._side.nonzero()[0]
         self._none = np.zeros(len(self._side))
         self._none.setflags(write=False)
+        self._too_far: Array | None = None  # the d⁻¹ with which the smaller system was not accurate enough
         self._memory = np.zeros((2 * n + equalities) ** 2)
 
     def learn(self, multipliers: Array) -> None:
@@ -57,15 +60,21 @@ class ActiveSet:
             return None
         W, w = self._rows(problem, active) if len(active) else (None, None)
         squares = problem.cost.squares
-        if squares is not None and len(squares.rows) + squares.first < self._n:
-            found = self._condensed(problem, squares, W, w)
-        else:
-            found = self._full(problem, W, w)
+        condensed = (
+            squares is not None and squares.inverse is not self._too_far and len(squares.rows) + squares.first < self._n
+        )
+        found = self._condensed(problem, squares, W, w) if squares and condensed else self._full(problem, W, w)
         if found is None:
             return None
         x, costs, objective = found
         residuals = problem.residuals(x)
         if not residuals.violation <= _FEASIBLE:
+            if squares and condensed and not residuals.equalities.max(initial=0.0) <= _FEASIBLE:
+                self._too_far = squares.inverse
+                answer = self.solve(problem)
+                if answer is None:  # it was not for the weights
+                    self._too_far = None
+                return answer
             return None
         multipliers = self._none
         if len(active):
