@@ -178,9 +178,8 @@ class Formulation:
         for contact, rows in zip(layout.contacts, layout.force_rows, strict=True):
             J[rows] = contact.jacobian(dynamics)
         velocity = J.dot(dynamics.v)
-        b = problem.b[layout.mechanism.stop :]
-        for i, (contact, rows) in enumerate(zip(layout.contacts, layout.force_rows, strict=True)):
-            b[rows] = contact.acceleration(dynamics, velocity[rows])
+        for i, contact in enumerate(layout.contacts):
+            problem.b[layout.motion[i]] = contact.acceleration(dynamics, velocity[layout.force_rows[i]])
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
             if bounds is not layout.force_bounds[i]:
                 problem.x_lower[layout.forces[i]] = bounds[0] / FORCE_UNIT

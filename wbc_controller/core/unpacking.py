@@ -51,7 +51,7 @@ def unpack(
         references: that the problem was built for.
     """
     nv, n = formulation.model.nv, len(x)
-    equalities, stop = residuals.equalities, layout.mechanism.stop
+    equalities, stop = residuals.equalities.tolist(), layout.mechanism.stop  # so few that a list is faster
     torques = residuals.value[n + layout.torque.start : n + layout.torque.stop]
     x = freeze(x)
     forces = freeze(FORCE_UNIT * x[nv:])
@@ -66,8 +66,8 @@ def unpack(
         ),
         "residuals": MappingProxyType(
             {
-                "equations_of_motion": float(np.maximum.reduce(equalities[:stop], initial=0.0)),
-                "contact_motion": float(np.maximum.reduce(equalities[stop:], initial=0.0)),
+                "equations_of_motion": max(equalities[:stop], default=0.0),
+                "contact_motion": max(equalities[stop:], default=0.0),
                 "inequalities": max(0.0, -residuals.least_room),
             }
         ),
