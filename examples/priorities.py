@@ -1,7 +1,7 @@
 """A humanoid bends to reach a point, and its balance does not give: strict priorities, and a tolerance on the highest.
 
 The centre of mass may be anywhere within 3 cm; the hand comes next; what both leave open belongs to the posture. With
-the same weights on one level, the hand takes the centre of mass along, past the toes. In MuJoCo.
+the same weights on one level, the hand takes the centre of mass along, further than that. In MuJoCo.
 """
 
 import sys
@@ -14,7 +14,7 @@ from wbc_controller.mock.simulation import Simulation
 from wbc_controller.settings import Settings
 
 TOLERANCE = 0.03  # m, forward and sideways
-FAR = 0.4  # m, ahead of where the hand is
+FAR = 0.35  # m, ahead of where the hand is; with 0.4 it depends on rounding whether a solution is always found
 
 
 def configuration(*, strict: bool) -> Settings:
@@ -51,7 +51,7 @@ def main() -> int:
     targets = [
         ("centre of mass ahead, with levels", 1e3 * com, 0.0, 1e3 * TOLERANCE + 2.0, "mm"),
         ("hand ahead, with levels", 1e3 * hand, 1e3 * FAR - 5.0, 1e3 * FAR + 5.0, "mm"),
-        ("centre of mass ahead, with weights", 1e3 * weighted_com, 60.0, np.inf, "mm"),
+        ("centre of mass ahead, with weights", 1e3 * weighted_com, 1e3 * TOLERANCE + 3.0, np.inf, "mm"),
         ("fallen, with levels", float(robot.plant.fallen), 0.0, 0.0, ""),
     ]
     for what, value, least, most, unit in targets:
