@@ -1,7 +1,7 @@
 """A humanoid bends to reach a point, and its balance does not give: strict priorities, and a tolerance on the highest.
 
 The centre of mass may be anywhere within 3 cm; the hand comes next; what both leave open belongs to the posture. With
-the same weights on one level, the hand takes the centre of mass along, further than that. In MuJoCo.
+the same weights on one level, the hand takes the centre of mass along, past the toes. In MuJoCo.
 """
 
 import sys
@@ -14,14 +14,20 @@ from wbc_controller.mock.simulation import Simulation
 from wbc_controller.settings import Settings
 
 TOLERANCE = 0.03  # m, forward and sideways
-FAR = 0.35  # m, ahead of where the hand is; with 0.4 it depends on rounding whether a solution is always found
+FAR = 0.45  # m, ahead of where the hand is
 
 
 def configuration(*, strict: bool) -> Settings:
     """G1 with three levels, or with the same tasks and weights on one."""
     values = load_settings(find_configuration("g1")).model_dump()
     tasks = values["tasks"]
-    tasks["left_hand"] = {"type": "frame_position", "frame": "left_rubber_hand", "weight": 50.0, "enabled": False}
+    tasks["left_hand"] = {
+        "type": "frame_position", "frame": "left_rubber_hand", "weight": 50.0, "stiffness": 40.0, "enabled": False,
+    }  # fmt: skip
+    tasks["com"] |= {"stiffness": 40.0, "damping": None}
+    # What settles the rest has to settle it well: with a weak posture below a strict hand, the arms and legs swing.
+    for name, weight in {"pelvis": 0.5, "torso": 0.5, "posture": 0.1}.items():
+        tasks[name]["weight"] = weight
     if strict:
         tasks["com"] |= {"tolerance": [TOLERANCE, TOLERANCE, 0.2]}
         tasks["left_hand"]["level"] = 1
@@ -51,7 +57,7 @@ def main() -> int:
     targets = [
         ("centre of mass ahead, with levels", 1e3 * com, 0.0, 1e3 * TOLERANCE + 2.0, "mm"),
         ("hand ahead, with levels", 1e3 * hand, 1e3 * FAR - 5.0, 1e3 * FAR + 5.0, "mm"),
-        ("centre of mass ahead, with weights", 1e3 * weighted_com, 1e3 * TOLERANCE + 3.0, np.inf, "mm"),
+        ("centre of mass ahead, with weights", 1e3 * weighted_com, 90.0, np.inf, "mm"),
         ("fallen, with levels", float(robot.plant.fallen), 0.0, 0.0, ""),
     ]
     for what, value, least, most, unit in targets:
