@@ -174,7 +174,10 @@ def velocity_by_differences(contact, model, q, v, step=1.0e-6):
             other = model.pinocchio.getFrameId(mount.against)
             poses = [end.placement(other).actInv(contact.placement(end)) for end in ends]
         return contact.basis.T @ pin.log6(poses[0].actInv(poses[1])).vector / (2.0 * step)
-    frame = lambda dynamics: dynamics.placement(contact._frame_id)  # noqa: E731
+
+    def frame(dynamics):
+        return dynamics.placement(contact._frame_id)
+
     touching = contact.points(middle)[0]
     fixed = frame(middle).actInv(touching)  # the material point of the link that touches just now
     velocity = rate(lambda dynamics: frame(dynamics).act(fixed))
