@@ -182,7 +182,10 @@ def velocity_by_differences(contact, model, q, v, step=1.0e-6):
     fixed = frame(middle).actInv(touching)  # the material point of the link that touches just now
     velocity = rate(lambda dynamics: frame(dynamics).act(fixed))
     if contact._other is not None:
-        other = lambda dynamics: dynamics.placement(contact._other)  # noqa: E731
+
+        def other(dynamics):
+            return dynamics.placement(contact._other)
+
         below = other(middle).actInv(touching)
         velocity -= rate(lambda dynamics: other(dynamics).act(below))
     assert np.isfinite(turning(frame)).all()
