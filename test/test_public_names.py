@@ -24,6 +24,7 @@ EXPORTED = {
         "TorqueTask",
     },
     "wbc_controller.core.contacts": {
+        "AnchoredContact",
         "Contact",
         "FixedContact",
         "LoopClosure",

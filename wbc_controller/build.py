@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from wbc_controller import settings as schema
-from wbc_controller.build_contacts import make_contact, make_loop_closure
+from wbc_controller.build_contacts import make_contact, make_contact_plan, make_loop_closure
 from wbc_controller.build_tasks import make_task
 from wbc_controller.clock import Clock
 from wbc_controller.collision_model import build_collision_model
@@ -21,7 +21,7 @@ from wbc_controller.core.from_urdf import build_model
 from wbc_controller.core.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.passive import PassiveJoint
-from wbc_controller.core.references import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
+from wbc_controller.core.references import BoardPlan, ReferenceBoard, TaskPlan
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.core.tasks import Task
 from wbc_controller.decoding import Vocabulary
@@ -214,7 +214,9 @@ def make_live_part(settings: Settings, controller: Controller) -> LivePart:
             name: TaskPlan(controller.tasks[name], task.weight, task.enabled, task.setpoint_duration)
             for name, task in settings.tasks.items()
         },
-        contacts={name: ContactPlan(contact.enabled, contact.ramp) for name, contact in settings.contacts.items()},
+        contacts={
+            name: make_contact_plan(contact, controller.contacts[name]) for name, contact in settings.contacts.items()
+        },
         weight_ramp=settings.control.weight_ramp,
         tuning=tuning,
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from wbc_controller import settings as schema
 from wbc_controller.core.contacts import (
+    AnchoredContact,
     Contact,
     FixedContact,
     LoopClosure,
@@ -17,6 +18,7 @@ from wbc_controller.core.contacts import (
     placement_of,
 )
 from wbc_controller.core.model import RobotModel
+from wbc_controller.core.references import ContactPlan
 from wbc_controller.errors import ConfigurationError
 
 
@@ -55,13 +57,15 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
             max_force=contact.max_force,
             max_moment=contact.max_moment or 0.0,
             damping=contact.damping,
+            stiffness=contact.stiffness,
         )
     if contact.min_normal_force > contact.max_normal_force:
         raise ConfigurationError(
             f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
             f"max_normal_force = {contact.max_normal_force}"
         )
-    pushing = {key: getattr(contact, key) for key in ("friction", "min_normal_force", "max_normal_force", "damping")}
+    keys = ("friction", "min_normal_force", "max_normal_force", "damping", "stiffness")
+    pushing = {key: getattr(contact, key) for key in keys}
     if isinstance(contact, schema.SurfaceContact):
         return _surface(name, contact, model, **pushing)
     place = name, model, contact.frame, np.array(contact.translation), contact.radius
@@ -69,6 +73,12 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
     if isinstance(contact, schema.RollingContact):
         return RollingContact(*place, np.array(contact.axis), normal=normal, against=against, **pushing)
     return PointContact(*place, normal=normal, against=against, **pushing)
+
+
+def make_contact_plan(settings: schema.ContactSettings, contact: Contact) -> ContactPlan:
+    """Say how one contact is made and broken, and whether it goes back to where it was made."""
+    anchored = contact if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0 else None
+    return ContactPlan(settings.enabled, settings.ramp, anchored)
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:

@@ -100,6 +100,7 @@ class References:
         contacts: activation of each contact, from 0 (broken) to 1 (made), ramps applied.
         external_wrenches: known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
         tuning: gains and limits, ramps applied; None for those that the controller was made with.
+        anchors: where each contact with a stiffness was made, (7,): position in m and quaternion in what it touches.
     """
 
     tasks: Mapping[str, Reference]
@@ -107,6 +108,7 @@ class References:
     contacts: Mapping[str, float]
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
     tuning: Tuning | None = None
+    anchors: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,10 +28,10 @@ class Controller:
         ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖²
 
     subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the motion of contacts and closed loops
-    J v̇ + J̇v = -D J v - K e (e only of loops), the contacts' wrench cones, and the limits of the joints. Here q̈ are the
-    joints' accelerations and ḣ_G is the rate of the momentum about the centre of mass: together they determine v̇, and
-    unlike ‖v̇‖² they do not depend on which link the coordinates take for the base (S2). Building the problem
-    (`formulation`) is apart from solving it.
+    J v̇ + J̇v = -D J v + K e (e leads back to where the contact was made, or to the closed loop), the contacts' wrench
+    cones, and the limits of the joints. Here q̈ are the joints' accelerations and ḣ_G is the rate of the momentum
+    about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on which link the
+    coordinates take for the base (S2). Building the problem (`formulation`) is apart from solving it.
 
     Attributes:
         formulation: builds the problem.

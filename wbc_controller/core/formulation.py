@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from wbc_controller.core.anchors import pull
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.cost import LevelCost
 from wbc_controller.core.dynamics import Dynamics
@@ -185,6 +186,8 @@ class Formulation:
                 problem.x_lower[layout.forces[i]] = bounds[0] / FORCE_UNIT
                 problem.x_upper[layout.forces[i]] = bounds[1] / FORCE_UNIT
                 layout.force_bounds[i] = bounds
+        if layout.anchored:
+            problem.b[layout.mechanism.stop :] += pull(layout, dynamics, references.anchors)
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wbc_controller.core.contacts import Contact
+from wbc_controller.core.contacts import AnchoredContact, Contact
 from wbc_controller.core.limits import RowLimit
 from wbc_controller.core.model import RobotModel
 from wbc_controller.records import Array
@@ -301,6 +301,12 @@ class Layout:
         #: Bounds of each contact's force that stand in the problem.
         self.force_bounds: list[tuple[Array, Array] | None] = [None for _ in contacts]
         self.force_rows = [slice(columns.start - nv, columns.stop - nv) for columns in self.forces]
+        #: The contacts that go back to where they were made, and their rows of J.
+        self.anchored = tuple(
+            (contact, rows)
+            for contact, rows in zip(contacts, self.force_rows, strict=True)
+            if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0
+        )
         self.key = tuple(contact.name for contact in contacts)
         self.labels = self._labels(model)
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wbc_controller.core.contacts import AnchoredContact
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.tasks import Task
 from wbc_controller.core.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.core.tuning import TuningRamp
 from wbc_controller.errors import InputRefused
-from wbc_controller.records import Array, Reference, References, Tuning
+from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +92,12 @@ class ContactPlan:
     Attributes:
         enabled: whether it is made at activation.
         ramp: time in which it is loaded or unloaded, s.
+        anchored: the contact, where it goes back to where it was made.
     """
 
     enabled: bool
     ramp: float
+    anchored: AnchoredContact | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +134,14 @@ class ReferenceBoard:
         self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
         self._weight_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
         self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self._anchors: Mapping[str, Array] = {}
         self._trajectories: dict[str, Trajectory] = {}
         # What tasks that are switched off should do when they are switched on.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
-        """Start from the present state: every task's reference is where the robot is, contacts as configured."""
+        """Start from the present state: references and contacts are where the robot is, contacts as configured."""
         for name, plan in self.plans.items():
             self._enabled[name] = plan.enabled
             self._weights[name] = plan.weight
@@ -146,6 +150,7 @@ class ReferenceBoard:
             self._trajectories[name] = _stay(plan.task.rest(dynamics), time)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
+            self._anchor(name, dynamics)
         self._goals.clear()
         self._wrenches.clear()
         self._tuning = TuningRamp.at(self._tuning.after)
@@ -178,7 +183,8 @@ class ReferenceBoard:
 
         Args:
             changes: validated changes.
-            dynamics: the snapshot of the last cycle, from which a task that is switched on starts.
+            dynamics: the snapshot of the last cycle, from which a task that is switched on starts, and where contacts
+                are made.
             time: s, on the clock of the states.
 
         Raises:
@@ -209,10 +215,18 @@ class ReferenceBoard:
             self._enable(change.task, change.enabled, dynamics, time)
         elif isinstance(change, EnableContact):
             ramp = self._contact_ramps[change.contact]
+            if change.enabled and ramp.sample(time) <= 0.0:
+                self._anchor(change.contact, dynamics)
             duration = self.contact_plans[change.contact].ramp
             self._contact_ramps[change.contact] = ramp.towards(float(change.enabled), time, duration)
         else:
             self._wrenches[change.frame] = change.wrench
+
+    def _anchor(self, name: str, dynamics: Dynamics) -> None:
+        """From now on a contact goes back to where it is now; references that were sampled keep theirs."""
+        contact = self.contact_plans[name].anchored
+        if contact is not None:
+            self._anchors = frozen_mapping({**self._anchors, name: contact.anchor(dynamics)})
 
     def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
         """Follow a setpoint or trajectory; a task that is off also keeps it for when it is switched on."""
@@ -275,6 +289,7 @@ class ReferenceBoard:
             contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
             external_wrenches=dict(self._wrenches),
             tuning=self._tuning.sample(time),
+            anchors=self._anchors,
         )
 
 

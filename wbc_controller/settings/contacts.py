@@ -27,6 +27,11 @@ class _Contact(Section):
     )
     enabled: bool = Field(True, description="Whether the contact is made at activation.")
     damping: Gain = Field(20.0, description="Damping of a residual velocity of the contact, 1/s.")
+    stiffness: Gain = Field(
+        0.0,
+        description="How stiffly the contact goes back to where it was made, 1/s²: (damping / 2)² is critical; 0 for "
+        "not at all.",
+    )
     ramp: NonNegative = Field(0.2, le=10.0, description="Time in which the contact is loaded or unloaded, s.")
 
 

@@ -1,6 +1,6 @@
 """The contacts: one file per kind, on the base class of `contact`."""
 
-from wbc_controller.core.contacts.contact import Contact, UnilateralContact
+from wbc_controller.core.contacts.contact import AnchoredContact, Contact, UnilateralContact
 from wbc_controller.core.contacts.fixed import FixedContact
 from wbc_controller.core.contacts.loop import LoopClosure
 from wbc_controller.core.contacts.mount import placement_of
@@ -10,6 +10,7 @@ from wbc_controller.core.contacts.support import Polygon, Rectangle, polygon_wre
 from wbc_controller.core.contacts.surface import SurfaceContact
 
 __all__ = [
+    "AnchoredContact",
     "Contact",
     "FixedContact",
     "LoopClosure",

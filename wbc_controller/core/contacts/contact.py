@@ -5,9 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.records import Array
+from wbc_controller.records import Array, frozen
 
 
 class Contact(ABC):
@@ -84,7 +85,49 @@ class Contact(ABC):
         return -self.damping * velocity - self.drift(dynamics)
 
 
-class UnilateralContact(Contact):
+class AnchoredContact(Contact):
+    """A contact that is made at a place, its anchor, and goes back there where something moved it.
+
+    To the acceleration that the contact has it adds K e, where e is the displacement from where it is to its anchor
+    (`core.anchors` says how):
+
+        J v̇ + J̇v = -D J v + K e
+
+    Attributes:
+        stiffness: K, 1/s²; 0 where it has no anchor.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        basis: Array,
+        cone: Array,
+        wrench_frame: str,
+        *,
+        stiffness: float,
+        damping: float,
+        internal: bool,
+    ) -> None:
+        super().__init__(name, basis, cone, wrench_frame, damping=damping, internal=internal)
+        self.stiffness = stiffness
+
+    @abstractmethod
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """Where the contact is, and how its link is turned, in what it touches: the world, or a link."""
+
+    def anchor(self, dynamics: Dynamics) -> Array:
+        """The anchor of a contact that is made now, (7,): position in m and quaternion of its pose."""
+        return frozen(pin.SE3ToXYZQUAT(self.pose(dynamics)))
+
+    @abstractmethod
+    def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
+        """e, along the axes in which f is expressed, (k,) in m and rad: what J v = e would undo in a second.
+
+        To first order; of the axes of f along which there is no place to go back to it is 0.
+        """
+
+
+class UnilateralContact(AnchoredContact):
     """A contact that only pushes, and slides where friction does not hold it.
 
     Attributes:
@@ -110,8 +153,9 @@ class UnilateralContact(Contact):
         max_normal_force: float = 1000.0,
         max_yaw_moment: float = np.inf,
         damping: float = 20.0,
+        stiffness: float = 0.0,
     ) -> None:
-        super().__init__(name, basis, cone, wrench_frame, damping=damping, internal=internal)
+        super().__init__(name, basis, cone, wrench_frame, stiffness=stiffness, damping=damping, internal=internal)
         self.friction = friction
         self.min_normal_force = min_normal_force
         self.max_normal_force = max_normal_force

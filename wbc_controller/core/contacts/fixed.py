@@ -7,15 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.contacts.contact import Contact
-from wbc_controller.core.contacts.mount import Mount
+from wbc_controller.core.contacts.contact import AnchoredContact
+from wbc_controller.core.contacts.mount import Mount, hinge_of, opening
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
+#: The axes of a mask, in words.
+_AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
-class FixedContact(Contact):
+
+class FixedContact(AnchoredContact):
     """A bolted foot, or a hand that grips: along some axes of its frame it cannot move, and pulls as it pushes.
 
     f has one component for each axis of the contact frame that is held, forces first: along the others the link slides
@@ -38,6 +41,7 @@ class FixedContact(Contact):
         max_force: float = 1000.0,
         max_moment: float = 100.0,
         damping: float = 20.0,
+        stiffness: float = 0.0,
     ) -> None:
         """Make a fixed contact.
 
@@ -51,17 +55,34 @@ class FixedContact(Contact):
             max_force: largest force along each axis, N.
             max_moment: largest moment about each axis, N·m.
             damping: D, 1/s.
+            stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: where the model has no such frame, or no axis is held.
+            ConfigurationError: where the model has no such frame, no axis is held, or a stiffness is given and what is
+                free along the other axes gets everywhere.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
             raise ConfigurationError(f"contacts.{name}.mask = {list(mask)}: it holds no axis")
+        reached = _reached(self._rows)
+        if stiffness > 0.0 and reached:
+            raise ConfigurationError(
+                f"contacts.{name}.stiffness = {stiffness:g}: with mask = {[bool(held) for held in mask]} the link gets "
+                f"to other places {' and '.join(reached)} by its motions along the axes that are free, so that there "
+                "is none to go back to; take 0, or another mask"
+            )
         k = len(self._rows)
         super().__init__(
-            name, np.eye(6)[:, self._rows], np.zeros((0, k)), frame, damping=damping, internal=against is not None
+            name,
+            np.eye(6)[:, self._rows],
+            np.zeros((0, k)),
+            frame,
+            stiffness=stiffness,
+            damping=damping,
+            internal=against is not None,
         )
+        self._hinge = hinge_of(mask)
+        self._held = np.array(mask[:3], dtype=np.float64)
         self._mount = Mount(model, name, frame, placement, against)
         self.max_force = max_force
         self.max_moment = max_moment
@@ -72,6 +93,18 @@ class FixedContact(Contact):
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of the contact frame in the world."""
         return self._mount.placement(dynamics)
+
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """Placement of the contact frame in the world, or in the link that holds."""
+        return self._mount.pose(dynamics)
+
+    def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
+        """e, along the axes of the contact frame that are held, (k,)."""
+        there = self._mount.seen(dynamics, anchor)
+        # How far it slid along the axes that are free is taken out in those that it had when it was made: the rail's.
+        Q = there.rotation
+        there.translation = Q @ (self._held * (Q.T @ there.translation))
+        return opening(there, self._hinge)[self._rows]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact frame along the axes that are held, (k, nv)."""
@@ -93,3 +126,15 @@ class FixedContact(Contact):
         """Lower and upper bounds of f, both (k,): the activation scales all of them."""
         most = activation * np.where(self.moments, self.max_moment, self.max_force)
         return -most, most
+
+
+def _reached(held: np.ndarray) -> list[str]:
+    """In words, the held axes along which the motions that are free lead all the same, one after the other.
+
+    As a car is parked: where the twists along the free axes do not make a Lie algebra, what holds is no holonomic
+    constraint, and leaves the whole space (Frobenius; Murray, Li and Sastry, A Mathematical Introduction to Robotic
+    Manipulation, 1994, section 7.2).
+    """
+    free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
+    brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)
+    return [_AXES[i] for i in held if brackets[:, i].any()]

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts.contact import Contact
+from wbc_controller.core.contacts.mount import hinge_of, opening
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
 from wbc_controller.errors import ConfigurationError
@@ -82,8 +83,7 @@ class LoopClosure(Contact):
             )
         self._placements = placements
         self._to_b: Array = placements[1].inverse().toActionMatrix()
-        free = np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
-        self._hinge = np.eye(3)[free[0]] if len(free) == 1 else None
+        self._hinge = hinge_of(mask)
 
     def _pose(self, dynamics: Dynamics) -> pin.SE3:
         """The pose of B in A: r and Q."""
@@ -120,15 +120,7 @@ class LoopClosure(Contact):
 
     def error(self, dynamics: Dynamics) -> Array:
         """e, how far the loop is open along these axes, (k,) in m and rad."""
-        pose = self._pose(dynamics)
-        if self._hinge is None:
-            turn = pin.log3(pose.rotation)
-        else:
-            n = pose.rotation @ self._hinge
-            turn = np.cross(self._hinge, n)
-            sine = float(np.linalg.norm(turn))
-            turn = turn * (math.atan2(sine, float(self._hinge @ n)) / sine) if sine > 1.0e-12 else turn
-        return np.concatenate([pose.translation, turn])[self._rows]
+        return opening(self._pose(dynamics), self._hinge)[self._rows]
 
     def acceleration(self, dynamics: Dynamics, velocity: Array) -> Array:
         """What J v̇ has to be, (k,): what is open closes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,6 +34,30 @@ def support_link(model: RobotModel, name: str, frame: str, against: str | None) 
             f"contacts.{name}.against = {against!r}: it moves together with {frame!r}, no joint is between them"
         )
     return other
+
+
+def opening(pose: pin.SE3, hinge: Array | None = None) -> Array:
+    """How far a frame is from another, [r, log Q], (6,) in m and rad.
+
+    Args:
+        pose: of the one in the other: r and Q.
+        hinge: the one axis about which it may turn, a unit vector, (3,): then the angular part is the rotation between
+            the two positions of this axis.
+    """
+    if hinge is None:
+        turn = pin.log3(pose.rotation)
+    else:
+        n = pose.rotation @ hinge
+        turn = np.cross(hinge, n)
+        sine = float(np.linalg.norm(turn))
+        turn = turn * (math.atan2(sine, float(hinge @ n)) / sine) if sine > 1.0e-12 else turn
+    return np.concatenate([pose.translation, turn])
+
+
+def hinge_of(mask: Sequence[bool]) -> Array | None:
+    """The one axis about which what is held along the axes of a mask may turn, (3,); None for none or several."""
+    free = np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
+    return np.eye(3)[free[0]] if len(free) == 1 else None
 
 
 class Mount:
@@ -77,6 +102,15 @@ class Mount:
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of C in the world."""
         return dynamics.placement(self._id) * self._placement
+
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """Placement of C in the world, or in the frame of B."""
+        placement = self.placement(dynamics)
+        return placement if self._other is None else dynamics.placement(self._other).actInv(placement)
+
+    def seen(self, dynamics: Dynamics, anchor: Array) -> pin.SE3:
+        """The pose in C of an anchor, (7,): position in m and quaternion of where C was, as in `pose`."""
+        return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:
         """X, (6, 6)."""

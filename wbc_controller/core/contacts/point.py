@@ -164,6 +164,22 @@ class PointContact(UnilateralContact):
         centre, arm = self._arms(dynamics)
         return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """The point that touches, and how the link is turned, in the world or in the link that is touched."""
+        here = pin.SE3(dynamics.placement(self._frame_id).rotation, self.points(dynamics)[0])
+        return here if self._other is None else dynamics.placement(self._other).actInv(here)
+
+    def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
+        """Along E, e = Eᵀ(p_a + radius θ × n - p), (3,) in m: a ball that rolled is not where it was.
+
+        p is the point that touches, p_a its anchor, and θ the link's rotation vector since then. This is where the ball
+        has rolled to if it turned about one axis, and else to second order in the turn.
+        """
+        present, made = self.pose(dynamics), pin.XYZQUATToSE3(anchor)
+        turn = pin.log3(present.rotation @ made.rotation.T)
+        rolled = made.translation + self.radius * (pin.skew(turn) @ self._axes[:, 2])
+        return np.asarray(self._axes.T @ (rolled - present.translation))
+
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
         """The force at the point that touches, moved to the world's origin, (6,) in N and N·m."""
         along = self.axes(dynamics) @ force

@@ -69,6 +69,11 @@ class RollingContact(PointContact):
         up = normal - (normal @ axle) * axle
         return axle, up, max(_UPRIGHT, float(np.linalg.norm(up)))
 
+    def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
+        """e, (3,) in m: 0 along the plane, on which a wheel rolls to where it will, the height lost along n."""
+        height = self._axes[:, 2] @ (anchor[:3] - self.pose(dynamics).translation)
+        return np.array([0.0, 0.0, height])
+
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
         """r, from the centre to the point that touches, in world axes, (3,) in m."""
         _, up, length = self._upward(dynamics, normal)

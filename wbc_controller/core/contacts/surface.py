@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts.contact import UnilateralContact
-from wbc_controller.core.contacts.mount import Mount
+from wbc_controller.core.contacts.mount import Mount, opening
 from wbc_controller.core.contacts.support import Support
 from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.model import RobotModel
@@ -63,6 +63,14 @@ class SurfaceContact(UnilateralContact):
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of the contact frame in the world."""
         return self._mount.placement(dynamics)
+
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """Placement of the contact frame in the world, or in the link that is touched."""
+        return self._mount.pose(dynamics)
+
+    def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
+        """e, in the axes of the contact frame, (6,)."""
+        return opening(self._mount.seen(dynamics, anchor))
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact frame in its own axes, (6, nv)."""
