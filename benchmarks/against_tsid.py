@@ -123,7 +123,7 @@ def measure(settings: Settings) -> None:
     with Tsid(settings, model, q, WEIGHTS, stiffness=STIFFNESS, damping=DAMPING, waist="base_link") as process:
         problem = cycle.controller.formulation.build(*cases[0]).problem
         print("\ntalos, double support: centre of mass, posture, base orientation, torque limits; one cycle")
-        print(f"  ours: {len(problem.g)} unknowns, {len(problem.b)} equalities, {len(problem.upper)} two-sided rows")
+        print(f"  ours: {problem.n} unknowns, {len(problem.b)} equalities, {len(problem.upper)} two-sided rows")
         print(f"  tsid: {process.unknowns} unknowns, {process.equalities} equalities, {process.inequalities} rows")
         ours: list[float] = []
         tsids: list[float] = []

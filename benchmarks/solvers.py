@@ -62,7 +62,7 @@ def measure(robot: str, solvers: list[str]) -> None:
                 failures[name] += 1
             else:
                 difference[name] = max(difference[name], float(np.max(np.abs(answer.x - best.x)[: model.nv])))
-    print(f"\n{robot}: {len(problem.g)} unknowns, {len(problem.b)} equalities, {len(problem.upper)} two-sided rows")
+    print(f"\n{robot}: {problem.n} unknowns, {len(problem.b)} equalities, {len(problem.upper)} two-sided rows")
     print(f"{'solver':12}{'median':>10}{'p99':>10}{'ratio':>8}{'failures':>10}   largest difference in v̇")
     first = np.median(seconds[solvers[0]])
     for name in solvers:

@@ -12,9 +12,9 @@ from wbc_controller.build import make_board, make_controller, make_model
 from wbc_controller.core.contacts import LoopClosure, UnilateralContact
 from wbc_controller.core.controller import Controller
 from wbc_controller.core.infeasibility import explain
+from wbc_controller.core.layout import FORCE_UNIT
 from wbc_controller.core.model import RobotModel
 from wbc_controller.core.passive import PassiveJoint
-from wbc_controller.core.problem import FORCE_UNIT
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, References, RobotState, frozen
@@ -184,7 +184,7 @@ def _static(
     problem = layout.problem
     still = np.delete(np.arange(model.nv), model.v_index[_hanging(controller, made)])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
-    problem.b[layout.mechanism.stop :] = 0.0  # a loop that is open by a little does not move either
+    layout.contact_motion[:] = 0.0  # a loop that is open by a little does not move either
     solver = make_solver("daqp", problem)
     x = solver.solve(problem).x
     if x is None:

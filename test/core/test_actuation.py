@@ -46,7 +46,7 @@ def test_the_shipped_robots_have_one_motor_at_each_joint(load, name):
     assert model.actuation.direct
     assert model.actuators == model.joints
     np.testing.assert_array_equal(model.actuation.torques(force), force[model.v_index])
-    np.testing.assert_array_equal(model.actuation.unactuated(force), force[:6])
+    np.testing.assert_array_equal(model.actuation.split(force)[:6], force[:6])
     assert model.actuation.at_joints(torques) is torques
     np.testing.assert_array_equal(model.actuation.from_joints(torques), torques)
 
@@ -59,10 +59,10 @@ def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not
     tau, coupling = rng.normal(size=model.na), rng.normal(size=1) @ actuation.C
     force = actuation.generalized_force(tau) + coupling
     np.testing.assert_allclose(actuation.torques(force), tau, atol=1e-13)
-    np.testing.assert_allclose(actuation.unactuated(force), 0.0, atol=1e-13)
+    np.testing.assert_allclose(actuation.split(force)[: actuation.free], 0.0, atol=1e-13)
     # Left are as many rows as the base and what no motor decides have coordinates, and they are independent.
     rows = left + (6 if base == "floating" else 0)
-    assert np.linalg.matrix_rank(actuation.unactuated(np.eye(model.nv))) == actuation.free == rows
+    assert np.linalg.matrix_rank(actuation.split(np.eye(model.nv))[: actuation.free]) == actuation.free == rows
     np.testing.assert_allclose(actuation.from_joints(actuation.at_joints(tau)), tau, atol=1e-13)
     v = random_state(model, rng).v
     assert actuation.C @ v == pytest.approx(0.0, abs=1e-14)

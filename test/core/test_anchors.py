@@ -215,7 +215,7 @@ def test_a_contact_asks_for_k_e_exactly_in_every_row(load, bench):
     state = robot.state(q, 0.1 * rng.normal(size=robot.model.nv))
     references = robot.board.sample(0.0)
     layouts = [each.controller.formulation.build(state, references) for each in (robot, without)]
-    b, b_without = (layout.problem.b[layout.mechanism.stop :] for layout in layouts)
+    b, b_without = (layout.contact_motion for layout in layouts)
     dynamics = at(robot.model, q)
     e = [
         contact.displacement(dynamics, references.anchors[name]) for name, contact in robot.controller.contacts.items()

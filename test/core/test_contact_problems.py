@@ -31,7 +31,7 @@ def bolted(robot, **limits):
 def still(robot, references):
     formulation = robot.controller.formulation
     layout = formulation.build(robot.state(), references)
-    columns = layout.acceleration_columns
+    columns = slice(0, robot.model.nv)
     layout.problem.x_lower[columns] = layout.problem.x_upper[columns] = 0.0
     return explain(layout, robot.model, formulation.effort_bounds(references), held=("motion",))
 

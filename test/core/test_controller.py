@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.core.problem import FORCE_UNIT, QuadraticProgram
+from wbc_controller.core.layout import FORCE_UNIT
+from wbc_controller.core.problem import QuadraticProgram
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.core.unpacking import unpack
 from wbc_controller.errors import NoSolution
@@ -388,11 +389,11 @@ def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
     elif kind == "motion":
         problem.x_upper[layout.joints[g1.model.joints.index(owner)]] += given
     elif kind == "normal_force":
-        problem.x_upper[layout.forces[layout.key.index(owner)]] += given / FORCE_UNIT
+        problem.x_upper[layout.places[layout.key.index(owner)].columns] += given / FORCE_UNIT
     else:
-        problem.upper[layout.cones[layout.key.index(owner)]] += given / FORCE_UNIT
+        problem.upper[layout.places[layout.key.index(owner)].cone] += given / FORCE_UNIT
     solve = make_solver("daqp", problem).solve
-    before, after = (p.objective(solve(p).x) for p in (layout.problem, problem))
+    before, after = (p.cost.value(solve(p).x) for p in (layout.problem, problem))
     assert (before - after) / given == pytest.approx(costs[name], rel=1e-3)
 
 
@@ -453,8 +454,8 @@ def test_a_built_problem_can_be_solved_by_hand(robots):
     x = np.array(make_solver("quadprog", layout.problem).solve(layout.problem).x)
     solution = bench.controller.solve(state, references)
     np.testing.assert_allclose(x[: bench.model.nv], solution.v_dot, atol=1e-5)
-    for columns, force in zip(layout.forces, solution.forces.values(), strict=True):
-        np.testing.assert_allclose(FORCE_UNIT * x[columns], force, atol=1e-3)
+    for place, force in zip(layout.places, solution.forces.values(), strict=True):
+        np.testing.assert_allclose(FORCE_UNIT * x[place.columns], force, atol=1e-3)
 
 
 def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots):
@@ -476,7 +477,6 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots):
             total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)
         return total
 
-    zero = cost(np.zeros(len(problem.g)))
     for _ in range(5):
-        x = rng.normal(size=len(problem.g))
-        assert problem.objective(x) == pytest.approx(cost(x) - zero, rel=1e-9)
+        x = rng.normal(size=problem.n)
+        assert problem.cost.value(x) == pytest.approx(cost(x), rel=1e-9)

@@ -36,7 +36,7 @@ def still(robot, references=None):
     """Why the robot cannot stand still; the problem with it."""
     references = references or robot.references()
     layout = robot.controller.formulation.build(robot.state(), references)
-    accelerations = layout.acceleration_columns
+    accelerations = slice(0, robot.model.nv)
     layout.problem.x_lower[accelerations] = layout.problem.x_upper[accelerations] = 0.0
     effort = robot.controller.formulation.effort_bounds(references)
     return explain(layout, robot.model, effort, held=("motion",)), layout, effort

@@ -164,7 +164,7 @@ def test_an_infeasible_problem_has_no_answer_and_leaves_no_trace(name, what):
 def test_nan_never_comes_out_as_an_answer(name, field):
     good = random_problem(np.random.default_rng(3))
     bad = drift(good, np.random.default_rng(3))
-    getattr(bad, field).reshape(-1)[1] = np.nan
+    getattr(bad, field).flat[1] = np.nan
     assert good.is_finite
     assert not bad.is_finite
     solver = make_solver(name, good)
@@ -196,16 +196,16 @@ def test_violation_says_by_how_much_each_constraint_is_broken():
 def test_a_problem_with_nan_is_not_finite(field):
     problem = random_problem(np.random.default_rng(4))
     assert problem.is_finite
-    getattr(problem, field).reshape(-1)[0] = np.nan
+    getattr(problem, field).flat[0] = np.nan
     assert not problem.is_finite
 
 
 def test_the_objective_is_what_is_minimized():
     problem = random_problem(np.random.default_rng(5))
     x = reference_answer(problem)
-    assert problem.objective(x) == pytest.approx(0.5 * x @ problem.H @ x + problem.g @ x)
+    assert problem.cost.value(x) == pytest.approx(0.5 * x @ problem.H @ x + problem.g @ x)
     solver = make_solver("daqp", problem)
-    assert problem.objective(solver.solve(problem).x) == pytest.approx(problem.objective(x), rel=1e-8)
+    assert problem.cost.value(solver.solve(problem).x) == pytest.approx(problem.cost.value(x), rel=1e-8)
 
 
 def test_an_unknown_solver_is_refused_with_the_nearest_one():
@@ -267,60 +267,62 @@ def active_set_of(problem):
 def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4):
     """Such as the controller makes them: few rows, and a diagonal that leaves out the first columns."""
     problem = QuadraticProgram.empty(n, equalities, inequalities, rows)
-    problem.stack[equalities:] = R = rng.normal(size=(rows, n))
+    problem.memory[:rows] = rng.normal(size=(rows, n + 1))
     problem.A[:], inside = rng.normal(size=(equalities, n)), rng.normal(size=n)
+    problem.A[-first:, :first] += 5.0 * np.eye(first)  # as that of a base is, far from singular
     problem.b[:], problem.C[:] = problem.A @ inside, rng.normal(size=(inequalities, n))
     problem.upper[:] = problem.C @ inside + rng.uniform(0.0, 0.3, inequalities)
-    problem.x_lower[first::3] = inside[first::3] - 0.1
-    problem.g[:] = 10.0 * rng.normal(size=n)
-    diagonal, inverse = np.zeros(n), np.zeros(n)
-    diagonal[first:] = 10.0 ** rng.uniform(-3.0, 1.0, n - first)
-    inverse[first:] = 1.0 / diagonal[first:]
-    problem.cost.squares = Squares(problem.stack, R, first, diagonal, inverse)
-    return problem, R.T @ R + np.diag(diagonal)
+    problem.x_lower[first::2] = inside[first::2] - 0.05
+    diagonal, linear = 10.0 ** rng.uniform(-3.0, 1.0, n - first), 10.0 * rng.normal(size=n - first)
+    stack = problem.memory[: rows + equalities]
+    problem.cost.pose(Squares(stack, rows, first, diagonal, 1.0 / diagonal, linear, constant=3.0))
+    return problem
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
     """Without active inequalities and with them, bounds and rows."""
-    problem, H = squares_problem(np.random.default_rng(seed))
+    problem = squares_problem(np.random.default_rng(seed))
     squares = problem.cost.squares
-    np.testing.assert_allclose(problem.H, H, rtol=1e-14, atol=1e-14)
-    assert problem.cost.squares is None
+    R, r = squares.stack[: squares.rows, :-1], squares.stack[: squares.rows, -1]
+    x = np.random.default_rng(seed).normal(size=problem.n)
+    z = x[squares.first :]
+    cost = 0.5 * np.sum((R @ x - r) ** 2) + 0.5 * squares.diagonal @ z**2 + squares.linear @ z + squares.constant
+    assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
     multipliers = make_solver("daqp", problem).solve(problem).multipliers
-    unbounded = problem.copy()
+    unbounded = problem.copy()  # which knows H and g alone
     unbounded.bounds[0], unbounded.bounds[1] = -np.inf, np.inf
-    assert multipliers[: len(problem.g)].any()
-    assert multipliers[len(problem.g) :].any()
-    for posed, learnt in ((problem, multipliers), (unbounded, 0.0 * multipliers)):
+    assert multipliers[: problem.n].any()
+    assert multipliers[problem.n :].any()
+    for posed, learnt in ((problem.copy(), multipliers), (unbounded, 0.0 * multipliers)):
         active_set = active_set_of(posed)
         active_set.learn(learnt)
         whole = active_set.solve(posed)
-        posed.cost.squares = squares
+        posed.cost.pose(squares)
         smaller = active_set.solve(posed)
-        assert posed.cost.squares is squares  # H was not formed
+        assert not posed.cost.formed
         size = max(1.0, np.abs(whole.x).max())
         np.testing.assert_allclose(smaller.x, whole.x, atol=1e-9 * size)
         np.testing.assert_allclose(smaller.multipliers, whole.multipliers, atol=1e-8 * max(1.0, np.abs(learnt).max()))
-        assert smaller.objective == pytest.approx(posed.objective(whole.x), rel=1e-9)
+        assert smaller.cost == pytest.approx(posed.cost.value(whole.x), rel=1e-9)
+        assert whole.cost == pytest.approx(smaller.cost, rel=1e-9)
 
 
 def test_where_weights_are_far_apart_the_whole_system_is_solved(bench):
     """The smaller one loses digits: that is seen by the equalities, and then not tried again with these weights."""
-    g1 = bench("g1")
-    references = g1.references()
-    weights = {name: (1e-3 if name == "posture" else 1e4) * weight for name, weight in references.weights.items()}
-    state = g1.near_stance(np.random.default_rng(0), position=0.05, velocity=0.1)
-    problem = g1.controller.formulation.build(state, replace(references, weights=weights)).problem
+    talos = bench("talos")
+    references = talos.references()
+    weights = {name: (1e-6 if name == "posture" else 1e7) * weight for name, weight in references.weights.items()}
+    state = talos.near_stance(np.random.default_rng(0), position=0.05, velocity=0.1)
+    problem = talos.controller.formulation.build(state, replace(references, weights=weights)).problem
     problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
     squares = problem.cost.squares
     active_set = active_set_of(problem)
-    x, *_ = active_set._condensed(problem, squares, None, None)
+    x, *_ = active_set._condensed(squares, None)
     assert problem.violation(x) > 1e-8
     answer = active_set.solve(problem)
     assert answer.residuals.violation <= 1e-8
-    assert problem.cost.squares is None  # H was formed
-    problem.cost.squares = squares
+    assert problem.cost.formed
     active_set._condensed = None
     np.testing.assert_array_equal(active_set.solve(problem).x, answer.x)
 

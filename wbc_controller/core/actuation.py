@@ -51,27 +51,36 @@ class Actuation(Drive):
         self.C = frozen(coupling)
         self.free = nv - na - len(coupling)
         B = np.vstack([self.S, self.C])
-        # Coordinates that nothing enters keep rows of their own, so that N is the same where only rows are picked.
+        # Coordinates that nothing enters keep rows of their own, so that N is the same where only rows are picked. The
+        # first coordinates, those of a base that moves, come last.
         entered = np.flatnonzero(B.any(axis=0))
         untouched = np.setdiff1d(np.arange(nv), entered)
-        self._N = np.zeros((self.free, nv))
-        self._N[np.arange(len(untouched)), untouched] = 1.0
-        self._N[len(untouched) :, entered] = null_space(B[:, entered]).T
-        self._T = np.linalg.solve(B @ B.T, B)[:na]
+        leading = untouched == np.arange(len(untouched))
+        untouched = np.concatenate([untouched[~leading], untouched[leading]])
+        N = np.zeros((self.free, nv))
+        N[self.free - len(untouched) + np.arange(len(untouched)), untouched] = 1.0
+        N[: self.free - len(untouched), entered] = null_space(B[:, entered]).T
+        self._N_T = np.vstack([N, np.linalg.solve(B @ B.T, B)[:na]])
         self.direct = self.motors is not None and not len(coupling)
         self._rows = as_slice(v_index[self.motors]) if self.direct else None
-        self._free_rows = as_slice(untouched)
+        self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
-    def torques(self, force: Array) -> Array:
-        """Torques of the actuators for generalized forces, T force: (nv,) or (nv, k) to (na,) or (na, k).
+    def split(self, force: Array) -> Array:
+        """What no actuator can give of generalized forces, N force, and below it their torques, T force.
 
         As all that picks rows, this may be a view.
-        """
-        return np.asarray(force[self._rows] if self._rows is not None else self._T @ force)
 
-    def unactuated(self, force: Array) -> Array:
-        """What no actuator can give of generalized forces, N force: (nv,) or (nv, k) to (free,) or (free, k)."""
-        return np.asarray(force[self._free_rows] if self._rows is not None else self._N @ force)
+        Args:
+            force: (nv,) or (nv, k).
+
+        Returns:
+            (free + na,) or (free + na, k).
+        """
+        return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
+
+    def torques(self, force: Array) -> Array:
+        """Torques of the actuators for generalized forces, T force: (nv,) to (na,)."""
+        return self.split(force)[self.free :]
 
     def generalized_force(self, tau: Array) -> Array:
         """Sᵀτ, (na,) to (nv,)."""

@@ -10,8 +10,9 @@ from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.formulation import Formulation
 from wbc_controller.core.hierarchy import Hierarchy
 from wbc_controller.core.infeasibility import explain
+from wbc_controller.core.layout import Layout
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import Layout, QuadraticProgram, Residuals
+from wbc_controller.core.problem import QuadraticProgram, Residuals
 from wbc_controller.core.solvers import Answer, Solver, make_solver
 from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.core.tasks import Task
@@ -103,8 +104,7 @@ class Controller:
         if answer.x is None:
             return answer, (), ()
         (level,) = layout.levels
-        cost = layout.problem.objective(answer.x) if answer.objective is None else answer.objective
-        cost += level.constant
+        cost = level.cost.value(answer.x) if answer.cost is None else answer.cost
         return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
 
     def solve(

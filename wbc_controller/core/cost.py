@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.layout import FORCE_UNIT, Layout
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import FORCE_UNIT, Layout, Level, Quadratic, Squares
+from wbc_controller.core.places import as_slice
+from wbc_controller.core.problem import Level, Quadratic, Squares
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.records import Array, References
 
@@ -16,6 +19,31 @@ from wbc_controller.records import Array, References
 ROTATION_LENGTH = 0.1
 
 _NONE = np.zeros(0)
+
+
+@dataclass(slots=True)
+class _Plan:
+    """Where the cost of a level stands, for one set of made contacts and the tasks that weigh something.
+
+    Attributes:
+        tasks: names of these.
+        cost: to be posed.
+        squares: what it is made of.
+        rows: each task with rows, √w, and the places of its J and its right side.
+        momentum: the same places of the momentum's rate; None where the base does not move.
+        single: each task on single accelerations, w, and their places in the diagonal.
+        kept: the rows of tasks.
+        none: rows of no task.
+    """
+
+    tasks: tuple[str, ...]
+    cost: Quadratic
+    squares: Squares
+    rows: list[tuple[AccelerationTask, Array, Array, Array]]
+    momentum: tuple[Array, Array] | None
+    single: list[tuple[AccelerationTask, Array, np.ndarray | slice]]
+    kept: Array
+    none: Array
 
 
 class LevelCost:
@@ -60,92 +88,90 @@ class LevelCost:
         self._base = 6 if model.floating_base else 0
         self._regularization = (regularization_acceleration, regularization_force * FORCE_UNIT**2)
         scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3) * (regularization_acceleration**0.5 / model.mass)
-        self._momentum_scale, self._momentum_scale_rows = scale, scale[:, None]
+        self._momentum_scale_rows, self._minus_momentum_scale = scale[:, None], -scale
         self._first = level == min(task.level for task in tasks)
         self.rows = sum(task.dimension for task in self._exact) + 6
         self._weights: list[float] = []
-        self._weighted_rows: list[tuple[AccelerationTask, Array, Array]] = []
-        self._weighted_single: list[tuple[AccelerationTask, Array]] = []
-        self._taking_part: tuple[str, ...] = ()
-        self._diagonals: dict[int, tuple[Array, Array]] = {}
-        self._none: dict[int, Array] = {}
+        self._plans: dict[tuple[str, ...], _Plan] = {}
 
-    def fill(self, layout: Layout, cost: Quadratic, dynamics: Dynamics, references: References) -> Level:
-        """Write the cost of one cycle.
+    def fill(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
+        """Pose the cost of one cycle.
 
         Args:
             layout: with the equations of motion filled.
-            cost: to be overwritten.
             dynamics: the snapshot.
             references: what is wanted, and how much.
         """
-        nv, g, wanted = self._model.nv, cost.g, references.tasks
-        n = len(g)
-        self._weigh(references.weights)
+        wanted = references.tasks
+        weights = references.weights
+        present = [weights.get(task.name, 0.0) for task in self._exact + self._single]
+        if present != self._weights:
+            self._weights = present
+            self._plans.clear()
+        plan = self._plans.get(layout.key)
+        if plan is None:
+            plan = self._plans[layout.key] = self._plan(layout, weights)
         errors = self.errors = {}
-        stack = layout.problem.stack if self._first else None
-        stack = np.zeros((self.rows, n)) if stack is None else stack
-        top = len(stack) - self.rows
-        rows, minus_right = stack[top:, :nv], np.empty(self.rows)
-        row = 0
-        for task, scale, minus_scale in self._weighted_rows:
-            J, right, errors[task.name] = task.equation(dynamics, wanted[task.name])
-            end = row + len(right)
-            np.multiply(J, scale, out=rows[row:end])
-            np.multiply(right, minus_scale, out=minus_right[row:end])
-            row = end
-        of_tasks = row
-        if self._base:  # √ε_a ḣ_G / m, for a base that moves
-            row += 6
-            np.multiply(dynamics.centroidal_matrix, self._momentum_scale_rows, out=rows[of_tasks:row])
-            np.multiply(dynamics.centroidal_drift, self._momentum_scale, out=minus_right[of_tasks:row])
-        rows, minus_right = stack[top : top + row], minus_right[:row]
-        minus_right.dot(rows, out=g)
-        constant = 0.5 * float(minus_right.dot(minus_right))
-        for task, weight in self._weighted_single:
-            right, errors[task.name] = task.right(dynamics, wanted[task.name])
-            weighted = weight * right
-            g[task.columns] -= weighted
-            constant += 0.5 * float(weighted.dot(right))
-        cost.squares = Squares(stack[: top + row], rows, self._base, *self._diagonal(n))
-        if n not in self._none:
-            self._none[n] = np.zeros((0, n))
-        none = self._none[n]
-        level = Level(self._taking_part, cost, constant, none, none, _NONE, _NONE)
-        if not self._last:
-            level.kept = rows[:of_tasks].copy()
+        squares = plan.squares
+        for task, scale, rows, right in plan.rows:
+            J, asked, errors[task.name] = task.equation(dynamics, wanted[task.name])
+            np.multiply(J, scale, out=rows)
+            np.multiply(asked, scale, out=right)
+        if plan.momentum is not None:  # √ε_a ḣ_G / m, for a base that moves
+            rows, right = plan.momentum
+            np.multiply(dynamics.centroidal_matrix, self._momentum_scale_rows, out=rows)
+            np.multiply(dynamics.centroidal_drift, self._minus_momentum_scale, out=right)
+        squares.linear.fill(0.0)
+        squares.constant = 0.0
+        for task, weight, columns in plan.single:
+            asked, errors[task.name] = task.right(dynamics, wanted[task.name])
+            weighted = weight * asked
+            squares.linear[columns] -= weighted
+            squares.constant += 0.5 * float(weighted.dot(asked))
+        plan.cost.pose(squares)
+        level = Level(plan.tasks, plan.cost, plan.kept, plan.none, _NONE, _NONE)
         if self._others:
             self._add_others(level, layout, dynamics, references)
         return level
 
-    def _weigh(self, weights: Mapping[str, float]) -> None:
-        """Find which tasks take part, where a weight has changed. What NaN weighs does: it is found later."""
-        present = [weights.get(task.name, 0.0) for task in (*self._exact, *self._single)]
-        if present == self._weights:
-            return
-        self._weights = present
-        taking_part = {task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0}
-        roots = {name: np.array(weights[name] ** 0.5) for name in taking_part}  # as arrays they multiply faster
-        self._weighted_rows = [(t, roots[t.name], -roots[t.name]) for t in self._exact if t.name in taking_part]
-        self._weighted_single = [(t, np.array(weights[t.name])) for t in self._single if t.name in taking_part]
-        self._taking_part = tuple(t.name for t in (*self._exact, *self._single) if t.name in taking_part)
-        self._diagonals.clear()
-
-    def _diagonal(self, n: int) -> tuple[Array, Array]:
-        """Diagonal of H without the rows, (n,), and its inverse but for the base's columns, where both are 0."""
-        if n not in self._diagonals:
-            nv = self._model.nv
-            diagonal, inverse = np.zeros(n), np.zeros(n)
-            diagonal[self._base : nv], diagonal[nv:] = self._regularization
-            for task, weight in self._weighted_single:
-                diagonal[task.columns] += weight
-            inverse[self._base :] = 1.0 / diagonal[self._base :]
-            self._diagonals[n] = (diagonal, inverse)
-        return self._diagonals[n]
+    def _plan(self, layout: Layout, weights: Mapping[str, float]) -> _Plan:
+        """Lay out the rows of the tasks that take part. What NaN weighs does: it is found later."""
+        problem, nv, n, base = layout.problem, self._model.nv, layout.problem.n, self._base
+        taking_part = [task for task in self._exact if not weights.get(task.name, 0.0) <= 0.0]
+        count = sum(task.dimension for task in taking_part) + base
+        # The first level has its rows above the equalities: the solver reads both.
+        top, stop = problem.room - count, problem.room + len(problem.b)
+        whole = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
+        stack = whole[:count]
+        stack[:] = 0.0
+        rows, end = [], 0
+        for task in taking_part:
+            start, end = end, end + task.dimension
+            scale = np.array(weights[task.name] ** 0.5)  # as an array it multiplies faster
+            rows.append((task, scale, stack[start:end, :nv], stack[start:end, n]))
+        momentum = (stack[end:, :nv], stack[end:, n]) if base else None
+        single = [task for task in self._single if not weights.get(task.name, 0.0) <= 0.0]
+        diagonal = np.empty(n - base)
+        diagonal[: nv - base], diagonal[nv - base :] = self._regularization
+        entries = []
+        for task in single:
+            weight, columns = np.array(weights[task.name]), as_slice(np.arange(nv)[task.columns] - base)
+            diagonal[columns] += weight
+            entries.append((task, weight, columns))
+        return _Plan(
+            tasks=tuple(task.name for task in taking_part + single),
+            cost=problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n)),
+            squares=Squares(whole, count, base, diagonal, 1.0 / diagonal, np.zeros(n - base)),
+            rows=rows,
+            momentum=momentum,
+            single=entries,
+            kept=np.zeros((0, n)) if self._last else stack[:end, :n],
+            none=np.zeros((0, n)),
+        )
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:
         """Add the tasks on forces and torques, and those with a tolerance."""
-        nv, n = self._model.nv, len(level.g)
+        nv, n = self._model.nv, layout.problem.n
         for task in self._others:
             weight = references.weights.get(task.name, 0.0)
             if weight <= 0.0:

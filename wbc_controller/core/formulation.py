@@ -11,9 +11,9 @@ from wbc_controller.core.anchors import pull
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.cost import LevelCost
 from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.layout import FORCE_UNIT, Layout
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import FORCE_UNIT, Layout, Quadratic
 from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.records import Array, References, RobotState, Tuning
 
@@ -138,12 +138,7 @@ class Formulation:
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
     def _fill_cost(self, layout: Layout, references: References) -> None:
-        program, n = layout.problem.cost, len(layout.problem.g)
-        first, *below = self._costs
-        layout.levels = [first.fill(layout, program, self.dynamics, references)]
-        for cost in below:
-            empty = Quadratic(np.zeros((n, n)), np.zeros(n))
-            layout.levels.append(cost.fill(layout, empty, self.dynamics, references))
+        layout.levels = [cost.fill(layout, self.dynamics, references) for cost in self._costs]
 
     @property
     def task_errors(self) -> dict[str, float]:
@@ -151,19 +146,14 @@ class Formulation:
         return {name: error for cost in self._costs for name, error in cost.errors.items()}
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
-        problem, dynamics, model = layout.problem, self.dynamics, self.model
-        h = self.bias(references)
-        actuation, unactuated, torque = model.actuation, layout.unactuated, layout.torque
-        layout.free_motion[:] = actuation.unactuated(dynamics.M)
-        forces_to_motion = (layout.J * _TO_FORCES).T
-        layout.free_forces[:] = actuation.unactuated(forces_to_motion)
-        np.negative(actuation.unactuated(h), out=problem.b[unactuated])
-        layout.torque_motion[:] = actuation.torques(dynamics.M)
-        layout.torque_forces[:] = actuation.torques(forces_to_motion)
-        layout.torque_bias[:] = bias = actuation.torques(h)
-        lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
-        np.subtract(lower, bias, out=problem.lower[torque])
-        np.subtract(upper, bias, out=problem.upper[torque])
+        dynamics, actuation = self.dynamics, self.model.actuation
+        layout.dynamics_motion[:] = actuation.split(dynamics.M)
+        np.multiply(actuation.split(layout.J.T), _TO_FORCES, out=layout.dynamics_forces)
+        bias = actuation.split(self.bias(references))
+        np.negative(bias[: actuation.free], out=layout.minus_free_bias)
+        layout.torque_bias = bias[actuation.free :]
+        bounds = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
+        np.subtract(bounds, layout.torque_bias, out=layout.torque_bounds)
 
     def bias(self, references: References) -> Array:
         """Bias forces less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
@@ -175,19 +165,20 @@ class Formulation:
         return h
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        problem, dynamics, J = layout.problem, self.dynamics, layout.J
-        for contact, rows in zip(layout.contacts, layout.force_rows, strict=True):
-            J[rows] = contact.jacobian(dynamics)
-        velocity = J.dot(dynamics.v)
-        for i, contact in enumerate(layout.contacts):
-            problem.b[layout.motion[i]] = contact.acceleration(dynamics, velocity[layout.force_rows[i]])
+        dynamics = self.dynamics
+        for place in layout.places:
+            place.J[:] = place.contact.jacobian(dynamics)
+        velocity = layout.J.dot(dynamics.v)
+        for place in layout.places:
+            contact = place.contact
+            place.acceleration[:] = contact.acceleration(dynamics, velocity[place.motion])
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
-            if bounds is not layout.force_bounds[i]:
-                problem.x_lower[layout.forces[i]] = bounds[0] / FORCE_UNIT
-                problem.x_upper[layout.forces[i]] = bounds[1] / FORCE_UNIT
-                layout.force_bounds[i] = bounds
+            if bounds is not place.bounds:
+                np.divide(bounds[0], FORCE_UNIT, out=place.lower)
+                np.divide(bounds[1], FORCE_UNIT, out=place.upper)
+                place.bounds = bounds
         if layout.anchored:
-            problem.b[layout.mechanism.stop :] += pull(layout, dynamics, references.anchors)
+            layout.contact_motion += pull(layout, dynamics, references.anchors)
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
@@ -202,18 +193,17 @@ class Formulation:
             limit.fill(
                 self.dynamics,
                 self.period,
-                problem.C[rows, layout.acceleration_columns],
+                problem.C[rows, : self.model.nv],
                 problem.lower[rows],
                 problem.upper[rows],
             )
             layout.relabel(rows, limit.names)
 
-    def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
+    def effort_bounds(self, references: References) -> Array:
+        """Bounds of the problem's torque rows by what the motors have now, without the rate: lower, upper, (2, na)."""
         actuation = self.model.actuation
-        lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
-        h = actuation.torques(self.bias(references))
-        return lower - h, upper - h
+        available = self.torque_limit.available(actuation.speeds(self.dynamics.v))
+        return np.asarray(available - actuation.torques(self.bias(references)))
 
     def relaxable(self, layout: Layout) -> tuple[str, ...]:
         """What `relax` can take out of a built problem, in the order in which it may give."""
@@ -247,4 +237,4 @@ class Formulation:
                     problem.lower[rows] = -np.inf
                     problem.upper[rows] = np.inf
         else:
-            problem.lower[layout.torque], problem.upper[layout.torque] = self.effort_bounds(references)
+            layout.torque_bounds[:] = self.effort_bounds(references)

@@ -63,7 +63,7 @@ class Hierarchy:
             limits. None, as from a solver, where the first level has no solution.
         """
         self.reports, self.unsolved = (), ()
-        n = len(problem.g)
+        n = problem.n
         x, free = _solution_and_null_space(problem.A, problem.b)
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
             return Answer(None, "the equalities contradict each other", 0)
@@ -97,7 +97,7 @@ class Hierarchy:
             rows = np.vstack([rows, level.G])
             lower = np.concatenate([lower, np.minimum(level.lower, value)])
             upper = np.concatenate([upper, np.maximum(level.upper, value)])
-            cost = 0.5 * float(x @ level.H @ x + slack @ slack) + float(level.g @ x) + level.constant
+            cost = level.cost.value(x) + 0.5 * float(slack @ slack)
             self.reports += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
             if not last:
                 free = free @ _null_space(level.kept @ free)

@@ -36,8 +36,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from wbc_controller.core.contacts import Contact
+from wbc_controller.core.layout import FORCE_UNIT, Layout
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import FORCE_UNIT, Layout
 from wbc_controller.records import Array, Infeasibility, frozen_mapping
 
 #: Length that makes moments comparable to forces and angular accelerations to linear ones, m.
@@ -101,7 +101,7 @@ class Constraint:
         return self.name.partition(":")[2]
 
 
-def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
+def named_constraints(layout: Layout, model: RobotModel, effort: Array) -> list[Constraint]:
     """Split a built problem into constraints with names; the equations of motion are not among them.
 
     Args:
@@ -137,8 +137,9 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
             )
         )  # fmt: skip
 
-    identity = np.eye(len(problem.g))
-    for contact, columns, motion, cone in zip(layout.contacts, layout.forces, layout.motion, layout.cones, strict=True):
+    identity = np.eye(problem.n)
+    for place in layout.places:
+        contact, columns, motion, cone = place.contact, place.columns, place.motion, place.cone
         angular = contact.moments
         add(
             f"contact_motion:{contact.name}", problem.A[motion], (problem.b[motion], problem.b[motion]),
@@ -181,9 +182,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     return found
 
 
-def explain(
-    layout: Layout, model: RobotModel, effort: tuple[Array, Array], held: Collection[str] = ()
-) -> Infeasibility | None:
+def explain(layout: Layout, model: RobotModel, effort: Array, held: Collection[str] = ()) -> Infeasibility | None:
     """Say which constraints of a problem conflict.
 
     Args:

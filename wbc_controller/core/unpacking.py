@@ -10,7 +10,8 @@ from typing import TypedDict
 import numpy as np
 
 from wbc_controller.core.formulation import Formulation
-from wbc_controller.core.problem import FORCE_UNIT, Layout, Residuals
+from wbc_controller.core.layout import FORCE_UNIT, Layout
+from wbc_controller.core.problem import Residuals
 from wbc_controller.records import Array, References, freeze, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
@@ -51,23 +52,18 @@ def unpack(
         references: that the problem was built for.
     """
     nv, n = formulation.model.nv, len(x)
-    equalities, stop = residuals.equalities.tolist(), layout.mechanism.stop  # so few that a list is faster
+    equalities, start = residuals.equalities.tolist(), layout.mechanism.start  # so few that a list is faster
     torques = residuals.value[n + layout.torque.start : n + layout.torque.stop]
     x = freeze(x)
     forces = freeze(FORCE_UNIT * x[nv:])
     return {
         "v_dot": x[:nv],
         "tau": freeze(torques + layout.torque_bias),
-        "forces": MappingProxyType(
-            {
-                contact.name: forces[columns.start - nv : columns.stop - nv]
-                for contact, columns in zip(layout.contacts, layout.forces, strict=True)
-            }
-        ),
+        "forces": MappingProxyType({place.contact.name: forces[place.motion] for place in layout.places}),
         "residuals": MappingProxyType(
             {
-                "equations_of_motion": max(equalities[:stop], default=0.0),
-                "contact_motion": max(equalities[stop:], default=0.0),
+                "equations_of_motion": max(equalities[start:], default=0.0),
+                "contact_motion": max(equalities[:start], default=0.0),
                 "inequalities": max(0.0, -residuals.least_room),
             }
         ),

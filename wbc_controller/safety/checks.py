@@ -35,7 +35,7 @@ def torques_usable(
     limits: Array,
     actuators: Sequence[str],
     tolerance: float = 0.01,
-    available: tuple[Array, Array] | None = None,
+    available: Array | None = None,
 ) -> Fault | None:
     """Check that torques are finite and within their limits.
 
@@ -44,7 +44,7 @@ def torques_usable(
         limits: (na,) in N·m.
         actuators: names, (na,).
         tolerance: share of a limit by which a solver may miss it; the supervisor clips that much.
-        available: what the motors have at the present speeds, where that is less: lower and upper, both (na,) in N·m.
+        available: what the motors have at the present speeds, where that is less: lower and upper, (2, na) in N·m.
     """
     if available is None:
         good = np.abs(tau) <= (1.0 + tolerance) * limits
@@ -53,7 +53,7 @@ def torques_usable(
         good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     if np.count_nonzero(good) == len(good):
         return None
-    lower, upper = (-limits, limits) if available is None else available
+    lower, upper = np.array([-limits, limits]) if available is None else available
     bound = np.where(tau < 0.0, -lower, upper)
     worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(~good))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

@@ -71,7 +71,7 @@ class Supervisor:
         self._since = 0.0  # when the present mode began, s
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
-        self._effort_limits = (-model.effort_limits, model.effort_limits)
+        self._effort_limits = frozen([-model.effort_limits, model.effort_limits])
         self._held = self._tau  # the torques at the start of holding
         self._q_index, self._v_index = model.q_places, model.v_places
         self._nan = frozen(np.full(model.nj, np.nan))
@@ -84,7 +84,8 @@ class Supervisor:
     @limits.setter
     def limits(self, limits: SupervisorLimits) -> None:
         self._limits = limits
-        self._step = (limits.torque_rate * limits.period) * self._model.effort_limits
+        step = (limits.torque_rate * limits.period) * self._model.effort_limits
+        self._steps = frozen([-step, step])
         self._period = np.array(limits.period)  # as an array it multiplies faster
 
     @property
@@ -251,8 +252,8 @@ class Supervisor:
             return None
         return tau if share >= 1.0 else share * tau
 
-    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array] | None:
-        """Lower and upper bounds of the torques, both (na,) in N·m; None where they are the effort limits."""
+    def _available(self, joint_velocity: Array | None) -> Array | None:
+        """Lower and upper bounds of the torques, (2, na) in N·m; None where they are the effort limits."""
         curve = self.limits.torque_speed
         if curve is None or joint_velocity is None:
             return None
@@ -265,10 +266,11 @@ class Supervisor:
         solution: Solution | None,
         joint_velocity: Array | None = None,
     ) -> JointCommand:
-        step = self._step
+        lower, upper = self._tau + self._steps
         # np.clip does the same in five times as long.
-        tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
-        lower, upper = self._available(joint_velocity) or self._effort_limits
+        tau = np.minimum(np.maximum(tau, lower), upper)
+        available = self._available(joint_velocity)
+        lower, upper = self._effort_limits if available is None else available
         tau = freeze(np.minimum(np.maximum(tau, lower), upper))  # last: what a motor has not got no rate can give it
         self._tau = tau
         q_desired = v_desired = self._nan

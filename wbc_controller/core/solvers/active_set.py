@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv, dposv
 
 from wbc_controller.core.problem import QuadraticProgram, Squares
 from wbc_controller.core.solvers.solver import Answer
@@ -28,14 +28,15 @@ class ActiveSet:
     which takes a fraction of the time of a solver that has to look for them. x is the minimizer exactly if it meets all
     inequalities and no multiplier λ has the wrong sign, and that is checked. Where it is not, a solver searches.
 
-    Mostly H = RᵀR + diag(d) with few rows R (`Squares`), and d > 0 but for the k first columns, those of the base. With
-    z the columns after them, B = [A; R; W] and p = -[y; R x; λ], the rows of z say x_z = d⁻¹ (B_zᵀp - g_z), and what is
-    left is a smaller system, where E is 1 on the diagonal of the rows R and 0 elsewhere:
+    Mostly the cost is ½ ‖R x - r‖² + ½ Σ dᵢ xᵢ² + cᵀx (`Squares`) with few rows R, and d > 0 but for the k first
+    columns, those of the base, which the k last equalities determine: x_k = s - N z, with z the columns after them.
+    Without them R, the other equalities and W are, as rows of z, B = [R'; A'; W'] with right sides β = [r'; b'; w'],
+    and with p = -[R'z - r'; y; λ]
 
-        | B_z d⁻¹ B_zᵀ + E   B_k |  | p   |   | [b; 0; w] + B_z d⁻¹ g_z |
-        | B_kᵀ               0   |  | x_k | = | g_k                     |
+        z = d⁻¹ (Bᵀp - c),    (B d⁻¹ Bᵀ + E) p = β + B d⁻¹ c
 
-    Where weights are so far apart (1e6 and more) that it loses too many digits, it is left alone until they change.
+    where E is 1 on the diagonal of the rows R' and 0 elsewhere: half as many unknowns, and positive definite. Where
+    weights are so far apart (1e11 and more) that it loses too many digits, it is left alone until they change.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
@@ -46,7 +47,6 @@ class ActiveSet:
         self._none = np.zeros(len(self._side))
         self._none.setflags(write=False)
         self._too_far: Array | None = None  # the d⁻¹ with which the smaller system was not accurate enough
-        self._memory = np.zeros((2 * n + equalities) ** 2)
 
     def learn(self, multipliers: Array) -> None:
         """Take the active set of an answer, (n + m_in,) as in `Answer`."""
@@ -58,15 +58,13 @@ class ActiveSet:
         active = self._active
         if self._m + len(active) > self._n:
             return None
-        W, w = self._rows(problem, active) if len(active) else (None, None)
+        rows = self._rows(problem, active) if len(active) else None
         squares = problem.cost.squares
-        condensed = (
-            squares is not None and squares.inverse is not self._too_far and len(squares.rows) + squares.first < self._n
-        )
-        found = self._condensed(problem, squares, W, w) if squares and condensed else self._full(problem, W, w)
+        condensed = squares is not None and squares.inverse is not self._too_far and len(squares.stack) < self._n
+        found = self._condensed(squares, rows) if squares and condensed else self._full(problem, rows)
         if found is None:
             return None
-        x, costs, objective = found
+        x, costs, cost = found
         residuals = problem.residuals(x)
         if not residuals.violation <= _FEASIBLE:
             if squares and condensed and not residuals.equalities.max(initial=0.0) <= _FEASIBLE:
@@ -82,75 +80,66 @@ class ActiveSet:
                 return None
             multipliers = np.zeros(len(self._side))
             multipliers[active] = costs
-        return Answer(x, "optimal", 1, multipliers, residuals, objective)
+        return Answer(x, "optimal", 1, multipliers, residuals, cost)
 
-    def _rows(self, problem: QuadraticProgram, active: np.ndarray) -> tuple[Array, Array]:
-        """W, (k, n), and w, (k,)."""
+    def _rows(self, problem: QuadraticProgram, active: np.ndarray) -> Array:
+        """[W, w], (k, n + 1)."""
         bounds = active[active < self._n]
-        W = np.zeros((len(active), self._n))
-        W[np.arange(len(bounds)), bounds] = 1.0
-        W[len(bounds) :] = problem.C[active[len(bounds) :] - self._n]
-        return W, problem.bounds[(self._side[active] > 0).astype(np.intp), active]
+        rows = np.zeros((len(active), self._n + 1))
+        rows[np.arange(len(bounds)), bounds] = 1.0
+        rows[len(bounds) :, :-1] = problem.C[active[len(bounds) :] - self._n]
+        rows[:, -1] = problem.bounds[(self._side[active] > 0).astype(np.intp), active]
+        return rows
 
-    def _full(self, problem: QuadraticProgram, W: Array | None, w: Array | None) -> tuple[Array, Array, float] | None:
-        """x, λ and the objective; None where they are not determined."""
+    def _full(self, problem: QuadraticProgram, active: Array | None) -> tuple[Array, Array, float] | None:
+        """x, λ and the cost; None where they are not determined."""
         n, m = self._n, self._n + self._m
-        size = m if W is None else m + len(W)
-        K = self._memory[: size * size].reshape(size, size)
-        right = np.empty(size)
+        size = m if active is None else m + len(active)
+        K, right = np.zeros((size, size)), np.empty(size)
         K[:n, :n] = problem.H
         K[n:m, :n] = problem.A
         np.negative(problem.g, out=right[:n])
         right[n:m] = problem.b
-        if W is not None:
-            K[m:, :n], right[m:] = W, w
+        if active is not None:
+            K[m:, :n], right[m:] = active[:, :-1], active[:, -1]
         K[:n, n:] = K[n:, :n].T
-        K[n:, n:] = 0.0
-        answer = _solution(K, right)
-        if answer is None:
+        _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # of the symmetric K the transpose saves a copy
+        if info != 0 or not answer.dot(answer) <= _LARGEST**2:
             return None
-        # As below: right is [-g; b; w].
-        return answer[:n], answer[m:], -0.5 * float(right @ answer)
+        # xᵀHx is -gᵀx - bᵀy - wᵀλ: multiply the conditions of the minimum by xᵀ. And right is [-g; b; w].
+        return answer[:n], answer[m:], problem.cost.constant - 0.5 * float(right @ answer)
 
-    def _condensed(
-        self, problem: QuadraticProgram, squares: Squares, W: Array | None, w: Array | None
-    ) -> tuple[Array, Array, float] | None:
+    def _condensed(self, squares: Squares, active: Array | None) -> tuple[Array, Array, float] | None:
         """The same by the smaller system."""
-        B, g, first, m = squares.stack, problem.cost.g, squares.first, self._m
-        rows = len(B)
-        if W is not None:
-            B = np.vstack((B, W))
-        k = len(B)
-        size = k + first
-        T = B * squares.inverse  # B_z d⁻¹, and 0 in the columns of the base
-        K = self._memory[: size * size].reshape(size, size)
-        K[:k, :k] = T.dot(B.T)
-        self._memory[m * (size + 1) : rows * (size + 1) : size + 1] += 1.0
-        K[:k, k:] = B[:, :first]
-        K[k:, :k] = K[:k, k:].T
-        K[k:, k:] = 0.0
-        right = np.empty(size)
-        T.dot(g, out=right[:k])
-        right[:m] += problem.b
-        if w is not None:
-            right[rows:k] += w
-        right[k:] = g[:first]
-        answer = _solution(K, right)
-        if answer is None:
-            return None
-        p = answer[:k]
-        x = p.dot(T)
-        x -= squares.inverse * g
-        x[:first] = answer[k:]
-        costs = -p[rows:]
-        # xᵀHx is -gᵀx - bᵀy - wᵀλ: multiply the conditions of the minimum by xᵀ.
-        bounds = 0.0 if w is None else float(w @ costs)
-        return x, costs, 0.5 * (float(g.dot(x)) + float(problem.b.dot(p[:m])) - bounds)
-
-
-def _solution(K: Array, right: Array) -> Array | None:
-    """Of K x = right, K symmetric and overwritten; None where K is next to singular or a value is not finite."""
-    if not len(right):  # such as a fixed base, and tasks on joints alone
-        return right
-    _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # of the symmetric K the transpose saves a copy
-    return answer if info == 0 and answer.dot(answer) <= _LARGEST**2 else None  # None for NaN
+        first, rows, c = squares.first, squares.rows, squares.linear
+        B = squares.stack
+        if first:
+            _, _, N, info = dgesv(B[-first:, :first], B[-first:, first:])
+            if info != 0:
+                return None
+            B = B[:-first]
+        equations = len(B)
+        if active is not None:
+            B = np.concatenate((B, active))
+        if first:
+            B = B[:, first:] - B[:, :first].dot(N)
+        beta, B = B[:, -1], B[:, :-1]
+        T = B * squares.inverse
+        p = beta + T.dot(c)
+        if len(p):  # there are none for a fixed base and tasks on joints alone
+            K = T.dot(B.T)
+            K.reshape(-1)[: rows * (len(p) + 1) : len(p) + 1] += 1.0
+            _, p, info = dposv(
+                K.T, p, overwrite_a=True, overwrite_b=True
+            )  # of the symmetric K the transpose saves a copy
+            if info != 0 or not p.dot(p) <= _LARGEST**2:
+                return None
+        x = np.empty(self._n)
+        z = x[first:]
+        p.dot(T, out=z)
+        z -= squares.inverse * c
+        if first:
+            np.subtract(N[:, -1], N[:, :-1].dot(z), out=x[:first])
+        # Multiply z by its equation: zᵀ(d z + c) is pᵀB z, and B z is β - E p.
+        cost = squares.constant + 0.5 * (float(p.dot(beta)) + float(c.dot(z)))
+        return x, -p[equations:], cost

@@ -33,7 +33,7 @@ def make_solver(name: str, problem: QuadraticProgram) -> Solver:
         ConfigurationError: where no solver of that name is installed.
     """
     if name in _PERSISTENT:
-        return _PERSISTENT[name](len(problem.g), len(problem.b), len(problem.upper))
+        return _PERSISTENT[name](problem.n, len(problem.b), len(problem.upper))
     require_solver(name)
     return ThroughQpsolvers(name)
 

@@ -66,7 +66,7 @@ class OsqpSolver(Solver):
         return Answer(None, str(result.info.status), iterations)
 
     def _run(self, problem: QuadraticProgram) -> Any:
-        n, rows = len(problem.g), len(self._rows)
+        n, rows = problem.n, len(self._rows)
         h_values = problem.H[self._h_rows, self._h_columns]
         a_values = self._rows[self._a_rows, self._a_columns]
         if self._solver is None:

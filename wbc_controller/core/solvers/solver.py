@@ -25,7 +25,7 @@ class Answer:
         multipliers: of the bounds of x, then of the rows of C, (n + m_in,): positive at an upper bound, negative at a
             lower one, 0 away from both; with those of the equalities, Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0.
         residuals: of the problem's constraints at x, where the solver has computed them.
-        objective: value of ½ xᵀHx + gᵀx, likewise.
+        cost: of x, likewise.
     """
 
     x: Array | None
@@ -33,7 +33,7 @@ class Answer:
     iterations: int
     multipliers: Array = field(default_factory=lambda: np.zeros(0))
     residuals: Residuals | None = None
-    objective: float | None = None
+    cost: float | None = None
 
 
 class Solver(ABC):

@@ -32,11 +32,11 @@ class ThroughQpsolvers(Solver):
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
             return Answer(None, "no solution found", 0)
         self._last = np.array(solution.x)
-        multipliers = np.zeros(len(problem.g) + len(problem.upper))
+        multipliers = np.zeros(problem.n + len(problem.upper))
         if solution.z_box is not None:
-            multipliers[: len(problem.g)] = solution.z_box
+            multipliers[: problem.n] = solution.z_box
         if solution.z is not None:
-            rows = multipliers[len(problem.g) :]
+            rows = multipliers[problem.n :]
             rows[upper] += solution.z[: upper.sum()]
             rows[lower] -= solution.z[upper.sum() :]
         return Answer(self._last, "optimal", 0, multipliers)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
-from wbc_controller.core.problem import FORCE_UNIT, Layout
+from wbc_controller.core.layout import FORCE_UNIT, Layout
 from wbc_controller.core.tasks.task import EffortTask
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference
@@ -50,7 +50,7 @@ class ContactWrenchTask(EffortTask):
         """What makes the wrench of the contact's columns, (k, n), and the wrench, (k,)."""
         if self.contact not in layout.key:
             return None
-        columns = layout.forces[layout.key.index(self.contact)]
-        rows = np.zeros((self.dimension, len(layout.problem.g)))
+        columns = layout.places[layout.key.index(self.contact)].columns
+        rows = np.zeros((self.dimension, layout.problem.n))
         rows[:, columns] = self._basis
         return rows, reference.position[self.rows]

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.problem import Layout
+from wbc_controller.core.layout import Layout
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference, frozen
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wbc_controller.core.layout import Layout
 from wbc_controller.core.model import RobotModel
-from wbc_controller.core.problem import Layout
 from wbc_controller.core.tasks.task import EffortTask
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, Reference
