@@ -22,7 +22,9 @@ STIFFNESS, DAMPING = 100.0, 20.0
 WEIGHTS = {"com": 1.0, "posture": 0.1, "waist": 1.0, "force": 1.0e-8}
 
 
-def talos(tasks: dict[str, Any] | None = None, **sections: dict[str, Any]) -> Settings:
+def talos(
+    tasks: dict[str, Any] | None = None, *, contact_stiffness: float = 0.0, **sections: dict[str, Any]
+) -> Settings:
     """Settings of Talos at 1 kHz, by default with tsid's three tasks."""
     gains = {"stiffness": STIFFNESS, "damping": DAMPING, "setpoint_duration": 0.0}
     alike = {
@@ -35,6 +37,8 @@ def talos(tasks: dict[str, Any] | None = None, **sections: dict[str, Any]) -> Se
     content["mock"] |= {"step": 0.001}
     content["safety"] |= {"activation_ramp": 0.0}
     content["tasks"] = alike if tasks is None else tasks
+    for contact in content["contacts"].values():
+        contact["stiffness"] = contact_stiffness
     for section, values in sections.items():
         content[section] |= values
     return parse_settings(content, "benchmarks/our_cycle.py")

@@ -63,19 +63,17 @@ class Tsid:
         stiffness: float,
         damping: float,
         waist: str,
-        contact_stiffness: float = 0.0,
     ) -> None:
         """Start the process.
 
         Args:
             settings: the robot's settings, for its URDF and contacts.
             model: the robot's model.
-            q: where the references of posture and waist are, (nq,).
+            q: where the references of posture and waist are, and the contacts' anchors, (nq,).
             weights: of `com`, `posture`, `waist` and `force`, the last one that of the forces' regularization.
             stiffness: of every task, 1/s².
             damping: of every task, 1/s.
             waist: frame whose orientation the task `waist` holds.
-            contact_stiffness: with which contacts go back to where they were at q, 1/s².
         """
         pinocchio = model.pinocchio
         scene: dict[str, Any] = {
@@ -90,7 +88,7 @@ class Tsid:
             "damping": damping,
             "waist": waist,
             "contacts": [
-                contact.model_dump() | {"name": name, "stiffness": contact_stiffness}
+                contact.model_dump() | {"name": name}
                 for name, contact in settings.contacts.items()
                 if isinstance(contact, SurfaceContact)
             ],
