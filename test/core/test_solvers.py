@@ -273,9 +273,11 @@ def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4):
     problem.b[:], problem.C[:] = problem.A @ inside, rng.normal(size=(inequalities, n))
     problem.upper[:] = problem.C @ inside + rng.uniform(0.0, 0.3, inequalities)
     problem.x_lower[first::2] = inside[first::2] - 0.05
-    diagonal, linear = 10.0 ** rng.uniform(-3.0, 1.0, n - first), 10.0 * rng.normal(size=n - first)
+    diagonal, target = 10.0 ** rng.uniform(-3.0, 1.0, n - first), rng.normal(size=n - first)
     stack = problem.memory[: rows + equalities]
-    problem.cost.pose(Squares(stack, rows, first, diagonal, 1.0 / diagonal, linear, constant=3.0))
+    problem.cost.pose(
+        Squares(stack, rows, first, diagonal, np.append(1.0 / diagonal, 0.0), np.append(target, -1.0), constant=3.0)
+    )
     return problem
 
 
@@ -287,7 +289,7 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
     R, r = squares.stack[: squares.rows, :-1], squares.stack[: squares.rows, -1]
     x = np.random.default_rng(seed).normal(size=problem.n)
     z = x[squares.first :]
-    cost = 0.5 * np.sum((R @ x - r) ** 2) + 0.5 * squares.diagonal @ z**2 + squares.linear @ z + squares.constant
+    cost = 0.5 * np.sum((R @ x - r) ** 2) + 0.5 * squares.diagonal @ (z - squares.target[:-1]) ** 2 + squares.constant
     assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
     multipliers = make_solver("daqp", problem).solve(problem).multipliers
     unbounded = problem.copy()  # which knows H and g alone

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,32 +18,30 @@ from wbc_controller.records import Array, References
 #: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
 
-_NONE = np.zeros(0)
-
 
 @dataclass(slots=True)
 class _Plan:
     """Where the cost of a level stands, for one set of made contacts and the tasks that weigh something.
 
     Attributes:
-        tasks: names of these.
-        cost: to be posed.
-        squares: what it is made of.
+        level: with the cost that is to be posed.
+        squares: what that is made of.
         rows: each task with rows, √w, and the places of its J and its right side.
         momentum: the same places of the momentum's rate; None where the base does not move.
         single: each task on single accelerations, w, and their places in the diagonal.
-        kept: the rows of tasks.
-        none: rows of no task.
+        asking: Σ w b of these, (n - first,).
+        inverse: that of the diagonal, (n - first,).
+        target: `asking` over the diagonal, part of `squares.target`.
     """
 
-    tasks: tuple[str, ...]
-    cost: Quadratic
+    level: Level
     squares: Squares
     rows: list[tuple[AccelerationTask, Array, Array, Array]]
     momentum: tuple[Array, Array] | None
     single: list[tuple[AccelerationTask, Array, np.ndarray | slice]]
-    kept: Array
-    none: Array
+    asking: Array
+    inverse: Array
+    target: Array
 
 
 class LevelCost:
@@ -52,7 +50,7 @@ class LevelCost:
     Attributes:
         level: the priority.
         rows: largest number of rows that it fills.
-        errors: norm of the error of each acceleration task that took part in the last cycle.
+        errors: error of each acceleration task that took part in the last cycle.
     """
 
     def __init__(
@@ -77,7 +75,7 @@ class LevelCost:
         """
         own = [task for task in tasks if task.level == level]
         self.level = level
-        self.errors: dict[str, float] = {}
+        self.errors: dict[str, Array] = {}
         exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
         # Rows that are single accelerations enter the diagonal alone, unless a level below has to keep them as rows.
         self._single = [task for task in exact if task.columns is not None and last]
@@ -112,26 +110,29 @@ class LevelCost:
         if plan is None:
             plan = self._plans[layout.key] = self._plan(layout, weights)
         errors = self.errors = {}
-        squares = plan.squares
         for task, scale, rows, right in plan.rows:
             J, asked, errors[task.name] = task.equation(dynamics, wanted[task.name])
-            np.multiply(J, scale, out=rows)
-            np.multiply(asked, scale, out=right)
+            np.multiply(J, scale, rows)
+            np.multiply(asked, scale, right)
         if plan.momentum is not None:  # √ε_a ḣ_G / m, for a base that moves
             rows, right = plan.momentum
-            np.multiply(dynamics.centroidal_matrix, self._momentum_scale_rows, out=rows)
-            np.multiply(dynamics.centroidal_drift, self._minus_momentum_scale, out=right)
-        squares.linear.fill(0.0)
-        squares.constant = 0.0
+            np.multiply(dynamics.centroidal_matrix, self._momentum_scale_rows, rows)
+            np.multiply(dynamics.centroidal_drift, self._minus_momentum_scale, right)
+        squares, asking = plan.squares, plan.asking
+        asking.fill(0.0)
+        twice = 0.0
         for task, weight, columns in plan.single:
             asked, errors[task.name] = task.right(dynamics, wanted[task.name])
             weighted = weight * asked
-            squares.linear[columns] -= weighted
-            squares.constant += 0.5 * float(weighted.dot(asked))
-        plan.cost.pose(squares)
-        level = Level(plan.tasks, plan.cost, plan.kept, plan.none, _NONE, _NONE)
-        if self._others:
-            self._add_others(level, layout, dynamics, references)
+            asking[columns] += weighted
+            twice += float(weighted.dot(asked))
+        np.multiply(asking, plan.inverse, plan.target)
+        squares.constant = 0.5 * (twice - float(asking.dot(plan.target)))
+        plan.level.cost.pose(squares)
+        if self._last and not self._others:
+            return plan.level  # of which nothing changes but its cost
+        level = replace(plan.level)
+        self._add_others(level, layout, dynamics, references)
         return level
 
     def _plan(self, layout: Layout, weights: Mapping[str, float]) -> _Plan:
@@ -158,15 +159,20 @@ class LevelCost:
             weight, columns = np.array(weights[task.name]), as_slice(np.arange(nv)[task.columns] - base)
             diagonal[columns] += weight
             entries.append((task, weight, columns))
+        inverse = 1.0 / diagonal
+        target = np.append(np.zeros(n - base), -1.0)
+        cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
+        names = tuple(task.name for task in taking_part + single)
+        kept = np.zeros((0, n)) if self._last else stack[:end, :n]
         return _Plan(
-            tasks=tuple(task.name for task in taking_part + single),
-            cost=problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n)),
-            squares=Squares(whole, count, base, diagonal, 1.0 / diagonal, np.zeros(n - base)),
+            level=Level(names, cost, kept, np.zeros((0, n)), np.zeros(0), np.zeros(0)),
+            squares=Squares(whole, count, base, diagonal, np.append(inverse, 0.0), target),
             rows=rows,
             momentum=momentum,
             single=entries,
-            kept=np.zeros((0, n)) if self._last else stack[:end, :n],
-            none=np.zeros((0, n)),
+            asking=np.zeros(n - base),
+            inverse=inverse,
+            target=target[:-1],
         )
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:

@@ -141,9 +141,12 @@ class Formulation:
         layout.levels = [cost.fill(layout, self.dynamics, references) for cost in self._costs]
 
     @property
-    def task_errors(self) -> dict[str, float]:
-        """Norm of the error of each task on accelerations that took part in the last cycle."""
-        return {name: error for cost in self._costs for name, error in cost.errors.items()}
+    def task_errors(self) -> dict[str, Array]:
+        """Error of each task on accelerations that took part in the last cycle, as a new dictionary."""
+        errors: dict[str, Array] = {}
+        for cost in self._costs:
+            errors |= cost.errors
+        return errors
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         dynamics, actuation = self.dynamics, self.model.actuation

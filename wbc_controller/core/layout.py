@@ -148,6 +148,7 @@ class Layout:
         return labels
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Name some rows of C anew."""
+        """Name some rows of C anew; who has the labels of a cycle before keeps them."""
         n = self.problem.n
+        self.labels = self.labels.copy()
         self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]

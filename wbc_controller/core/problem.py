@@ -12,17 +12,17 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class Squares:
-    """A cost as it is made, ½ ‖R x - r‖² + ½ Σ dᵢ xᵢ² + cᵀx + constant: H = RᵀR + diag(d), g = c - Rᵀr.
+    """A cost as it is made, ½ ‖R x - r‖² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant: H = RᵀR + diag(d), g = -Rᵀr - d t.
 
     Attributes:
         stack: [R, r] and below it the equalities, [A, b], (k + m_eq, n + 1).
         rows: k.
-        first: how many columns come first in which d and c are 0. As many of the last equalities determine them: these
+        first: how many columns come first that have no d and t. As many of the last equalities determine them: these
             are invertible there.
         diagonal: d of the other columns, (n - first,), positive.
-        inverse: 1 / d.
-        linear: c of the other columns, (n - first,).
-        constant: what makes it a sum of squares.
+        inverse: 1 / d, and 0 for the column of the right sides, (n - first + 1,).
+        target: t, and -1 for the column of the right sides, (n - first + 1,).
+        constant: what is left when all squares are zero.
     """
 
     stack: Array
@@ -30,7 +30,7 @@ class Squares:
     first: int
     diagonal: Array
     inverse: Array
-    linear: Array
+    target: Array
     constant: float = 0.0
 
 
@@ -67,8 +67,9 @@ class Quadratic:
         np.matmul(R.T, R, out=self._H)
         self._H.reshape(-1)[first * (len(self._g) + 1) :: len(self._g) + 1] += squares.diagonal
         np.negative(r.dot(R), out=self._g)
-        self._g[first:] += squares.linear
-        self._constant = squares.constant + 0.5 * float(r.dot(r))
+        self._g[first:] -= squares.diagonal * squares.target[:-1]
+        target = squares.target[:-1]
+        self._constant = squares.constant + 0.5 * float(r.dot(r) + (squares.diagonal * target).dot(target))
         self.formed = True
 
     @property

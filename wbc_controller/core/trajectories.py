@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.records import Array, Reference
+from wbc_controller.records import Array, Reference, frozen
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class Knot:
 
 
 def rest(position: Array, size: int) -> Reference:
-    """Reference that stays at a position; the velocity has the given size."""
-    still = np.zeros(size)
-    return Reference(position, still, still)
+    """Reference that stays at a position and cannot change; the velocity has the given size."""
+    still = frozen(np.zeros(size))
+    return Reference(frozen(position), still, still)
 
 
 class Trajectory:
@@ -50,6 +50,8 @@ class Trajectory:
         self._segments = [
             _quintic(self._chart(a, b), b.time - a.time) for a, b in zip(self.knots, self.knots[1:], strict=False)
         ]
+        # Always the same, so that who follows it need not compute anew what depends on it alone.
+        self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
     def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Ends of a segment in coordinates that start with the rotation vector 0."""
@@ -76,9 +78,9 @@ class Trajectory:
         """Reference at a time, in s."""
         knots = self.knots
         if not time >= knots[0].time:
-            return rest(knots[0].position, len(knots[0].velocity))
+            return self._before
         if time >= knots[-1].time:
-            return rest(knots[-1].position, len(knots[-1].velocity))
+            return self._after
         i = next(i for i in range(len(knots) - 1) if time < knots[i + 1].time)
         powers = (time - knots[i].time) ** np.arange(6)
         coefficients = self._segments[i]  # (6, k), by rising power

@@ -139,7 +139,7 @@ class AxisAlignmentTask(_AlignmentTask):
         """Rotation to a direction, (2,) in rad; its norm is the angle."""
         return self._error_towards(dynamics, position)
 
-    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, float]:
+    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
         """As in `Task`; the reference is a direction."""
         r, r_dot, r_ddot = reference.position, reference.velocity, reference.acceleration
         return super().equation(dynamics, self._turning(dynamics, r, r, r_dot, r_ddot))
@@ -165,7 +165,7 @@ class GazeTask(_AlignmentTask):
         """Rotation towards a point, (2,) in rad; its norm is the angle."""
         return self._error_towards(dynamics, position - dynamics.placement(self._frame_id).translation)
 
-    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, float]:
+    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
         """As in `Task`; the reference is a point."""
         axes = pin.LOCAL_WORLD_ALIGNED
         placement = dynamics.placement(self._frame_id)

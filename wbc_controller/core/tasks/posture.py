@@ -16,6 +16,8 @@ from wbc_controller.records import Array
 class PostureTask(MotionTask):
     """Positions of some joints, (k,) in rad."""
 
+    has_drift = False
+
     def __init__(
         self,
         name: str,

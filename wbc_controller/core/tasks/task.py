@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
@@ -103,9 +102,11 @@ class AccelerationTask(Task):
 
     Attributes:
         columns: for a task whose rows are single accelerations, J = I[columns], which they are; None for others.
+        has_drift: whether δ can be other than 0.
     """
 
     columns: np.ndarray | slice | None = None
+    has_drift = True
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
@@ -124,15 +125,15 @@ class AccelerationTask(Task):
         """δ, (size,)."""
 
     @abstractmethod
-    def wanted(self, dynamics: Dynamics, reference: Reference, error: Array) -> Array:
-        """x⁽ⁿ⁾*, (size,)."""
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+        """x⁽ⁿ⁾* - δ and the error, both (size,): all axes, whatever the mask."""
 
     def rest(self, dynamics: Dynamics) -> Reference:
         """Reference that keeps the present value."""
         still = frozen(np.zeros(self.size))
         return Reference(frozen(self.position(dynamics)), still, still)
 
-    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, float]:
+    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
         """Rows of the least-squares problem J v̇ = b.
 
         Args:
@@ -140,19 +141,11 @@ class AccelerationTask(Task):
             reference: what to follow.
 
         Returns:
-            J (k, nv), b (k,), and the Euclidean norm of the masked error.
+            J (k, nv), b (k,), and the masked error (k,).
         """
-        right, size = self.right(dynamics, reference)
-        J = self.jacobian(dynamics)
-        return (J if self._whole else J[self.rows]), right, size
-
-    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, float]:
-        """The same without J: b (k,), and the norm of the masked error."""
-        error = self.error(dynamics, reference.position)
-        right = self.wanted(dynamics, reference, error) - self.drift(dynamics)
-        if not self._whole:
-            error, right = error[self.rows], right[self.rows]
-        return right, math.sqrt(error.dot(error))
+        right, error = self.right(dynamics, reference)
+        J, rows = self.jacobian(dynamics), self.rows
+        return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
 
 
 class EffortTask(Task):
@@ -224,6 +217,9 @@ class MotionTask(AccelerationTask):
         self.damping = (
             2.0 * np.sqrt(self.stiffness) if damping is None else gains(damping, len(mask), f"tasks.{name}.damping")
         )
+        self._followed: Reference | None = None
+        self._damping = self.damping
+        self._feed_forward: Array | None = None
 
     def _stiffness_of_rows(self) -> Array:
         return self.stiffness
@@ -232,10 +228,25 @@ class MotionTask(AccelerationTask):
     def velocity(self, dynamics: Dynamics) -> Array:
         """Present velocity ẋ, (size,)."""
 
-    def wanted(self, dynamics: Dynamics, reference: Reference, error: Array) -> Array:
-        """ẍ*, (size,)."""
-        damped = self.damping * (reference.velocity - self.velocity(dynamics))
-        return reference.acceleration + damped + self.stiffness * error
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+        """ẍ* - J̇v and the error, both (size,)."""
+        error = self.error(dynamics, reference.position)
+        if reference is not self._followed or self.damping is not self._damping:
+            self._follow(reference)
+        right = self.stiffness * error
+        right -= self.damping * self.velocity(dynamics)
+        if self._feed_forward is not None:
+            right += self._feed_forward
+        if self.has_drift:
+            right -= self.drift(dynamics)
+        return right, error
+
+    def _follow(self, reference: Reference) -> None:
+        """Compute ẍ_ref + D ẋ_ref once, for a reference that is known again and cannot change."""
+        changes = reference.velocity.flags.writeable or reference.acceleration.flags.writeable
+        self._followed, self._damping = None if changes else reference, self.damping
+        feed_forward = reference.acceleration + self.damping * reference.velocity
+        self._feed_forward = None if not feed_forward.any() else feed_forward
 
 
 class RateTask(AccelerationTask):
@@ -276,6 +287,7 @@ class RateTask(AccelerationTask):
         """x_ref - x, (size,)."""
         return np.asarray(position - self.position(dynamics))
 
-    def wanted(self, dynamics: Dynamics, reference: Reference, error: Array) -> Array:
-        """ẋ*, (size,)."""
-        return np.asarray(reference.velocity + self.gain * error)
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+        """ẋ* - δ and the error, both (size,)."""
+        error = self.error(dynamics, reference.position)
+        return reference.velocity + self.gain * error - self.drift(dynamics), error
