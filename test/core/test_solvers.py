@@ -273,11 +273,11 @@ def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4):
     problem.b[:], problem.C[:] = problem.A @ inside, rng.normal(size=(inequalities, n))
     problem.upper[:] = problem.C @ inside + rng.uniform(0.0, 0.3, inequalities)
     problem.x_lower[first::2] = inside[first::2] - 0.05
-    diagonal, target = 10.0 ** rng.uniform(-3.0, 1.0, n - first), rng.normal(size=n - first)
+    diagonal, slack = 10.0 ** rng.uniform(-3.0, 1.0, n - first), 10.0 ** rng.uniform(-1.0, 3.0, rows)
+    inverse, target = np.zeros(n + 1), np.zeros(n + 1)
+    inverse[first:-1], target[first:-1], target[-1] = 1.0 / diagonal, rng.normal(size=n - first), -1.0
     stack = problem.memory[: rows + equalities]
-    problem.cost.pose(
-        Squares(stack, rows, first, diagonal, np.append(1.0 / diagonal, 0.0), np.append(target, -1.0), constant=3.0)
-    )
+    problem.cost.pose(Squares(stack, slack, first, diagonal, inverse, target, constant=3.0))
     return problem
 
 
@@ -286,10 +286,10 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
     """Without active inequalities and with them, bounds and rows."""
     problem = squares_problem(np.random.default_rng(seed))
     squares = problem.cost.squares
-    R, r = squares.stack[: squares.rows, :-1], squares.stack[: squares.rows, -1]
+    rows = squares.stack[: len(squares.slack)]
     x = np.random.default_rng(seed).normal(size=problem.n)
-    z = x[squares.first :]
-    cost = 0.5 * np.sum((R @ x - r) ** 2) + 0.5 * squares.diagonal @ (z - squares.target[:-1]) ** 2 + squares.constant
+    cost = 0.5 * np.sum((rows[:, :-1] @ x - rows[:, -1]) ** 2 / squares.slack) + squares.constant
+    cost += 0.5 * squares.diagonal @ (x - squares.target[:-1])[squares.first :] ** 2
     assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
     multipliers = make_solver("daqp", problem).solve(problem).multipliers
     unbounded = problem.copy()  # which knows H and g alone

@@ -26,7 +26,9 @@ class _Plan:
     Attributes:
         level: with the cost that is to be posed.
         squares: what that is made of.
-        rows: each task with rows, √w, and the places of its J and its right side.
+        kept: the rows of tasks.
+        scale: √w of these, (k, 1).
+        rows: each task with rows, and the places of its J and its right side.
         momentum: the same places of the momentum's rate; None where the base does not move.
         single: each task on single accelerations, w, and their places in the diagonal.
         asking: Σ w b of these, (n - first,).
@@ -36,7 +38,9 @@ class _Plan:
 
     level: Level
     squares: Squares
-    rows: list[tuple[AccelerationTask, Array, Array, Array]]
+    kept: Array
+    scale: Array
+    rows: list[tuple[AccelerationTask, Array, Array]]
     momentum: tuple[Array, Array] | None
     single: list[tuple[AccelerationTask, Array, np.ndarray | slice]]
     asking: Array
@@ -86,10 +90,10 @@ class LevelCost:
         self._base = 6 if model.floating_base else 0
         self._regularization = (regularization_acceleration, regularization_force * FORCE_UNIT**2)
         scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3) * (regularization_acceleration**0.5 / model.mass)
-        self._momentum_scale_rows, self._minus_momentum_scale = scale[:, None], -scale
+        self._momentum_slack = scale**-2
         self._first = level == min(task.level for task in tasks)
         self.rows = sum(task.dimension for task in self._exact) + 6
-        self._weights: list[float] = []
+        self._weights: dict[str, float] = {}
         self._plans: dict[tuple[str, ...], _Plan] = {}
 
     def fill(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
@@ -100,24 +104,20 @@ class LevelCost:
             dynamics: the snapshot.
             references: what is wanted, and how much.
         """
-        wanted = references.tasks
-        weights = references.weights
-        present = [weights.get(task.name, 0.0) for task in self._exact + self._single]
-        if present != self._weights:
-            self._weights = present
+        wanted, weights = references.tasks, references.weights
+        if weights != self._weights:
+            self._weights = dict(weights)
             self._plans.clear()
         plan = self._plans.get(layout.key)
         if plan is None:
             plan = self._plans[layout.key] = self._plan(layout, weights)
         errors = self.errors = {}
-        for task, scale, rows, right in plan.rows:
-            J, asked, errors[task.name] = task.equation(dynamics, wanted[task.name])
-            np.multiply(J, scale, rows)
-            np.multiply(asked, scale, right)
-        if plan.momentum is not None:  # √ε_a ḣ_G / m, for a base that moves
+        for task, rows, right in plan.rows:
+            rows[...], right[...], errors[task.name] = task.equation(dynamics, wanted[task.name])
+        if plan.momentum is not None:  # ḣ_G, for a base that moves
             rows, right = plan.momentum
-            np.multiply(dynamics.centroidal_matrix, self._momentum_scale_rows, rows)
-            np.multiply(dynamics.centroidal_drift, self._minus_momentum_scale, right)
+            rows[...] = dynamics.centroidal_matrix
+            np.negative(dynamics.centroidal_drift, out=right)
         squares, asking = plan.squares, plan.asking
         asking.fill(0.0)
         twice = 0.0
@@ -132,6 +132,8 @@ class LevelCost:
         if self._last and not self._others:
             return plan.level  # of which nothing changes but its cost
         level = replace(plan.level)
+        if not self._last:
+            level.kept = plan.scale * plan.kept
         self._add_others(level, layout, dynamics, references)
         return level
 
@@ -145,11 +147,12 @@ class LevelCost:
         whole = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
         stack = whole[:count]
         stack[:] = 0.0
-        rows, end = [], 0
+        slack, rows, end = np.empty(count), [], 0
         for task in taking_part:
             start, end = end, end + task.dimension
-            scale = np.array(weights[task.name] ** 0.5)  # as an array it multiplies faster
-            rows.append((task, scale, stack[start:end, :nv], stack[start:end, n]))
+            slack[start:end] = 1.0 / weights[task.name]
+            rows.append((task, stack[start:end, :nv], stack[start:end, n]))
+        slack[end:] = self._momentum_slack[: count - end]
         momentum = (stack[end:, :nv], stack[end:, n]) if base else None
         single = [task for task in self._single if not weights.get(task.name, 0.0) <= 0.0]
         diagonal = np.empty(n - base)
@@ -159,20 +162,21 @@ class LevelCost:
             weight, columns = np.array(weights[task.name]), as_slice(np.arange(nv)[task.columns] - base)
             diagonal[columns] += weight
             entries.append((task, weight, columns))
-        inverse = 1.0 / diagonal
-        target = np.append(np.zeros(n - base), -1.0)
+        inverse, target = np.zeros(n + 1), np.zeros(n + 1)
+        inverse[base:-1], target[-1] = 1.0 / diagonal, -1.0
         cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
         names = tuple(task.name for task in taking_part + single)
-        kept = np.zeros((0, n)) if self._last else stack[:end, :n]
         return _Plan(
-            level=Level(names, cost, kept, np.zeros((0, n)), np.zeros(0), np.zeros(0)),
-            squares=Squares(whole, count, base, diagonal, np.append(inverse, 0.0), target),
+            level=Level(names, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
+            kept=stack[:end, :n],
+            scale=slack[:end, None] ** -0.5,
+            squares=Squares(whole, slack, base, diagonal, inverse, target),
             rows=rows,
             momentum=momentum,
             single=entries,
             asking=np.zeros(n - base),
-            inverse=inverse,
-            target=target[:-1],
+            inverse=inverse[base:-1],
+            target=target[base:-1],
         )
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:

@@ -8,6 +8,8 @@ import pinocchio as pin
 from wbc_controller.core.model import RobotModel
 from wbc_controller.records import Array
 
+_WORLD = pin.Convention.WORLD
+
 
 class Dynamics:
     """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
@@ -63,7 +65,7 @@ class Dynamics:
         self.q, self.v = q, v
         # Each of these once, in place of `computeAllTerms`, which takes a fifth longer. In the world's convention the
         # inertia matrix comes with the joints' Jacobians and the centroidal matrix.
-        pin.crba(model, data, q, pin.Convention.WORLD)
+        pin.crba(model, data, q, _WORLD)
         # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
         pin.nonLinearEffects(model, data, q, v)

@@ -155,8 +155,9 @@ class Formulation:
         bias = actuation.split(self.bias(references))
         np.negative(bias[: actuation.free], out=layout.minus_free_bias)
         layout.torque_bias = bias[actuation.free :]
-        bounds = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
-        np.subtract(bounds, layout.torque_bias, out=layout.torque_bounds)
+        lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
+        np.subtract(lower, layout.torque_bias, out=layout.torque_lower)
+        np.subtract(upper, layout.torque_bias, out=layout.torque_upper)
 
     def bias(self, references: References) -> Array:
         """Bias forces less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
@@ -170,16 +171,16 @@ class Formulation:
     def _fill_contacts(self, layout: Layout, references: References) -> None:
         dynamics = self.dynamics
         for place in layout.places:
-            place.J[:] = place.contact.jacobian(dynamics)
-        velocity = layout.J.dot(dynamics.v)
-        for place in layout.places:
             contact = place.contact
-            place.acceleration[:] = contact.acceleration(dynamics, velocity[place.motion])
+            place.J[:] = contact.jacobian(dynamics)
+            place.acceleration[:] = contact.acceleration_at_rest(dynamics)
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
             if bounds is not place.bounds:
                 np.divide(bounds[0], FORCE_UNIT, out=place.lower)
                 np.divide(bounds[1], FORCE_UNIT, out=place.upper)
                 place.bounds = bounds
+        motion = layout.contact_motion
+        motion -= layout.damping * layout.J.dot(dynamics.v)
         if layout.anchored:
             layout.contact_motion += pull(layout, dynamics, references.anchors)
 
@@ -202,11 +203,12 @@ class Formulation:
             )
             layout.relabel(rows, limit.names)
 
-    def effort_bounds(self, references: References) -> Array:
-        """Bounds of the problem's torque rows by what the motors have now, without the rate: lower, upper, (2, na)."""
+    def effort_bounds(self, references: References) -> tuple[Array, Array]:
+        """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
         actuation = self.model.actuation
-        available = self.torque_limit.available(actuation.speeds(self.dynamics.v))
-        return np.asarray(available - actuation.torques(self.bias(references)))
+        lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
+        h = actuation.torques(self.bias(references))
+        return lower - h, upper - h
 
     def relaxable(self, layout: Layout) -> tuple[str, ...]:
         """What `relax` can take out of a built problem, in the order in which it may give."""
@@ -240,4 +242,4 @@ class Formulation:
                     problem.lower[rows] = -np.inf
                     problem.upper[rows] = np.inf
         else:
-            layout.torque_bounds[:] = self.effort_bounds(references)
+            layout.torque_lower[:], layout.torque_upper[:] = self.effort_bounds(references)

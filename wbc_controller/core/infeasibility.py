@@ -101,7 +101,7 @@ class Constraint:
         return self.name.partition(":")[2]
 
 
-def named_constraints(layout: Layout, model: RobotModel, effort: Array) -> list[Constraint]:
+def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
     """Split a built problem into constraints with names; the equations of motion are not among them.
 
     Args:
@@ -182,7 +182,9 @@ def named_constraints(layout: Layout, model: RobotModel, effort: Array) -> list[
     return found
 
 
-def explain(layout: Layout, model: RobotModel, effort: Array, held: Collection[str] = ()) -> Infeasibility | None:
+def explain(
+    layout: Layout, model: RobotModel, effort: tuple[Array, Array], held: Collection[str] = ()
+) -> Infeasibility | None:
     """Say which constraints of a problem conflict.
 
     Args:

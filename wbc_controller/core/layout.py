@@ -58,6 +58,7 @@ class Layout:
         places: where each contact stands.
         J: the Jacobians of all of them, (nf, nv).
         contact_motion: what J v̇ has to be, (nf,).
+        damping: D of each of these rows, 1/s, (nf,).
         mechanism: rows of A that always hold: joints that follow others, and the unactuated part of the equations of
             motion.
         dynamics_motion: of v̇ in the unactuated part of the equations of motion and, below it, in the torques, as
@@ -65,7 +66,8 @@ class Layout:
         dynamics_forces: the same of the forces, (free + na, nf).
         minus_free_bias: what the unactuated part has to be, (free,).
         torque: rows of C of the torque bounds.
-        torque_bounds: lower and upper of them, (2, na).
+        torque_lower: of these the lower bounds, (na,).
+        torque_upper: likewise.
         row_limits: the limits on combinations of v̇.
         limits: for each of these, its rows of C.
         joints: columns of x of the joints' accelerations, (nj,).
@@ -97,6 +99,7 @@ class Layout:
         problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
         self.J = problem.A[:nf, :nv]
         self.contact_motion = problem.b[:nf]
+        self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
         self.places: list[ContactPlace] = []
         row, cone = 0, na
         for contact in contacts:
@@ -120,7 +123,7 @@ class Layout:
         self.dynamics_motion = problem.memory[first : first + free + na, :nv]
         self.dynamics_forces = problem.memory[first : first + free + na, nv:-1]
         self.minus_free_bias = problem.b[self.mechanism.stop - free :]
-        self.torque_bounds = problem.bounds[:, problem.n : problem.n + na]
+        self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
         #: Bounds of the joints' accelerations that stand in the problem.

@@ -12,21 +12,23 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class Squares:
-    """A cost as it is made, ½ ‖R x - r‖² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant: H = RᵀR + diag(d), g = -Rᵀr - d t.
+    """A cost as it is made, ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant.
+
+    So H = Rᵀ w R + diag(d), and g = -Rᵀ w r - d t.
 
     Attributes:
         stack: [R, r] and below it the equalities, [A, b], (k + m_eq, n + 1).
-        rows: k.
+        slack: 1 / w, (k,).
         first: how many columns come first that have no d and t. As many of the last equalities determine them: these
             are invertible there.
         diagonal: d of the other columns, (n - first,), positive.
-        inverse: 1 / d, and 0 for the column of the right sides, (n - first + 1,).
-        target: t, and -1 for the column of the right sides, (n - first + 1,).
+        inverse: 1 / d, and 0 for the first columns and that of the right sides, (n + 1,).
+        target: t, 0 for the first columns, and -1 for that of the right sides, (n + 1,).
         constant: what is left when all squares are zero.
     """
 
     stack: Array
-    rows: int
+    slack: Array
     first: int
     diagonal: Array
     inverse: Array
@@ -62,14 +64,16 @@ class Quadratic:
         squares = self.squares
         if self.formed or squares is None:
             return
-        rows, first = squares.stack[: squares.rows], squares.first
+        first, target = squares.first, squares.target[squares.first : -1]
+        rows = squares.stack[: len(squares.slack)]
         R, r = rows[:, :-1], rows[:, -1]
-        np.matmul(R.T, R, out=self._H)
+        weighted = R.T / squares.slack
+        np.matmul(weighted, R, out=self._H)
         self._H.reshape(-1)[first * (len(self._g) + 1) :: len(self._g) + 1] += squares.diagonal
-        np.negative(r.dot(R), out=self._g)
-        self._g[first:] -= squares.diagonal * squares.target[:-1]
-        target = squares.target[:-1]
-        self._constant = squares.constant + 0.5 * float(r.dot(r) + (squares.diagonal * target).dot(target))
+        np.negative(weighted.dot(r), out=self._g)
+        self._g[first:] -= squares.diagonal * target
+        squared = float((r / squares.slack).dot(r) + (squares.diagonal * target).dot(target))
+        self._constant = squares.constant + 0.5 * squared
         self.formed = True
 
     @property
@@ -138,9 +142,12 @@ class QuadraticProgram:
     x_lower: Array = field(init=False)
     x_upper: Array = field(init=False)
     _constraints: Array = field(init=False)
+    _lower: Array = field(init=False)
+    _upper: Array = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.n = int(self.memory.shape[1]) - 1
+        self._lower, self._upper = self.bounds
         self.x_lower, self.x_upper = self.bounds[:, :n]
         self.lower, self.upper = self.bounds[:, n:]
         rows = self.memory[self.room :]
@@ -183,15 +190,19 @@ class QuadraticProgram:
 
     def residuals(self, x: Array) -> Residuals:
         """How well x meets the constraints."""
-        products, m = self._constraints.dot(x), len(self.b)  # `dot` of a vector takes two thirds of the time of @
-        value = np.concatenate((x, products[m:]))
-        room = value - self.bounds
-        np.negative(room[1], out=room[1])
+        n, m = self.n, len(self.b)
+        products = self._constraints.dot(x)  # `dot` of a vector takes two thirds of the time of @
+        value = np.empty(n + len(products) - m)
+        value[:n], value[n:] = x, products[m:]
+        above, below = value - self._lower, self._upper - value
         equalities = np.abs(products[:m] - self.b)
-        least = float(np.minimum.reduce(room, axis=None, initial=np.inf))
-        off = float(np.maximum.reduce(equalities, initial=0.0))
+        # To find the place of a smallest value takes a third of the time of finding the value. NaN counts as it.
+        least, other = above.item(above.argmin()), below.item(below.argmin())
+        if not (least <= other or least != least):
+            least = other
+        off = equalities.item(equalities.argmax()) if m else 0.0
         violation = max(0.0, -least, off) if least == least and off == off else math.nan  # max loses a NaN
-        return Residuals(value, equalities, room, least, violation)
+        return Residuals(value, equalities, above, below, least, violation)
 
     def violation(self, x: Array) -> float:
         """Largest amount by which x breaks a constraint; NaN where x has one."""
@@ -205,14 +216,16 @@ class Residuals:
     Attributes:
         value: x and C x in one, (n + m_in,).
         equalities: |A x - b|, (m_eq,).
-        room: how far x and C x are above their lower and below their upper bounds, (2, n + m_in); negative beyond.
+        above: how far x and C x are above their lower bounds, (n + m_in,); negative below.
+        below: how far they are below their upper bounds, likewise.
         least_room: the smallest of it.
         violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
     """
 
     value: Array
     equalities: Array
-    room: Array
+    above: Array
+    below: Array
     least_room: float
     violation: float
 

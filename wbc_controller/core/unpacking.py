@@ -121,7 +121,7 @@ def _norms(errors: Mapping[str, Array]) -> dict[str, float]:
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
     """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
-    value, room = residuals.value, residuals.room
+    value, room = residuals.value, np.array([residuals.above, residuals.below])
     bounds = np.abs([value - room[0], value + room[1]])
     sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
     found: dict[str, float] = {}

@@ -16,7 +16,6 @@ zero where these are not known. Stopped and fault publish zero torques. A fault 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,7 @@ from wbc_controller.core.model import RobotModel
 from wbc_controller.core.trajectories import Ramp
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
-from wbc_controller.safety.checks import torques_usable
+from wbc_controller.safety.checks import all_finite, torques_usable
 
 REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
@@ -71,7 +70,7 @@ class Supervisor:
         self._since = 0.0  # when the present mode began, s
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
-        self._effort_limits = frozen([-model.effort_limits, model.effort_limits])
+        self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._held = self._tau  # the torques at the start of holding
         self._q_index, self._v_index = model.q_places, model.v_places
         self._nan = frozen(np.full(model.nj, np.nan))
@@ -84,8 +83,7 @@ class Supervisor:
     @limits.setter
     def limits(self, limits: SupervisorLimits) -> None:
         self._limits = limits
-        step = (limits.torque_rate * limits.period) * self._model.effort_limits
-        self._steps = frozen([-step, step])
+        self._step = (limits.torque_rate * limits.period) * self._model.effort_limits
         self._period = np.array(limits.period)  # as an array it multiplies faster
 
     @property
@@ -184,7 +182,7 @@ class Supervisor:
             The command; None where nothing is to be sent.
         """
         tau: Array | None = None
-        if joint_velocity is not None and not math.isfinite(np.add.reduce(joint_velocity)):
+        if joint_velocity is not None and not all_finite(joint_velocity):
             joint_velocity = None
         solution = outcome if isinstance(outcome, Solution) else None
         if self.solving:
@@ -252,8 +250,8 @@ class Supervisor:
             return None
         return tau if share >= 1.0 else share * tau
 
-    def _available(self, joint_velocity: Array | None) -> Array | None:
-        """Lower and upper bounds of the torques, (2, na) in N·m; None where they are the effort limits."""
+    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array] | None:
+        """Lower and upper bounds of the torques, both (na,) in N·m; None where they are the effort limits."""
         curve = self.limits.torque_speed
         if curve is None or joint_velocity is None:
             return None
@@ -266,11 +264,10 @@ class Supervisor:
         solution: Solution | None,
         joint_velocity: Array | None = None,
     ) -> JointCommand:
-        lower, upper = self._tau + self._steps
+        step = self._step
         # np.clip does the same in five times as long.
-        tau = np.minimum(np.maximum(tau, lower), upper)
-        available = self._available(joint_velocity)
-        lower, upper = self._effort_limits if available is None else available
+        tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
+        lower, upper = self._available(joint_velocity) or self._effort_limits
         tau = freeze(np.minimum(np.maximum(tau, lower), upper))  # last: what a motor has not got no rate can give it
         self._tau = tau
         q_desired = v_desired = self._nan

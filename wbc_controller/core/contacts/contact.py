@@ -75,14 +75,9 @@ class Contact(ABC):
             activation: from 0 (about to break) to 1 (made); the largest forces are scaled by it.
         """
 
-    def acceleration(self, dynamics: Dynamics, velocity: Array) -> Array:
-        """What J v̇ has to be, (k,): the contact keeps still, and velocity that there is decays.
-
-        Args:
-            dynamics: the snapshot.
-            velocity: J v there, (k,).
-        """
-        return -self.damping * velocity - self.drift(dynamics)
+    def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
+        """What J v̇ has to be where J v = 0, (k,): the contact keeps still."""
+        return -self.drift(dynamics)
 
 
 class AnchoredContact(Contact):

@@ -122,9 +122,9 @@ class LoopClosure(Contact):
         """e, how far the loop is open along these axes, (k,) in m and rad."""
         return opening(self._pose(dynamics), self._hinge)[self._rows]
 
-    def acceleration(self, dynamics: Dynamics, velocity: Array) -> Array:
-        """What J v̇ has to be, (k,): what is open closes."""
-        return np.asarray(super().acceleration(dynamics, velocity) - self.stiffness * self.error(dynamics))
+    def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
+        """What J v̇ has to be where J v = 0, (k,): what is open closes."""
+        return np.asarray(super().acceleration_at_rest(dynamics) - self.stiffness * self.error(dynamics))
 
     def points(self, dynamics: Dynamics) -> Array:
         """Origin of A in the world, (1, 3) in m."""

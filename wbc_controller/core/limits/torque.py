@@ -25,15 +25,15 @@ class TorqueSpeedCurve:
     corner: Array
     no_load: Array
 
-    def available(self, effort_limits: Array, v: Array) -> Array:
-        """Lower and upper bounds of τ at some speeds, (2, na) in N·m.
+    def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
+        """Lower and upper bounds of τ at some speeds; both (na,) in N·m.
 
         Args:
             effort_limits: τ_max, (na,) in N·m.
             v: speeds of the actuators, (na,) in rad/s.
         """
         left = effort_limits * np.clip((self.no_load - np.abs(v)) / (self.no_load - self.corner), 0.0, 1.0)
-        return np.array([np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)])
+        return np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)
 
 
 class TorqueLimit:
@@ -55,35 +55,31 @@ class TorqueLimit:
     @property
     def effort_limits(self) -> Array:
         """τ_max, (na,) in N·m."""
-        limits: Array = self._both[1]
-        return limits
+        return self._both[1]
 
     @effort_limits.setter
     def effort_limits(self, limits: Array) -> None:
-        self._both = frozen([-limits, limits])
+        self._both = (frozen(-limits), frozen(limits))
 
-    def available(self, v: Array) -> Array:
-        """Lower and upper bounds of τ without the rate, (2, na) in N·m; to be read only.
+    def available(self, v: Array) -> tuple[Array, Array]:
+        """Lower and upper bounds of τ without the rate, both (na,) in N·m; to be read only.
 
         Args:
             v: speeds of the actuators, (na,) in rad/s.
         """
         return self._both if self.curve is None else self.curve.available(self.effort_limits, v)
 
-    def bounds(self, before: Array | None, v: Array, period: float) -> Array:
-        """Lower and upper bounds of τ, (2, na) in N·m; to be read only.
+    def bounds(self, before: Array | None, v: Array, period: float) -> tuple[Array, Array]:
+        """Lower and upper bounds of τ, both (na,) in N·m; to be read only.
 
         Args:
             before: the torques that the actuators give now, (na,) in N·m; None where no rate is to be held.
             v: speeds of the actuators, (na,) in rad/s.
             period: Δt, s.
         """
-        available = self.available(v)
+        lower, upper = self.available(v)
         if before is None:
-            return available
-        lower, upper = available
-        bounds = (self.rate * period) * self._both
-        bounds += np.minimum(np.maximum(before, lower), upper)
-        np.maximum(bounds[0], lower, out=bounds[0])
-        np.minimum(bounds[1], upper, out=bounds[1])
-        return bounds
+            return lower, upper
+        step = (self.rate * period) * self.effort_limits
+        held = np.minimum(np.maximum(before, lower), upper)
+        return np.maximum(lower, held - step), np.minimum(upper, held + step)

@@ -28,14 +28,14 @@ class ActiveSet:
     which takes a fraction of the time of a solver that has to look for them. x is the minimizer exactly if it meets all
     inequalities and no multiplier λ has the wrong sign, and that is checked. Where it is not, a solver searches.
 
-    Mostly the cost is ½ ‖R x - r‖² + ½ Σ dᵢ (xᵢ - tᵢ)² (`Squares`) with few rows R, and d > 0 but for the k first
-    columns, those of the base, which the k last equalities determine: x_k = s - N z, with z the columns after them.
-    Without them R, the other equalities and W are, as rows of z, B = [R'; A'; W'] with right sides β = [r'; b'; w'],
-    and with p = -[R'z - r'; y; λ]
+    Mostly the cost is ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² (`Squares`) with few rows R, and d > 0 but for the k
+    first columns, those of the base, which the k last equalities determine: x_k = s - N z, with z the columns after
+    them. Without them R, the other equalities and W are, as rows of z, B = [R'; A'; W'] with right sides β = [r'; b';
+    w'], and with p = -[w (R'z - r'); y; λ]
 
         z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t
 
-    where E is 1 on the diagonal of the rows R' and 0 elsewhere: half as many unknowns, and positive definite. Where
+    where E is 1 / w on the diagonal of the rows R' and 0 elsewhere: half as many unknowns, and positive definite. Where
     weights are so far apart (1e11 and more) that it loses too many digits, it is left alone until they change.
     """
 
@@ -110,11 +110,15 @@ class ActiveSet:
         return answer[:n], answer[m:], problem.cost.constant - 0.5 * float(right @ answer)
 
     def _condensed(self, squares: Squares, active: Array | None) -> tuple[Array, Array, float] | None:
-        """The same by the smaller system. The right sides stand in the last column of B, of N, and of what x is for."""
-        first, rows = squares.first, squares.rows
+        """The same by the smaller system.
+
+        The right sides are one more column, for which x has -1. The columns of the base stay, and become zero.
+        """
+        first = squares.first
         B = squares.stack
         if first:
-            _, _, N, info = dgesv(B[-first:, :first], B[-first:, first:])
+            head = B[-first:]
+            _, _, N, info = dgesv(head[:, :first], head)
             if info != 0:
                 return None
             B = B[:-first]
@@ -122,20 +126,19 @@ class ActiveSet:
         if active is not None:
             B = np.concatenate((B, active))
         if first:
-            B = B[:, first:] - B[:, :first].dot(N)
+            B = B - B[:, :first].dot(N)
         T = B * squares.inverse
-        beta = -B.dot(squares.target)  # β - B t, as the last of t is -1
+        beta = -B.dot(squares.target)  # β - B t
         p = beta
         if len(p):  # there are none for a fixed base and tasks on joints alone
             K = T.dot(B.T)
-            K.reshape(-1)[: rows * (len(p) + 1) : len(p) + 1] += 1.0
+            K.reshape(-1)[: len(squares.slack) * (len(p) + 1) : len(p) + 1] += squares.slack
             _, p, info = dposv(K.T, beta, overwrite_a=True)  # of the symmetric K the transpose saves a copy
             if info != 0 or not p.dot(p) <= _LARGEST**2:
                 return None
-        x = np.empty(self._n + 1)
-        z = x[first:]
-        np.add(p.dot(T), squares.target, z)
+        x = p.dot(T)
+        x += squares.target
         if first:
-            np.negative(N.dot(z), x[:first])
+            np.negative(N.dot(x), out=x[:first])
         # (z - t)ᵀd (z - t) is pᵀB (z - t), and that B z is β - E p: what is left of all squares is half of this.
         return x[:-1], -p[equations:], squares.constant + 0.5 * float(p.dot(beta))
