@@ -9,6 +9,7 @@ from wbc_controller.core.problem import QuadraticProgram
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.core.unpacking import unpack
 from wbc_controller.errors import NoSolution
+from wbc_controller.settings import PostureTask
 
 ROBOTS = ("g1", "talos", "go2")
 RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
@@ -458,11 +459,19 @@ def test_a_built_problem_can_be_solved_by_hand(robots):
         np.testing.assert_allclose(FORCE_UNIT * x[place.columns], force, atol=1e-3)
 
 
-def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots):
+@pytest.mark.parametrize("overlapping", [False, True])
+def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, overlapping):
+    """Also where two tasks ask something of the same joint, and one of them of no other."""
     bench, rng = robots["go2"], np.random.default_rng(9)
+    if overlapping:
+        joints = bench.model.joints
+        more = {
+            "two": PostureTask(type="posture", joints=(joints[4], joints[1]), weight=3.0),
+            "one": PostureTask(type="posture", joints=(joints[1],), weight=0.2),
+        }
+        bench = bench.rebuilt(dict(bench.settings.tasks) | more)
     state = bench.near_stance(rng)
     references = busy(bench, state, rng)
-    problem = bench.controller.formulation.build(state, references).problem
     nv, solver = bench.model.nv, bench.settings.solver
 
     def cost(x):
@@ -477,6 +486,11 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots):
             total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)
         return total
 
+    solution = bench.controller.solve(state, references)
+    (level,) = solution.levels
+    forces = np.concatenate(list(solution.forces.values())) / FORCE_UNIT
+    assert level.cost == pytest.approx(cost(np.concatenate([solution.v_dot, forces])), rel=1e-9)
+    problem = bench.controller.formulation.build(state, references).problem
     for _ in range(5):
         x = rng.normal(size=problem.n)
         assert problem.cost.value(x) == pytest.approx(cost(x), rel=1e-9)

@@ -274,10 +274,10 @@ def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4):
     problem.upper[:] = problem.C @ inside + rng.uniform(0.0, 0.3, inequalities)
     problem.x_lower[first::2] = inside[first::2] - 0.05
     diagonal, slack = 10.0 ** rng.uniform(-3.0, 1.0, n - first), 10.0 ** rng.uniform(-1.0, 3.0, rows)
-    inverse, target = np.zeros(n + 1), np.zeros(n + 1)
-    inverse[first:-1], target[first:-1], target[-1] = 1.0 / diagonal, rng.normal(size=n - first), -1.0
+    inverse, minus_target = np.zeros(n + 1), np.zeros(n + 1)
+    inverse[first:-1], minus_target[first:-1], minus_target[-1] = 1.0 / diagonal, rng.normal(size=n - first), 1.0
     stack = problem.memory[: rows + equalities]
-    problem.cost.pose(Squares(stack, slack, first, diagonal, inverse, target, constant=3.0))
+    problem.cost.pose(Squares(stack, slack, first, diagonal, inverse, minus_target, constant=3.0))
     return problem
 
 
@@ -289,7 +289,7 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
     rows = squares.stack[: len(squares.slack)]
     x = np.random.default_rng(seed).normal(size=problem.n)
     cost = 0.5 * np.sum((rows[:, :-1] @ x - rows[:, -1]) ** 2 / squares.slack) + squares.constant
-    cost += 0.5 * squares.diagonal @ (x - squares.target[:-1])[squares.first :] ** 2
+    cost += 0.5 * squares.diagonal @ (x + squares.minus_target[:-1])[squares.first :] ** 2
     assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
     multipliers = make_solver("daqp", problem).solve(problem).multipliers
     unbounded = problem.copy()  # which knows H and g alone

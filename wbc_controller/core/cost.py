@@ -30,10 +30,8 @@ class _Plan:
         scale: √w of these, (k, 1).
         rows: each task with rows, and the places of its J and its right side.
         momentum: the same places of the momentum's rate; None where the base does not move.
-        single: each task on single accelerations, w, and their places in the diagonal.
-        asking: Σ w b of these, (n - first,).
-        inverse: that of the diagonal, (n - first,).
-        target: `asking` over the diagonal, part of `squares.target`.
+        single: each task on single accelerations; by what its right side makes the target and, squared, the constant;
+            and their columns.
     """
 
     level: Level
@@ -42,10 +40,7 @@ class _Plan:
     scale: Array
     rows: list[tuple[AccelerationTask, Array, Array]]
     momentum: tuple[Array, Array] | None
-    single: list[tuple[AccelerationTask, Array, np.ndarray | slice]]
-    asking: Array
-    inverse: Array
-    target: Array
+    single: list[tuple[AccelerationTask, Array, Array, np.ndarray | slice]]
 
 
 class LevelCost:
@@ -81,8 +76,14 @@ class LevelCost:
         self.level = level
         self.errors: dict[str, Array] = {}
         exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
-        # Rows that are single accelerations enter the diagonal alone, unless a level below has to keep them as rows.
-        self._single = [task for task in exact if task.columns is not None and last]
+        # Rows that are single accelerations enter the diagonal alone, unless a level below has to keep them as rows, or
+        # another task has some of them there.
+        self._single: list[AccelerationTask] = []
+        free = np.ones(model.nv, dtype=np.bool_)
+        for task in exact:
+            if last and task.columns is not None and free[task.columns].all():
+                self._single.append(task)
+                free[task.columns] = False
         self._exact = [task for task in exact if task not in self._single]
         self._others = [task for task in own if task not in exact]
         self._model = model
@@ -118,16 +119,12 @@ class LevelCost:
             rows, right = plan.momentum
             rows[...] = dynamics.centroidal_matrix
             np.negative(dynamics.centroidal_drift, out=right)
-        squares, asking = plan.squares, plan.asking
-        asking.fill(0.0)
-        twice = 0.0
-        for task, weight, columns in plan.single:
+        squares = plan.squares
+        squares.constant = 0.0
+        for task, minus_share, rest, columns in plan.single:
             asked, errors[task.name] = task.right(dynamics, wanted[task.name])
-            weighted = weight * asked
-            asking[columns] += weighted
-            twice += float(weighted.dot(asked))
-        np.multiply(asking, plan.inverse, plan.target)
-        squares.constant = 0.5 * (twice - float(asking.dot(plan.target)))
+            squares.minus_target[columns] = minus_share * asked
+            squares.constant += 0.5 * float((rest * asked).dot(asked))
         plan.level.cost.pose(squares)
         if self._last and not self._others:
             return plan.level  # of which nothing changes but its cost
@@ -159,24 +156,24 @@ class LevelCost:
         diagonal[: nv - base], diagonal[nv - base :] = self._regularization
         entries = []
         for task in single:
-            weight, columns = np.array(weights[task.name]), as_slice(np.arange(nv)[task.columns] - base)
-            diagonal[columns] += weight
-            entries.append((task, weight, columns))
-        inverse, target = np.zeros(n + 1), np.zeros(n + 1)
-        inverse[base:-1], target[-1] = 1.0 / diagonal, -1.0
+            weight, columns = weights[task.name], np.arange(nv)[task.columns]
+            alone = diagonal[columns - base].copy()
+            diagonal[columns - base] += weight
+            # ½ w (x - b)² + ½ ε x² is ½ (w + ε) (x - t)² and a rest, with t = b w / (w + ε).
+            share = weight / (weight + alone)
+            entries.append((task, -share, share * alone, as_slice(columns)))
+        inverse, minus_target = np.zeros(n + 1), np.zeros(n + 1)
+        inverse[base:-1], minus_target[-1] = 1.0 / diagonal, 1.0
         cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
         names = tuple(task.name for task in taking_part + single)
         return _Plan(
             level=Level(names, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
             kept=stack[:end, :n],
             scale=slack[:end, None] ** -0.5,
-            squares=Squares(whole, slack, base, diagonal, inverse, target),
+            squares=Squares(whole, slack, base, diagonal, inverse, minus_target),
             rows=rows,
             momentum=momentum,
             single=entries,
-            asking=np.zeros(n - base),
-            inverse=inverse[base:-1],
-            target=target[base:-1],
         )
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:

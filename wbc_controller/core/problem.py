@@ -23,7 +23,7 @@ class Squares:
             are invertible there.
         diagonal: d of the other columns, (n - first,), positive.
         inverse: 1 / d, and 0 for the first columns and that of the right sides, (n + 1,).
-        target: t, 0 for the first columns, and -1 for that of the right sides, (n + 1,).
+        minus_target: -t, 0 for the first columns, and 1 for that of the right sides, (n + 1,).
         constant: what is left when all squares are zero.
     """
 
@@ -32,7 +32,7 @@ class Squares:
     first: int
     diagonal: Array
     inverse: Array
-    target: Array
+    minus_target: Array
     constant: float = 0.0
 
 
@@ -64,7 +64,7 @@ class Quadratic:
         squares = self.squares
         if self.formed or squares is None:
             return
-        first, target = squares.first, squares.target[squares.first : -1]
+        first, target = squares.first, -squares.minus_target[squares.first : -1]
         rows = squares.stack[: len(squares.slack)]
         R, r = rows[:, :-1], rows[:, -1]
         weighted = R.T / squares.slack

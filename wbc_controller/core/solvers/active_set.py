@@ -64,7 +64,7 @@ class ActiveSet:
         found = self._condensed(squares, rows) if squares and condensed else self._full(problem, rows)
         if found is None:
             return None
-        x, costs, cost = found
+        x, minus_costs, cost = found
         residuals = problem.residuals(x)
         if not residuals.violation <= _FEASIBLE:
             if squares and condensed and not residuals.equalities.max(initial=0.0) <= _FEASIBLE:
@@ -76,10 +76,10 @@ class ActiveSet:
             return None
         multipliers = self._none
         if len(active):
-            if (self._side[active] * costs < 0.0).any():
+            if (self._side[active] * minus_costs > 0.0).any():
                 return None
             multipliers = np.zeros(len(self._side))
-            multipliers[active] = costs
+            multipliers[active] = -minus_costs
         return Answer(x, "optimal", 1, multipliers, residuals, cost)
 
     def _rows(self, problem: QuadraticProgram, active: np.ndarray) -> Array:
@@ -92,7 +92,7 @@ class ActiveSet:
         return rows
 
     def _full(self, problem: QuadraticProgram, active: Array | None) -> tuple[Array, Array, float] | None:
-        """x, λ and the cost; None where they are not determined."""
+        """x, -λ and the cost; None where they are not determined."""
         n, m = self._n, self._n + self._m
         size = m if active is None else m + len(active)
         K, right = np.zeros((size, size)), np.empty(size)
@@ -107,7 +107,7 @@ class ActiveSet:
         if info != 0 or not answer.dot(answer) <= _LARGEST**2:
             return None
         # xᵀHx is -gᵀx - bᵀy - wᵀλ: multiply the conditions of the minimum by xᵀ. And right is [-g; b; w].
-        return answer[:n], answer[m:], problem.cost.constant - 0.5 * float(right @ answer)
+        return answer[:n], -answer[m:], problem.cost.constant - 0.5 * float(right @ answer)
 
     def _condensed(self, squares: Squares, active: Array | None) -> tuple[Array, Array, float] | None:
         """The same by the smaller system.
@@ -128,7 +128,7 @@ class ActiveSet:
         if first:
             B = B - B[:, :first].dot(N)
         T = B * squares.inverse
-        beta = -B.dot(squares.target)  # β - B t
+        beta = B.dot(squares.minus_target)  # β - B t
         p = beta
         if len(p):  # there are none for a fixed base and tasks on joints alone
             K = T.dot(B.T)
@@ -137,8 +137,8 @@ class ActiveSet:
             if info != 0 or not p.dot(p) <= _LARGEST**2:
                 return None
         x = p.dot(T)
-        x += squares.target
+        x -= squares.minus_target
         if first:
             np.negative(N.dot(x), out=x[:first])
         # (z - t)ᵀd (z - t) is pᵀB (z - t), and that B z is β - E p: what is left of all squares is half of this.
-        return x[:-1], -p[equations:], squares.constant + 0.5 * float(p.dot(beta))
+        return x[:-1], p[equations:], squares.constant + 0.5 * float(p.dot(beta))

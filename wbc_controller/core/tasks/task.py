@@ -246,7 +246,7 @@ class MotionTask(AccelerationTask):
         changes = reference.velocity.flags.writeable or reference.acceleration.flags.writeable
         self._followed, self._damping = None if changes else reference, self.damping
         feed_forward = reference.acceleration + self.damping * reference.velocity
-        self._feed_forward = None if not feed_forward.any() else feed_forward
+        self._feed_forward = None if feed_forward.dot(feed_forward) == 0.0 else feed_forward
 
 
 class RateTask(AccelerationTask):
