@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,20 +27,23 @@ class _Plan:
         level: with the cost that is to be posed.
         squares: what that is made of.
         kept: the rows of tasks.
-        scale: √w of these, (k, 1).
         rows: each task with rows, and the places of its J and its right side.
         momentum: the same places of the momentum's rate; None where the base does not move.
-        single: each task on single accelerations; by what its right side makes the target and, squared, the constant;
-            and their columns.
+        single: each task on single accelerations, and their columns.
+        minus_shares: of each of these by what its right side makes the target, negated.
+        rests: and by what that, squared, makes the constant.
+        weights: those that the numbers are for.
     """
 
     level: Level
     squares: Squares
     kept: Array
-    scale: Array
     rows: list[tuple[AccelerationTask, Array, Array]]
     momentum: tuple[Array, Array] | None
-    single: list[tuple[AccelerationTask, Array, Array, np.ndarray | slice]]
+    single: list[tuple[AccelerationTask, np.ndarray | slice]]
+    minus_shares: list[Array] = field(default_factory=list)
+    rests: list[Array] = field(default_factory=list)
+    weights: Mapping[str, float] = field(default_factory=dict)
 
 
 class LevelCost:
@@ -95,7 +98,8 @@ class LevelCost:
         self._first = level == min(task.level for task in tasks)
         self.rows = sum(task.dimension for task in self._exact) + 6
         self._weights: dict[str, float] = {}
-        self._plans: dict[tuple[str, ...], _Plan] = {}
+        self._taking_part: tuple[str, ...] = ()
+        self._plans: dict[tuple[tuple[str, ...], tuple[str, ...]], _Plan] = {}
 
     def fill(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
         """Pose the cost of one cycle.
@@ -108,10 +112,16 @@ class LevelCost:
         wanted, weights = references.tasks, references.weights
         if weights != self._weights:
             self._weights = dict(weights)
-            self._plans.clear()
-        plan = self._plans.get(layout.key)
+            # What NaN weighs takes part: it is found later.
+            self._taking_part = tuple(
+                task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0
+            )
+        key = (layout.key, self._taking_part)
+        plan = self._plans.get(key)
         if plan is None:
-            plan = self._plans[layout.key] = self._plan(layout, weights)
+            plan = self._plans[key] = self._plan(layout)
+        if plan.weights is not self._weights:
+            self._weigh(plan)
         errors = self.errors = {}
         for task, rows, right in plan.rows:
             rows[...], right[...], errors[task.name] = task.equation(dynamics, wanted[task.name])
@@ -121,7 +131,7 @@ class LevelCost:
             np.negative(dynamics.centroidal_drift, out=right)
         squares = plan.squares
         squares.constant = 0.0
-        for task, minus_share, rest, columns in plan.single:
+        for (task, columns), minus_share, rest in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
             asked, errors[task.name] = task.right(dynamics, wanted[task.name])
             squares.minus_target[columns] = minus_share * asked
             squares.constant += 0.5 * float((rest * asked).dot(asked))
@@ -130,51 +140,59 @@ class LevelCost:
             return plan.level  # of which nothing changes but its cost
         level = replace(plan.level)
         if not self._last:
-            level.kept = plan.scale * plan.kept
+            level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
         self._add_others(level, layout, dynamics, references)
         return level
 
-    def _plan(self, layout: Layout, weights: Mapping[str, float]) -> _Plan:
-        """Lay out the rows of the tasks that take part. What NaN weighs does: it is found later."""
+    def _plan(self, layout: Layout) -> _Plan:
+        """Lay out the rows of the tasks that take part."""
         problem, nv, n, base = layout.problem, self._model.nv, layout.problem.n, self._base
-        taking_part = [task for task in self._exact if not weights.get(task.name, 0.0) <= 0.0]
-        count = sum(task.dimension for task in taking_part) + base
+        with_rows = [task for task in self._exact if task.name in self._taking_part]
+        single = [task for task in self._single if task.name in self._taking_part]
+        end = sum(task.dimension for task in with_rows)
+        count = end + base
         # The first level has its rows above the equalities: the solver reads both.
         top, stop = problem.room - count, problem.room + len(problem.b)
-        whole = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
-        stack = whole[:count]
-        stack[:] = 0.0
-        slack, rows, end = np.empty(count), [], 0
-        for task in taking_part:
-            start, end = end, end + task.dimension
-            slack[start:end] = 1.0 / weights[task.name]
-            rows.append((task, stack[start:end, :nv], stack[start:end, n]))
-        slack[end:] = self._momentum_slack[: count - end]
-        momentum = (stack[end:, :nv], stack[end:, n]) if base else None
-        single = [task for task in self._single if not weights.get(task.name, 0.0) <= 0.0]
-        diagonal = np.empty(n - base)
-        diagonal[: nv - base], diagonal[nv - base :] = self._regularization
-        entries = []
-        for task in single:
-            weight, columns = weights[task.name], np.arange(nv)[task.columns]
-            alone = diagonal[columns - base].copy()
-            diagonal[columns - base] += weight
-            # ½ w (x - b)² + ½ ε x² is ½ (w + ε) (x - t)² and a rest, with t = b w / (w + ε).
-            share = weight / (weight + alone)
-            entries.append((task, -share, share * alone, as_slice(columns)))
-        inverse, minus_target = np.zeros(n + 1), np.zeros(n + 1)
-        inverse[base:-1], minus_target[-1] = 1.0 / diagonal, 1.0
+        stack = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
+        rows, start = [], 0
+        for task in with_rows:
+            rows.append((task, stack[start : start + task.dimension, :nv], stack[start : start + task.dimension, n]))
+            start += task.dimension
+        minus_target = np.zeros(n + 1)
+        minus_target[-1] = 1.0
         cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
-        names = tuple(task.name for task in taking_part + single)
         return _Plan(
-            level=Level(names, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
+            level=Level(self._taking_part, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
             kept=stack[:end, :n],
-            scale=slack[:end, None] ** -0.5,
-            squares=Squares(whole, slack, base, diagonal, inverse, minus_target),
+            squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
             rows=rows,
-            momentum=momentum,
-            single=entries,
+            momentum=(stack[end:count, :nv], stack[end:count, n]) if base else None,
+            single=[(task, as_slice(np.arange(nv)[task.columns])) for task in single],
         )
+
+    def _weigh(self, plan: _Plan) -> None:
+        """Take over the weights."""
+        weights, squares, base = self._weights, plan.squares, self._base
+        plan.weights = weights
+        end = 0
+        for task, _, right in plan.rows:
+            start, end = end, end + len(right)
+            squares.slack[start:end] = 1.0 / weights[task.name]
+        squares.slack[end:] = self._momentum_slack[: len(squares.slack) - end]
+        nj = self._model.nv - base
+        squares.diagonal[:nj], squares.diagonal[nj:] = self._regularization
+        plan.minus_shares, plan.rests = [], []
+        for task, columns in plan.single:
+            # With w of the task and ε of what is there, ½ w (x - b)² + ½ ε x² is ½ (w + ε) (x - t)² and a rest of
+            # ½ b² ε w / (w + ε), where t = b w / (w + ε).
+            weight, places = weights[task.name], as_slice(np.arange(self._model.nv)[columns] - base)
+            there = np.array(squares.diagonal[places])
+            plan.minus_shares.append(-weight / (weight + there))
+            plan.rests.append(weight * there / (weight + there))
+            squares.diagonal[places] += weight
+        # A new array: who keeps what it knows of these weights sees that they are others.
+        squares.inverse = np.zeros(len(squares.inverse))
+        squares.inverse[base:-1] = 1.0 / squares.diagonal
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:
         """Add the tasks on forces and torques, and those with a tolerance."""
