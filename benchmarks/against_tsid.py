@@ -21,7 +21,7 @@ import time
 
 import numpy as np
 import pinocchio as pin
-from our_cycle import DAMPING, STIFFNESS, WEIGHTS, Cycle, state_of, talos
+from our_cycle import DAMPING, STIFFNESS, WEIGHTS, Cycle, state_of, talos, tsids_tasks
 from tsid_process import Tsid
 
 from wbc_controller.build import make_model
@@ -164,4 +164,5 @@ def measure(settings: Settings) -> None:
 if __name__ == "__main__":
     # The limits of joint motion that tsid has not in this case are off. Our regularization of the forces is as weak as
     # its is, so that the answers can be compared.
-    measure(talos(limits={"position": False, "velocity": False}, solver={"regularization_force": 1.0e-8}))
+    limits, solver = {"position": False, "velocity": False}, {"regularization_force": 1.0e-8}
+    measure(talos(tsids_tasks(), limits=limits, solver=solver))

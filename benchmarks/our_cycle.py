@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +23,23 @@ STIFFNESS, DAMPING = 100.0, 20.0
 WEIGHTS = {"com": 1.0, "posture": 0.1, "waist": 1.0, "force": 1.0e-8}
 
 
-def talos(
-    tasks: dict[str, Any] | None = None, *, contact_stiffness: float = 0.0, **sections: dict[str, Any]
-) -> Settings:
-    """Settings of Talos at 1 kHz, by default with tsid's three tasks."""
+def tsids_tasks(weights: Mapping[str, float] = WEIGHTS) -> dict[str, Any]:
+    """The three tasks that tsid has."""
     gains = {"stiffness": STIFFNESS, "damping": DAMPING, "setpoint_duration": 0.0}
-    alike = {
-        "com": {"type": "com", "weight": WEIGHTS["com"], **gains},
-        "posture": {"type": "posture", "weight": WEIGHTS["posture"], **gains},
-        "waist": {"type": "frame_orientation", "frame": "base_link", "weight": WEIGHTS["waist"], **gains},
+    return {
+        "com": {"type": "com", "weight": weights["com"], **gains},
+        "posture": {"type": "posture", "weight": weights["posture"], **gains},
+        "waist": {"type": "frame_orientation", "frame": "base_link", "weight": weights["waist"], **gains},
     }
+
+
+def talos(tasks: dict[str, Any], *, contact_stiffness: float = 0.0, **sections: dict[str, Any]) -> Settings:
+    """Settings of Talos at 1 kHz."""
     content = load_settings(find_configuration("talos")).model_dump()
     content["control"] |= {"rate": 1000.0}
     content["mock"] |= {"step": 0.001}
     content["safety"] |= {"activation_ramp": 0.0}
-    content["tasks"] = alike if tasks is None else tasks
+    content["tasks"] = tasks
     for contact in content["contacts"].values():
         contact["stiffness"] = contact_stiffness
     for section, values in sections.items():

@@ -132,6 +132,8 @@ class LevelReport:
 class Solution:
     """The answer of the quadratic program, with the residual of every equality.
 
+    Its mappings may be made when they are first read: they cost nothing where nobody does.
+
     Attributes:
         v_dot: generalized acceleration, (nv,).
         tau: torques of the actuators in the order of the command, (na,) in N·m.
