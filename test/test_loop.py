@@ -171,33 +171,86 @@ def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(benc
     assert controller.loop.supervisor.mode is Mode.FAULT
 
 
-def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch):
+def searched(controller):
+    """Wait for the search that runs beside the loop."""
+    controller.loop._explanation.result()
+
+
+def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch, caplog):
     controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
     controller.activate()
     controller.cycle(600)
-    solve, asked = controller.loop._controller.solve, []
     foot = controller.loop._controller.contacts["front_left_foot"]
     monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    searches = []
+
+    def search(failure):
+        searches.append(threading.current_thread())
+        return explained(failure)
+
+    explained = NoSolution.explained
+    monkeypatch.setattr(NoSolution, "explained", search)
     sent = len(controller.efforts())
-
-    def watched(*given):
-        asked.append((given[3], len(controller.efforts()) - sent))
-        return solve(*given)
-
-    monkeypatch.setattr(controller.loop._controller, "solve", watched)
     report = controller.cycle()
-    assert report.mode is Mode.HOLDING
-    assert asked == [(False, 0), (True, 1)]  # the search takes several periods: the torques are out before it
+    assert (report.mode, report.fault.infeasibility) == (Mode.HOLDING, None)
+    assert len(controller.efforts()) == sent + 1
+    searched(controller)
+    report = controller.cycle()
     why = report.fault.infeasibility
     assert set(why.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
     assert report.fault.sentence.endswith(why.sentence)
     assert why.sentence in controller.received("state")[-1].data
+    assert why.sentence in caplog.text
     for mode, count in ((Mode.HOLDING, 20), (Mode.DAMPING, 10), (Mode.FAULT, 60)):
         report = controller.cycle(count)
         assert (report.mode, report.fault.infeasibility) == (mode, why)
         assert why.sentence in last_status(controller).message
-    assert not any(explained for explained, _ in asked[2:])
-    assert len(asked) > 20
+    assert len(searches) == 1
+    assert searches[0] is not threading.current_thread()  # the loop commands on, meanwhile
+
+
+def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop._controller.contacts["front_left_foot"]
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    release, explained = threading.Event(), NoSolution.explained
+
+    def slow(failure):
+        assert release.wait(60.0)
+        return explained(failure)
+
+    monkeypatch.setattr(NoSolution, "explained", slow)
+    sent = len(controller.efforts())
+    report = controller.cycle(40)
+    assert len(controller.efforts()) == sent + 40
+    assert (report.mode, report.fault.infeasibility) == (Mode.DAMPING, None)
+    monkeypatch.setattr(foot, "max_normal_force", 400.0)  # it is the failure that is explained, not what is now
+    release.set()
+    searched(controller)
+    report = controller.cycle()
+    assert report.mode is Mode.DAMPING
+    assert set(report.fault.infeasibility.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
+
+
+def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, caplog):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop._controller.contacts["front_left_foot"]
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+
+    def broken(failure):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(NoSolution, "explained", broken)
+    controller.cycle()
+    with pytest.raises(ZeroDivisionError):
+        searched(controller)
+    report = controller.cycle()
+    assert (report.mode, report.fault.code, report.fault.infeasibility) == (Mode.HOLDING, "NO_SOLUTION", None)
+    assert "division by zero" in caplog.text
 
 
 def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatch):
@@ -205,13 +258,15 @@ def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatc
     controller.activate()
     controller.cycle(600)
     foot = controller.loop._controller.contacts["front_left_foot"]
-    explained = 0
+    explained, searches = NoSolution.explained, []
+    monkeypatch.setattr(NoSolution, "explained", lambda failure: searches.append(1) or explained(failure))
     for i in range(1000):  # two seconds
         monkeypatch.setattr(foot, "max_normal_force", -50.0 if i % 2 else 400.0)
         report = controller.cycle()
         assert report.mode is (Mode.HOLDING if i % 2 else Mode.ACTIVE)
-        explained += report.fault is not None and report.fault.infeasibility is not None
-    assert explained == 2
+        if controller.loop._explanation is not None:
+            searched(controller)
+    assert len(searches) == 2
 
 
 @pytest.mark.parametrize("where", ["solve", "sample", "apply"])

@@ -14,7 +14,7 @@ Errors of other libraries are translated where they enter.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 
@@ -43,11 +43,36 @@ class NoSolution(WbcError):
             they do not.
     """
 
-    def __init__(self, message: str, status: str, problem: Any, infeasibility: Any = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        status: str,
+        problem: Any,
+        infeasibility: Any = None,
+        search: Callable[[], Any] | None = None,
+    ) -> None:
+        """Say what failed.
+
+        Args:
+            message: for a person to read.
+            status: what the solver said.
+            problem: the problem as it was given to the solver.
+            infeasibility: which constraints conflict, where that is known.
+            search: finds that out, where it is not.
+        """
         super().__init__(message)
         self.status = status
         self.problem = problem
         self.infeasibility = infeasibility
+        self._search = search
+
+    def explained(self) -> NoSolution:
+        """Find out which constraints conflict, and say it. It takes several periods, and any thread may do it."""
+        if self._search is None:
+            return self
+        why = self._search()
+        because = why.sentence if why is not None else "they do not conflict: it is the solver that failed"
+        return NoSolution(f"{self}; {because}", self.status, self.problem, why)
 
 
 class TransportError(WbcError):

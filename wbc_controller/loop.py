@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from wbc_controller.clock import Clock
 from wbc_controller.core.controller import Controller
@@ -85,7 +85,9 @@ class ControlLoop:
         self._said: dict[str, float] = {}
         self._references: References | None = None  # of the present cycle, where it is solved
         self._explained = -math.inf
-        self._unexplained: Callable[[], object] | None = None  # solves the present failure again, with its reasons
+        # It takes several periods to explain a failure: another thread does, and the commands go on.
+        self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
+        self._explanation: Future[NoSolution] | None = None
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
@@ -103,6 +105,7 @@ class ControlLoop:
         if problem is None and self.supervisor.solving:
             outcome = self._compute(latched.state, changes, now, starts, refused)
         computed = self._timer()
+        was_active = self.supervisor.mode is Mode.ACTIVE
         fresh = latched.ages["joint_states"] <= self._live.state_timeout
         command = self.supervisor.step(now, latched.state, latched.joint_velocity if fresh else None, problem, outcome)
         if changes and outcome is None:
@@ -111,6 +114,7 @@ class ControlLoop:
             refused.append(
                 f"{len(changes)} task or contact commands: the controller is {mode.value}; send {words} first"
             )
+        self._take_explanation()
         supervised = self._timer()
         solution = outcome if isinstance(outcome, Solution) else None
         stages = {"read": read - started, "compute": computed - read, "supervise": supervised - computed}
@@ -120,9 +124,8 @@ class ControlLoop:
         self._outputs.publish_command(report)
         stages["write"] = self._timer() - supervised
         stages["total"] = self._timer() - started
-        if isinstance(outcome, NoSolution):
-            report = self._explain(report, now)
-        self._unexplained = None
+        if isinstance(outcome, NoSolution) and was_active:
+            self._explain(outcome, now)
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, self._clock.stamp())
@@ -133,16 +136,25 @@ class ControlLoop:
         self._cycle += 1
         return report
 
-    def _explain(self, report: CycleReport, now: float) -> CycleReport:
-        """Find out which constraints conflict, when the robot has its torques already: it takes several periods."""
-        if self._unexplained is None:
-            return report
-        try:
-            self._unexplained()
-        except NoSolution as failure:
+    def _explain(self, failure: NoSolution, now: float) -> None:
+        """Begin to find out which constraints conflict, when the robot has its torques already."""
+        # Once per failure: while holding, the sentence of its first cycle stays in force.
+        if self._explanation is None and now - self._explained >= _EXPLAIN_PAUSE:
             self._explained = now
-            self.supervisor.explain(failure)
-        return dataclasses.replace(report, fault=self.supervisor.fault)
+            self._explanation = self._explaining.submit(failure.explained)
+
+    def _take_explanation(self) -> None:
+        """Say which constraints conflict, when that has been found out."""
+        if self._explanation is None or not self._explanation.done():
+            return
+        explanation, self._explanation = self._explanation, None
+        try:
+            failure = explanation.result()
+        except Exception:
+            _log.exception("why there was no solution could not be found out")
+            return
+        self.supervisor.explain(failure)
+        _log.warning("NO_SOLUTION: %s", failure)
 
     def _say(self, report: CycleReport, now: float) -> None:
         """Log what was refused and why a mode was left; of what recurs in every cycle, one line per second."""
@@ -244,9 +256,6 @@ class ControlLoop:
                     refused.append(str(refusal))
             references = self._references = self._board.sample(seconds(state))
             before = self.supervisor.torques_before(now)
-            # Once per failure: while holding, the sentence of its first cycle stays in force.
-            if self.supervisor.mode is Mode.ACTIVE and now - self._explained >= _EXPLAIN_PAUSE:
-                self._unexplained = partial(self._controller.solve, state, references, before, True)
             return self._controller.solve(state, references, before, False)
         except NoSolution as failure:
             return failure

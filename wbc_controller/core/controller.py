@@ -123,7 +123,8 @@ class Controller:
             state: where the robot is.
             references: what is wanted.
             tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
-            explained: find out which constraints conflict where there is no solution. It takes several periods.
+            explained: find out at once which constraints conflict where there is no solution. It takes several periods;
+                `NoSolution.explained` does it later.
 
         Raises:
             NoSolution: where the equations of motion, contacts and torque limits cannot be met together, or where a
@@ -154,19 +155,16 @@ class Controller:
             iterations += answer.iterations
         solved = self._timer()
         if answer.x is None or residuals is None:
-            why = (
-                explain(layout, model=self.model, effort=self.formulation.effort_bounds(references))
-                if explained
-                else None
-            )
-            raise NoSolution(
+            failed = layout.snapshot()
+            failure = NoSolution(
                 f"no accelerations, torques and contact forces satisfy the equations of motion, the contacts "
                 f"({', '.join(layout.key) or 'none'}) and the torque limits together ({self._solver_name}: "
-                f"{answer.status}){_because(why, explained=explained)}",
+                f"{answer.status})",
                 answer.status,
-                problem.copy(),
-                why,
+                failed.problem,
+                search=partial(explain, failed, self.model, self.formulation.effort_bounds(references)),
             )
+            raise failure.explained() if explained else failure
         parts = unpack(self.formulation, layout, answer.x, answer.multipliers, residuals, references)
         return Solution(
             **parts,
@@ -205,9 +203,3 @@ def _usable(answer: Answer, problem: QuadraticProgram, tolerance: float) -> Resi
         return None
     residuals = answer.residuals or problem.residuals(answer.x)
     return residuals if residuals.violation <= tolerance else None  # None for NaN
-
-
-def _because(why: Infeasibility | None, *, explained: bool) -> str:
-    if why is not None:
-        return f"; {why.sentence}"
-    return "; they do not conflict: it is the solver that failed" if explained else ""

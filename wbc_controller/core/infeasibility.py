@@ -177,7 +177,8 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
         add(f"motion:{owner}", identity[column], bounds, _GRAVITY / LENGTH, ["rad/s²"])
     for limit, limit_rows in zip(layout.row_limits, layout.limits, strict=True):
         scale = _GRAVITY / LENGTH if limit.unit == "rad/s²" else _GRAVITY
-        for row, name in enumerate(limit.names, limit_rows.start):
+        for row in range(limit_rows.start, limit_rows.stop):
+            name = layout.labels[problem.n + row][0]
             add(name, problem.C[row], (problem.lower[row], problem.upper[row]), scale, [limit.unit])
     return found
 

@@ -6,6 +6,7 @@ bounds of τ are rows in x (`actuation.Actuation`).
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -149,6 +150,12 @@ class Layout:
         for limit, rows in zip(self.row_limits, self.limits, strict=True):
             labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
         return labels
+
+    def snapshot(self) -> Layout:
+        """The same with a problem of its own, which later cycles leave alone; `places` are parts of this one's."""
+        kept = copy.copy(self)
+        kept.problem, kept.torque_bias = self.problem.copy(), np.array(self.torque_bias)
+        return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
         """Name some rows of C anew; who has the labels of a cycle before keeps them."""
