@@ -46,11 +46,12 @@ class Dynamics:
         self.h: Array = data.nle
         self.com: Array = data.com[0]
         self.com_velocity: Array = data.vcom[0]
-        self.com_jacobian = np.zeros((3, model.nv))
+        self._per_mass = np.zeros((6, model.nv), order="F")  # as Pinocchio's, which divides in a third of the time
+        self.com_jacobian: Array = self._per_mass[:3]
         self.com_drift = np.zeros(3)
         self.centroidal_matrix: Array = data.Ag
         self.centroidal_drift: Array = data.dhg.vector
-        self._linear_matrix, self._linear_drift = self.centroidal_matrix[:3], self.centroidal_drift[:3]
+        self._linear_drift = self.centroidal_drift[:3]
         self._placements: list[pin.SE3] = list(data.oMf)
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
@@ -74,7 +75,7 @@ class Dynamics:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
-        np.divide(self._linear_matrix, self._mass, out=self.com_jacobian)
+        np.divide(self.centroidal_matrix, self._mass, out=self._per_mass)
         np.divide(self._linear_drift, self._mass, out=self.com_drift)
 
     @property
