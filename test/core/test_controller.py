@@ -425,6 +425,38 @@ def test_a_solution_outlives_the_next_one(robots):
         np.testing.assert_array_equal(array, copy)
 
 
+def said(solution):
+    """Everything that a solution says in mappings."""
+    names = ("forces", "residuals", "task_errors", "binding", "external_wrenches")
+    return {name: {key: np.array(value) for key, value in getattr(solution, name).items()} for name in names}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, robot):
+    late, at_once, rng = bench(robot), bench(robot), np.random.default_rng(11)
+    solutions, expected, bound = [], [], 0
+    for scale in (1.0, 300.0, 1.0, 200.0, 50.0):
+        state = late.near_stance(rng)
+        references = busy(late, state, rng)
+        kick = replace(references.tasks["posture"], acceleration=scale * rng.normal(size=late.model.na))
+        references = replace(
+            references,
+            tasks={**references.tasks, "posture": kick},
+            weights={**references.weights, "posture": rng.uniform(1.0, 5.0)},
+            external_wrenches={late.model.base_link: 10.0 * rng.normal(size=6)},
+        )
+        solutions.append(late.controller.solve(state, references))
+        expected.append(said(at_once.controller.solve(state, references)))
+        bound += len(expected[-1]["binding"])
+    for solution, then in zip(solutions, expected, strict=True):
+        now = said(solution)
+        for name, values in then.items():
+            assert list(now[name]) == list(values)
+            for key, value in values.items():
+                np.testing.assert_array_equal(now[name][key], value, err_msg=f"{name}/{key}")
+    assert bound > 0
+
+
 # Building is apart from solving --------------------------------------------------------------------------------------
 
 
