@@ -83,7 +83,7 @@ class AuditSettings(Section):
 
     time_constant: Positive = Field(0.2, le=10.0, description="Of the filter on the residuals, s.")
     patience: NonNegative = Field(
-        0.25, le=10.0, description="How long a residual is too large before there is a warning, s."
+        0.4, le=10.0, description="How long a residual is too large before there is a warning, s."
     )
     energy: Positive = Field(0.05, le=10.0, description="Largest energy residual, as a share of the joints' power.")
     power: Positive = Field(1.0, le=1.0e5, description="Power of the joints below which it is not measured against, W.")
