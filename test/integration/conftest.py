@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from domains import own_domain
 
 from wbc_controller.build import controller_endpoints, make_loop, make_model
 from wbc_controller.clock import ManualClock
@@ -32,8 +33,7 @@ from wbc_controller.mock.robot import MockRobot
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 ROBOT = "go2"
-#: Another domain for each test process, and neither ROS 2's default nor those of the other tests and the demo.
-DOMAIN = 20 + os.getpid() % 70
+DOMAIN = own_domain()
 #: Wall time after which something that should have happened has not, s.
 PATIENCE = 20.0
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from domains import own_domain
 
 try:
     import rclpy
@@ -45,7 +46,7 @@ def environment(tmp_path):
     return os.environ | {
         "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ.get('AMENT_PREFIX_PATH', '')}",
         "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}",
-        "ROS_DOMAIN_ID": str(20 + os.getpid() % 80),
+        "ROS_DOMAIN_ID": str(own_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_LOG_DIR": str(tmp_path / "log"),
     }

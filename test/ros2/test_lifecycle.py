@@ -2,11 +2,11 @@
 
 import itertools
 import logging
-import os
 import threading
 import time
 
 import pytest
+from domains import own_domain
 
 try:
     import rclpy
@@ -30,6 +30,7 @@ from wbc_controller.ros2.declaration import values
 from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.settings import Settings
 
+DOMAIN = own_domain()
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
 
@@ -37,7 +38,7 @@ SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in (
 def context(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=20 + os.getpid() % 80)
+    rclpy.init(context=context, domain_id=DOMAIN)
     yield context
     context.try_shutdown()
 

@@ -12,6 +12,7 @@ import time
 from xml.etree import ElementTree
 
 import pytest
+from domains import own_domain
 
 try:
     import rclpy
@@ -24,7 +25,7 @@ except ImportError as error:
 from wbc_controller.security_policy import CLOCK, security_policy
 
 #: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
-DOMAIN = 190 + os.getpid() % 40
+DOMAIN = own_domain()
 NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}
 PATIENCE = 30.0
 

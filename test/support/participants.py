@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from typing import Any
 
 import pytest
+from domains import own_domain
 
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
 
-#: Not ROS 2's default of 0, and another one for each test process.
-DOMAIN = 110 + os.getpid() % 80
+DOMAIN = own_domain()
 
 
 class MemoryParticipants:
