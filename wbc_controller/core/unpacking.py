@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, TypedDict
@@ -106,22 +107,27 @@ def _forces(places: Sequence[ContactPlace], f: Array) -> dict[str, Array]:
 
 def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
     """The largest of each group of constraints."""
-    contacts, mechanism = np.split(residuals.equalities, [contact_rows])
+    equalities = residuals.equalities.tolist()  # so few that a list is faster
     return {
-        "equations_of_motion": float(np.max(mechanism, initial=0.0)),
-        "contact_motion": float(np.max(contacts, initial=0.0)),
+        "equations_of_motion": max(equalities[contact_rows:], default=0.0),
+        "contact_motion": max(equalities[:contact_rows], default=0.0),
         "inequalities": max(0.0, -residuals.least_room),
     }
 
 
 def _norms(errors: Mapping[str, Array]) -> dict[str, float]:
     """Of tasks on accelerations how far the state is from the reference; of those on efforts how far the answer is."""
-    return {name: float(np.linalg.norm(error)) for name, error in errors.items()}
+    return {name: math.sqrt(error.dot(error)) for name, error in errors.items()}
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
     """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
-    value, room = residuals.value, np.array([residuals.above, residuals.below])
+    # Mostly none does, and that is seen at once: no bound that is close to its value is larger than about the largest,
+    # and none of these is larger than their norm.
+    value = residuals.value
+    if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
+        return {}
+    room = np.array([residuals.above, residuals.below])
     bounds = np.abs([value - room[0], value + room[1]])
     sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
     found: dict[str, float] = {}
