@@ -448,6 +448,8 @@ def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, rob
         solutions.append(late.controller.solve(state, references))
         expected.append(said(at_once.controller.solve(state, references)))
         bound += len(expected[-1]["binding"])
+    layout = late.controller.formulation.layout(tuple(late.controller.contacts))
+    layout.relabel(layout.torque, ["renamed"] * late.model.na)  # as those of self-collision are, in every cycle
     for solution, then in zip(solutions, expected, strict=True):
         now = said(solution)
         for name, values in then.items():

@@ -113,7 +113,7 @@ def test_one_level_is_one_quadratic_program():
         (only,) = [level("0", rng.normal(size=(5, 12)), rng.normal(size=5), 12)]
         x = hierarchy().solve(problem, [only]).x
         problem = independent(problem)
-        problem.H[:], problem.g[:] = only.H, only.g
+        problem.H[:], problem.g[:] = only.cost.H, only.cost.g
         np.testing.assert_allclose(x, make_solver("daqp", problem).solve(problem).x, atol=1e-5)
 
 
@@ -125,12 +125,12 @@ def test_levels_that_do_not_conflict_are_all_reached_as_by_weights():
         problem.A[:], problem.b[:] = rng.normal(size=(3, n)), rng.normal(size=3)
         levels = [level(str(i), rng.normal(size=(3, n)), rng.normal(size=3), n) for i in range(3)]
         strict = hierarchy().solve(problem, levels).x
-        problem.H[:] = sum(one.H for one in levels)
-        problem.g[:] = sum(one.g for one in levels)
+        problem.H[:] = sum(one.cost.H for one in levels)
+        problem.g[:] = sum(one.cost.g for one in levels)
         weighted = make_solver("daqp", problem).solve(problem).x
         for one in levels:
             np.testing.assert_allclose(one.kept @ strict, one.kept @ weighted, atol=1e-3)
-            assert 0.5 * np.sum((one.kept @ strict) ** 2) + one.g @ strict + one.cost.constant < 1e-4
+            assert 0.5 * np.sum((one.kept @ strict) ** 2) + one.cost.g @ strict + one.cost.constant < 1e-4
 
 
 def test_weights_far_apart_come_to_the_strict_answer():
@@ -144,7 +144,8 @@ def test_weights_far_apart_come_to_the_strict_answer():
         strict = hierarchy().solve(problem, [first, second]).x
         distance = []
         for ratio in (1e1, 1e6):
-            problem.H[:], problem.g[:] = ratio * first.kept.T @ first.kept + second.H, ratio * first.g + second.g
+            problem.H[:] = ratio * first.kept.T @ first.kept + second.cost.H
+            problem.g[:] = ratio * first.cost.g + second.cost.g
             distance.append(np.abs(make_solver("daqp", problem).solve(problem).x - strict).max())
         assert distance[1] < 1e-2
         assert distance[0] > 10.0 * distance[1]

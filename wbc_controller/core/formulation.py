@@ -182,7 +182,7 @@ class Formulation:
         motion = layout.contact_motion
         motion -= layout.damping * layout.J.dot(dynamics.v)
         if layout.anchored:
-            layout.contact_motion += pull(layout, dynamics, references.anchors)
+            motion += pull(layout, dynamics, references.anchors)
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model

@@ -110,10 +110,10 @@ def _reduced(
     """One level in the unknowns [z, s]; widened, so that z = 0 is an answer, whatever rounding did above."""
     nz, ns, m = free.shape[1], len(level.G), len(rows)
     reduced = QuadraticProgram.empty(nz + ns, 0, m + ns)
-    H = free.T @ level.H @ free
+    H = free.T @ level.cost.H @ free
     reduced.H[:nz, :nz] = 0.5 * (H + H.T)
     reduced.H[nz:, nz:] = np.eye(ns)
-    reduced.g[:nz] = free.T @ (level.g + level.H @ x)
+    reduced.g[:nz] = free.T @ (level.cost.g + level.cost.H @ x)
     reduced.C[:m, :nz] = rows @ free
     value = rows @ x
     reduced.lower[:m], reduced.upper[:m] = lower - value, upper - value

@@ -54,9 +54,8 @@ class Layout:
     """Where each quantity stands in the problem, for one set of made contacts.
 
     Attributes:
-        contacts: the made contacts, in order.
         problem: the problem's arrays.
-        places: where each contact stands.
+        places: where each made contact stands, in order.
         J: the Jacobians of all of them, (nf, nv).
         contact_motion: what J v̇ has to be, (nf,).
         damping: D of each of these rows, 1/s, (nf,).
@@ -84,7 +83,6 @@ class Layout:
     ) -> None:
         nv, na, free = model.nv, model.na, model.actuation.free
         coupling = model.actuation.C
-        self.contacts = tuple(contacts)
         self.key = tuple(contact.name for contact in contacts)
         nf = sum(contact.size for contact in contacts)
         self.mechanism = slice(nf, nf + len(coupling) + free)

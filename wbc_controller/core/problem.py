@@ -218,7 +218,7 @@ class Residuals:
         equalities: |A x - b|, (m_eq,).
         above: how far x and C x are above their lower bounds, (n + m_in,); negative below.
         below: how far they are below their upper bounds, likewise.
-        least_room: the smallest of it.
+        least_room: the smallest of both.
         violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
     """
 
@@ -250,16 +250,6 @@ class Level:
     G: Array
     lower: Array
     upper: Array
-
-    @property
-    def H(self) -> Array:
-        """(n, n), positive definite."""
-        return self.cost.H
-
-    @property
-    def g(self) -> Array:
-        """(n,)."""
-        return self.cost.g
 
     def add(self, rows: Array, right: Array, *, kept: bool) -> None:
         """Add ½ ‖rows x - right‖² to the cost, in place: rows (k, n), right (k,).
