@@ -234,6 +234,29 @@ def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
     assert set(report.fault.infeasibility.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
 
 
+def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplog):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop._controller.contacts["front_left_foot"]
+    release, explained = threading.Event(), NoSolution.explained
+
+    def slow(failure):
+        assert release.wait(60.0)
+        return explained(failure)
+
+    monkeypatch.setattr(NoSolution, "explained", slow)
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    assert controller.cycle().mode is Mode.HOLDING
+    monkeypatch.setattr(foot, "max_normal_force", 400.0)
+    assert controller.cycle(5).mode is Mode.ACTIVE
+    release.set()
+    searched(controller)
+    report = controller.cycle()
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert "normal force of front_left_foot" in caplog.text
+
+
 def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, caplog):
     controller = bench()
     controller.activate()

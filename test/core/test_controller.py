@@ -476,6 +476,10 @@ def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robo
     fewer = replace(busy(used, other, rng), external_wrenches={used.model.base_link: np.ones(6)})
     used.controller.solve(other, fewer)
     used.controller.solve(other, replace(fewer, contacts={**fewer.contacts, last: 0.0}))
+    heavier = replace(references, weights={name: 2.0 * weight for name, weight in references.weights.items()})
+    expected = arrays(bench(robot).controller.formulation.build(state, heavier, tau).problem)
+    for name, values in arrays(used.controller.formulation.build(state, heavier, tau).problem).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
     for again in (used, bench(robot)):  # the same controller, and a fresh one
         for name, values in arrays(again.controller.formulation.build(state, references, tau).problem).items():
             np.testing.assert_array_equal(values, first[name], err_msg=name)

@@ -325,8 +325,13 @@ def test_where_weights_are_far_apart_the_whole_system_is_solved(bench):
     answer = active_set.solve(problem)
     assert answer.residuals.violation <= 1e-8
     assert problem.cost.formed
-    active_set._condensed = None
+    condensed, active_set._condensed = active_set._condensed, None
     np.testing.assert_array_equal(active_set.solve(problem).x, answer.x)
+    active_set._condensed = condensed
+    problem = talos.controller.formulation.build(state, references).problem
+    problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
+    assert active_set.solve(problem).residuals.violation <= 1e-8
+    assert not problem.cost.formed  # these weights are others
 
 
 def test_the_active_set_is_followed_without_a_search():
