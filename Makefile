@@ -26,7 +26,7 @@ bench: $(VENV)/demo.installed  ## time the solvers side by side, and the whole c
 	$(BIN)/python benchmarks/against_tsid.py
 
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
-	$(BIN)/python -m wbc_controller.reference_pages docs
+	$(BIN)/python docs/reference_pages.py docs
 
 lock:  ## resolve requirements/*.txt anew; needs uv
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \

@@ -24,9 +24,9 @@ import pinocchio as pin
 from our_cycle import DAMPING, STIFFNESS, WEIGHTS, Cycle, state_of, talos, tsids_tasks
 from tsid_process import Tsid
 
-from wbc_controller.build import make_model
-from wbc_controller.core.model import RobotModel
-from wbc_controller.preflight import stance
+from wbc_controller.assembly.preflight import stance
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array, Reference, References, RobotState, frozen
 from wbc_controller.settings import Settings
 

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from wbc_controller.build import make_board, make_controller, make_supervisor
-from wbc_controller.configuration import find_configuration, load_settings, parse_settings
-from wbc_controller.core.model import RobotModel
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.references import make_board
+from wbc_controller.assembly.safety import make_supervisor
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Array, JointCommand, Mode, References, RobotState, Solution, frozen
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 
 #: Gains that the comparison with tsid is made with, 1/s² and 1/s.
 STIFFNESS, DAMPING = 100.0, 20.0
@@ -64,7 +66,7 @@ class Cycle:
     """
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
-        self.controller = make_controller(settings, model)
+        self.controller = make_qp(settings, model)
         self.supervisor = make_supervisor(settings, model)
         self.board = make_board(settings, self.controller)
         self.solution: Solution | None = None

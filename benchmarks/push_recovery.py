@@ -27,8 +27,8 @@ from our_cycle import DAMPING, STIFFNESS, Cycle, balance_tasks, state_of, talos,
 from our_cycle import WEIGHTS as USUAL_WEIGHTS
 from tsid_process import Tsid
 
-from wbc_controller.build import make_model
-from wbc_controller.core.model import RobotModel
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings

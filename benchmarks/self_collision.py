@@ -12,27 +12,28 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.build import make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.controller import Controller
-from wbc_controller.core.model import RobotModel
-from wbc_controller.preflight import stance
+from wbc_controller.assembly.preflight import stance
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.records import References, RobotState, frozen
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 SRDF = {"g1": "", "talos": "package://example-robot-data/robots/talos_data/srdf/talos.srdf"}
 HANDS = ("left_hand", "right_hand")
 CYCLES = 400
 
 
-def controllers(name: str) -> tuple[Settings, RobotModel, dict[str, Controller]]:
+def controllers(name: str) -> tuple[Settings, RobotModel, dict[str, WholeBodyQP]]:
     """A robot's controllers, without and with the limit."""
     settings = load_settings(find_configuration(name))
     model, found = make_model(settings), {}
     for what, enabled in (("without", False), ("with", True)):
         own = settings.limits.self_collision.model_copy(update={"enabled": enabled, "srdf": SRDF[name]})
         limits = settings.limits.model_copy(update={"self_collision": own})
-        found[what] = make_controller(settings.model_copy(update={"limits": limits}), model)
+        found[what] = make_qp(settings.model_copy(update={"limits": limits}), model)
     return settings, model, found
 
 

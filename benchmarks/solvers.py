@@ -15,11 +15,13 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.build import make_board, make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.model import RobotModel
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.references import make_board
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.solvers import Answer, make_solver
 from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.files import find_configuration, load_settings
 
 ROBOTS = ("g1", "talos", "go2")
 PROBLEMS = 500
@@ -39,7 +41,7 @@ def measure(robot: str, solvers: list[str]) -> None:
     """Print one table."""
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)
-    controller = make_controller(settings, model)
+    controller = make_qp(settings, model)
     controller.dynamics.update(model.configuration(model.posture), np.zeros(model.nv))
     board = make_board(settings, controller)
     board.reset(controller.dynamics, 0.0)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.resources import locate
 from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.settings.resources import locate
 
 #: What these wheels were built against; later ones of the last two no longer fit.
 REQUIREMENTS = ("tsid==1.7.1", "pin==3.4.0", "cmeel-urdfdom==4.0.1", "cmeel-tinyxml2<11")

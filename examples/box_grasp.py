@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.build import make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.references.changes import SetSetpoint
 from wbc_controller.mock.simulation import Simulation
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 MASS, HALF = 2.0, 0.14  # kg; half of the box's width, m: what is between the hands
 SQUEEZE, FRICTION = 15.0, 0.6  # N; of the palm on the box

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.core.references.changes import SetSetpoint
 from wbc_controller.mock.simulation import Simulation
 from wbc_controller.settings import Settings
 

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.assembly.preflight import check
+from wbc_controller.core.references.changes import SetSetpoint
 from wbc_controller.mock.simulation import Simulation
-from wbc_controller.preflight import check
 from wbc_controller.settings import Settings
 
 ARM = [f"panda_joint{number}" for number in range(1, 8)]

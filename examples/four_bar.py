@@ -8,10 +8,10 @@ import sys
 
 import numpy as np
 
-from wbc_controller.core.references import SetTrajectory
-from wbc_controller.core.trajectories import Knot
+from wbc_controller.assembly.preflight import check
+from wbc_controller.core.references.changes import SetTrajectory
+from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.mock.simulation import Simulation
-from wbc_controller.preflight import check
 from wbc_controller.settings import Settings
 
 CRANK, COUPLER, ROCKER, GROUND = 0.2, 0.5, 0.4, 0.5  # m; a crank that can turn all the way round

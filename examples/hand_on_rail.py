@@ -7,11 +7,11 @@ import sys
 
 import numpy as np
 
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.references import EnableContact, SetSetpoint
+from wbc_controller.assembly.preflight import support_margin
+from wbc_controller.core.references.changes import EnableContact, SetSetpoint
 from wbc_controller.mock.simulation import Simulation
-from wbc_controller.preflight import support_margin
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 OUT = 0.05  # m, ahead of the toes
 GRIP = {

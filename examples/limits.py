@@ -7,10 +7,10 @@ import sys
 
 import numpy as np
 
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.core.references.changes import SetSetpoint
 from wbc_controller.mock.simulation import Simulation
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 JOINT = "left_elbow_joint"
 CORNER, NO_LOAD = 0.5, 3.6  # rad/s

@@ -9,10 +9,10 @@ import sys
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.references import SetTrajectory
-from wbc_controller.core.trajectories import Knot
+from wbc_controller.assembly.preflight import check
+from wbc_controller.core.references.changes import SetTrajectory
+from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.mock.simulation import Simulation
-from wbc_controller.preflight import check
 from wbc_controller.settings import Settings
 
 LEG = 0.35  # m, each of thigh and shank

@@ -8,10 +8,10 @@ import sys
 
 import numpy as np
 
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.references import EnableTask, SetSetpoint
+from wbc_controller.core.references.changes import EnableTask, SetSetpoint
 from wbc_controller.mock.simulation import Simulation
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 TOLERANCE = 0.03  # m, forward and sideways
 FAR = 0.45  # m, ahead of where the hand is

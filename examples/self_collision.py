@@ -7,12 +7,12 @@ import sys
 
 import numpy as np
 
-from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.assembly.preflight import check
 from wbc_controller.core.limits import SelfCollisionLimit
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.core.references.changes import SetSetpoint
 from wbc_controller.mock.simulation import Simulation
-from wbc_controller.preflight import check
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 MARGIN = 0.02  # m
 HANDS = ("left_hand", "right_hand")

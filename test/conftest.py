@@ -10,16 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wbc_controller.build import controller_endpoints, make_controller, make_loop, make_model
-from wbc_controller.clock import Clock, ManualClock
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.model import RobotModel
-from wbc_controller.interface import Direction, counterpart
-from wbc_controller.loop import ControlLoop
-from wbc_controller.messages import decode, encode, header, message, stamp
-from wbc_controller.preflight import stance
+from wbc_controller.assembly.preflight import stance
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.control.controller import Controller
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.service.clock import Clock, ManualClock
+from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.loop import ControlLoop
+from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire.messages import decode, encode, header, message, stamp
+from wbc_controller.wire.topics import Direction, counterpart
 
 
 @cache
@@ -32,7 +36,7 @@ def shipped(name: str) -> tuple[Settings, RobotModel]:
 def standing(name: str) -> np.ndarray:
     settings, model = shipped(name)
     made = [contact for contact, spec in settings.contacts.items() if spec.enabled]
-    return stance(model, make_controller(settings, model), made)
+    return stance(model, make_qp(settings, model), made)
 
 
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -192,7 +196,11 @@ class Bench:
     def remake(self, clock: Clock) -> ControlLoop:
         """A loop on another clock."""
         return make_loop(
-            self.settings, self.model, self.transport, clock, self.topics, observers=(self.reports.append,)
+            Controller(self.settings, preflight=False, model=self.model),
+            self.transport,
+            clock,
+            self.topics,
+            observers=(self.reports.append,),
         )
 
     @property

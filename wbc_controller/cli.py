@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 
 import click
 
-from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.errors import ConfigurationError, WbcError
-from wbc_controller.interface import parse_remapping
+from wbc_controller.service.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.signals import set_by_signals
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.wire.topics import parse_remapping
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -69,12 +69,12 @@ def run(
     verbose: bool,
 ) -> None:
     """Run the controller on DDS, where ROS 2's topics are, without ROS 2."""
-    from wbc_controller import service
+    from wbc_controller.service.controller_service import run_controller
 
     _log_to_stderr(verbose)
     settings, remappings = _load(config), _remappings(remaps)
     with _stop_on_signals() as stop, _dds(NODE_NAME, namespace) as transport, _naming(config):
-        service.run_controller(
+        run_controller(
             settings,
             transport,
             stop,
@@ -95,12 +95,17 @@ def mock(
     config: str, real_time_factor: float, lockstep: bool, namespace: str, remaps: tuple[str, ...], verbose: bool
 ) -> None:
     """Run the mock robot: rigid-body physics behind the robot's topics."""
-    from wbc_controller import service
+    try:
+        from wbc_controller.mock.service import run_mock
+    except ModuleNotFoundError as error:
+        raise ConfigurationError(
+            f"the mock robot needs MuJoCo ({error}); install it with: pip install 'wbc_controller[mock]'"
+        ) from error
 
     _log_to_stderr(verbose)
     settings, remappings = _load(config), _remappings(remaps)
     with _stop_on_signals() as stop, _dds("mock_robot", namespace) as transport, _naming(config):
-        service.run_mock(
+        run_mock(
             settings,
             transport,
             stop,
@@ -116,7 +121,7 @@ def mock(
 @_node_options
 def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -> None:
     """Damp the robot when the controller's commands stop: start it beside `wbc run`."""
-    from wbc_controller.guard_service import NODE_NAME, run_guard
+    from wbc_controller.service.guard_service import NODE_NAME, run_guard
 
     _log_to_stderr(verbose)
     settings, remappings = _load(config), _remappings(remaps)
@@ -128,7 +133,7 @@ def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -
 @click.argument("config")
 def check(config: str) -> None:
     """Check a configuration before the robot moves, and say what was found."""
-    from wbc_controller.preflight import check as find
+    from wbc_controller.assembly.preflight import check as find
 
     path = find_configuration(config)
     settings = load_settings(path)
@@ -156,7 +161,7 @@ def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float) -> N
 @main.command()
 def topics() -> None:
     """Print the table of all topics, as Markdown."""
-    from wbc_controller.reference_pages import topics_page
+    from wbc_controller.wire.topics_table import topics_page
 
     click.echo(topics_page(), nl=False)
 
@@ -169,8 +174,8 @@ def topics() -> None:
 @click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A topic that is renamed; may be repeated.")
 def security_policy(config: str, urdf: Path | None, namespace: str, remaps: tuple[str, ...]) -> None:
     """Print an SROS 2 policy of every node, with least privilege."""
-    from wbc_controller import security_policy as policy
-    from wbc_controller.build import make_model
+    from wbc_controller.assembly.robot import make_model
+    from wbc_controller.ros2 import security_policy as policy
 
     settings, remappings = _load(config), _remappings(remaps)
     with _naming(config):

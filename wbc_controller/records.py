@@ -164,6 +164,13 @@ class Solution:
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
 
 
+@dataclass(frozen=True, slots=True)
+class ChangeSettings:
+    """Change settings: a part of a configuration, nested as in its file."""
+
+    settings: Mapping[str, Any]
+
+
 class Mode(str, enum.Enum):
     """Modes of the safety supervisor."""
 

@@ -9,14 +9,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.build import make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.controller import Controller
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
-from wbc_controller.preflight import stance
+from wbc_controller.assembly.preflight import stance
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings, TaskSettings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 
 @cache
@@ -32,14 +33,14 @@ class Bench:
         self.model, settings = build_robot(robot)
         update = {key: getattr(settings, key).model_copy(update=values) for key, values in changes.items()}
         self.settings = settings.model_copy(update=update)
-        self.controller: Controller = make_controller(self.settings, self.model, lambda: 0.0)
+        self.controller: WholeBodyQP = make_qp(self.settings, self.model, lambda: 0.0)
         self.stance = stance(self.model, self.controller, list(self.controller.contacts))
 
     def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
         """The same robot with other tasks."""
         other = copy.copy(self)
         other.settings = self.settings.model_copy(update={"tasks": tasks})
-        other.controller = make_controller(other.settings, self.model, lambda: 0.0)
+        other.controller = make_qp(other.settings, self.model, lambda: 0.0)
         return other
 
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:

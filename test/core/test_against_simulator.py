@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from wbc_controller.build import make_board
-from wbc_controller.core.references import SetTrajectory
-from wbc_controller.core.trajectories import Knot
+from wbc_controller.assembly.references import make_board
+from wbc_controller.core.references.changes import SetTrajectory
+from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import RobotState, frozen
 

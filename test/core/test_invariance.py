@@ -8,13 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.build import make_board, make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.actuation import Actuation
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.references import EnableTask
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.references import make_board
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.references.changes import EnableTask
+from wbc_controller.core.robot.actuation import Actuation
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mechanics import Recoordinated, recoordinate
 from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.files import find_configuration, load_settings
 
 NEW_ROOT = {"g1": "waist_pitch_joint", "talos": "arm_left_4_joint", "go2": "RL_thigh_joint"}
 
@@ -46,7 +48,7 @@ def test_the_answer_is_the_same_in_other_coordinates(robot):
     flipped = [name for name in names if rng.random() < 0.5]
     other = recoordinate(model.pinocchio, root=NEW_ROOT[robot], flip=flipped, shuffle=3)
     model_there, signs = in_other_coordinates(model, other)
-    here, there = make_controller(settings, model), make_controller(settings, model_there)
+    here, there = make_qp(settings, model), make_qp(settings, model_there)
     boards = [make_board(settings, controller) for controller in (here, there)]
     start = model.configuration(model.posture)
     worst = 0.0

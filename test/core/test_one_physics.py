@@ -7,9 +7,11 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller import mechanics
-from wbc_controller.build import make_board, make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.references import make_board
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.files import find_configuration, load_settings
 
 TIME_CONSTANT = 0.1  # s; critically damped, 2 / 0.1 s is the contacts' damping of 20 / s
 
@@ -19,7 +21,7 @@ TIME_CONSTANT = 0.1  # s; critically damped, 2 / 0.1 s is the contacts' damping 
 def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_counted_on(robot, seed):
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)
-    controller = make_controller(settings, model)
+    controller = make_qp(settings, model)
     board = make_board(settings, controller)
     rng = np.random.default_rng(seed)
     q = pin.integrate(model.pinocchio, model.configuration(model.posture), 0.02 * rng.normal(size=model.nv))
@@ -48,7 +50,7 @@ def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_coun
 def test_the_snapshot_is_the_note_s_equations_of_motion(robot):
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)
-    dynamics = make_controller(settings, model).dynamics
+    dynamics = make_qp(settings, model).dynamics
     rng = np.random.default_rng(1)
     q = pin.integrate(model.pinocchio, model.configuration(model.posture), rng.normal(size=model.nv))
     v = rng.normal(size=model.nv)

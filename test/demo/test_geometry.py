@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial import ConvexHull
 from synthetic_run import robot
 
-from wbc_controller.core.from_urdf import build_model
+from wbc_controller.core.robot.from_urdf import build_model
 from wbc_controller.demo.geometry import TRIANGLES, build_parts, convex_hull
-from wbc_controller.resources import share_folder
+from wbc_controller.settings.resources import share_folder
 
 ROBOTS = ("g1", "talos", "go2")
 PRIMITIVES = """

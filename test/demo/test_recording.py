@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from synthetic_run import squat
 
-from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.demo.recording import Recording, supports_of
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.files import find_configuration, load_settings
 
 
 @pytest.fixture(scope="module")

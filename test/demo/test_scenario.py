@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from wbc_controller.configuration import find_configuration, load_settings, shipped_configurations
 from wbc_controller.demo.scenario import SCENARIOS, Move, Scenario, find_scenario
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
 
 
 def test_every_robot_that_is_shipped_has_a_demo():

@@ -12,17 +12,20 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from wbc_controller.build import controller_endpoints, make_loop, make_model
-from wbc_controller.clock import ManualClock
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.references import SetExternalWrench, SetSetpoint, SetTrajectory
-from wbc_controller.core.trajectories import Knot
-from wbc_controller.interface import counterpart
-from wbc_controller.messages import encode, message
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.control.controller import Controller
+from wbc_controller.core.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
+from wbc_controller.core.references.trajectories import Knot
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.robot import MockRobot
 from wbc_controller.records import CycleReport
+from wbc_controller.service.clock import ManualClock
+from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire.messages import encode, message
+from wbc_controller.wire.topics import counterpart
 
 LET_GO, CALM = 0.2, 0.9  # s: the hoist lets go, and all is quiet
 
@@ -56,7 +59,11 @@ class Run:
         self.clock = ManualClock()
         topics = controller_endpoints(self.settings, self.model)
         self.loop = make_loop(
-            self.settings, self.model, MemoryTransport(bus), self.clock, topics, observers=(self.reports.append,)
+            Controller(self.settings, preflight=False, model=self.model),
+            MemoryTransport(bus),
+            self.clock,
+            topics,
+            observers=(self.reports.append,),
         )
         transport = MemoryTransport(bus)
         self.publish = {
@@ -81,7 +88,7 @@ class Run:
                 return
 
     def change(self, *changes) -> None:
-        self.loop._board.apply(changes, self.loop._controller.dynamics, self.time)
+        self.loop.controller.board.apply(changes, self.loop.controller.qp.dynamics, self.time)
 
     def audits(self, since: float):
         return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
@@ -98,7 +105,7 @@ class Run:
 
 def squat(run: Run) -> None:
     still = np.zeros(3)
-    com = run.loop._controller.dynamics.com.copy()
+    com = run.loop.controller.qp.dynamics.com.copy()
     down = com - np.array([0.0, 0.0, 0.10 if run.robot != "go2" else 0.06])
     run.change(SetTrajectory("com", None, (Knot(1.5, down, still, still), Knot(3.0, com, still, still))))
 
@@ -173,7 +180,7 @@ def test_the_warning_reaches_diagnostics_and_goes_away():
 
 def test_a_setpoint_is_no_surprise():
     run = Run()
-    target = run.loop._controller.dynamics.com + np.array([0.02, 0.02, -0.03])
+    target = run.loop.controller.qp.dynamics.com + np.array([0.02, 0.02, -0.03])
     run.change(SetSetpoint("com", target))
     run.until(CALM + 1.5)
     assert not run.warned(CALM, 2.0)

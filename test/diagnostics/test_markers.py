@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.diagnostics.markers import CONE_HEIGHT, FORCE_LENGTH
-from wbc_controller.messages import nanoseconds
 from wbc_controller.settings import Settings
+from wbc_controller.views.scene import CONE_HEIGHT, FORCE_LENGTH
+from wbc_controller.wire.messages import nanoseconds
 
 LINE_STRIP, LINE_LIST, SPHERE_LIST, ARROW = 4, 5, 7, 0
 KINDS = {
@@ -92,7 +92,7 @@ def test_the_cone_is_the_one_that_is_held(bench):
     edges = cone[:, 1] - centre
     np.testing.assert_allclose(edges[:, 2], CONE_HEIGHT, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(edges[:, :2], axis=1), contact.friction * CONE_HEIGHT, rtol=1e-6)
-    placement = controller.loop._controller.contacts["left_foot"].placement(controller.loop._controller.dynamics)
+    placement = controller.loop.controller.qp.contacts["left_foot"].placement(controller.loop.controller.qp.dynamics)
     np.testing.assert_allclose(centre, placement.translation, atol=1e-6)
 
 
@@ -186,7 +186,8 @@ def test_the_rate_is_the_configured_one(bench):
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
-    from wbc_controller.build import make_controller, make_model
+    from wbc_controller.assembly.program import make_qp
+    from wbc_controller.assembly.robot import make_model
     from wbc_controller.diagnostics.markers import MarkerScene
     from wbc_controller.records import RobotState
 
@@ -197,7 +198,7 @@ def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
     values["tasks"] = {"posture": {"type": "posture"}}
     settings = Settings.model_validate(values)
     model = make_model(settings)
-    controller = make_controller(settings, model)
+    controller = make_qp(settings, model)
     drawn = MarkerScene(model, controller.tasks, controller.contacts, 1.0).message(
         RobotState(1, model.configuration(model.posture), np.zeros(model.nv)), None, None
     )

@@ -20,17 +20,20 @@ import pinocchio as pin
 import pytest
 from domains import own_domain
 
-from wbc_controller.build import controller_endpoints, make_loop, make_model
-from wbc_controller.clock import ManualClock
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.decoding import read_odometry
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.control.controller import Controller
 from wbc_controller.demo.director import header_time
-from wbc_controller.interface import MOCK_TOPICS, Direction, counterpart, endpoints
-from wbc_controller.joint_order import JointOrder
-from wbc_controller.messages import decode, encode, message, nanoseconds
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
+from wbc_controller.service.clock import ManualClock
+from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire.decoding import read_odometry
+from wbc_controller.wire.joint_order import JointOrder
+from wbc_controller.wire.messages import decode, encode, message, nanoseconds
+from wbc_controller.wire.topics import MOCK_TOPICS, Direction, counterpart, endpoints
 
 ROBOT = "go2"
 DOMAIN = own_domain()
@@ -232,7 +235,12 @@ def _on_memory(request: pytest.FixtureRequest) -> Iterator[User]:
     settings = load_settings(find_configuration(ROBOT))
     model, clock = make_model(settings), ManualClock()
     robot = MockRobot(model, settings, MemoryTransport(bus))
-    loop = make_loop(settings, model, MemoryTransport(bus), clock, controller_endpoints(settings, model))
+    loop = make_loop(
+        Controller(settings, preflight=False, model=model),
+        MemoryTransport(bus),
+        clock,
+        controller_endpoints(settings, model),
+    )
 
     def advance() -> None:
         clock.time = robot.stamp * 1e-9

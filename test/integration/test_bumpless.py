@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 import yaml
 
-from wbc_controller.build import controller_endpoints, make_loop, make_model
-from wbc_controller.clock import ManualClock
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.interface import Direction, counterpart
-from wbc_controller.messages import encode, message
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.control.controller import Controller
 from wbc_controller.mock.robot import MockRobot
+from wbc_controller.service.clock import ManualClock
+from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire.messages import encode, message
+from wbc_controller.wire.topics import Direction, counterpart
 
 SWITCHES = 100
 #: Sideways from the middle, m; time for the way and on each side, and between two switches of tasks, s.
@@ -53,9 +56,8 @@ class Robot:
         self.model, self.clock, bus = make_model(settings), ManualClock(), MemoryBus()
         topics = controller_endpoints(settings, self.model)
         self.mock = MockRobot(self.model, settings, MemoryTransport(bus))
-        self.loop = make_loop(
-            settings, self.model, MemoryTransport(bus), self.clock, topics, observers=(observer,)
-        )  # fmt: skip
+        controller = Controller(settings, preflight=False, model=self.model)
+        self.loop = make_loop(controller, MemoryTransport(bus), self.clock, topics, observers=(observer,))
         user = MemoryTransport(bus)
         self._publish = {t.key: user.advertise(counterpart(t)) for t in topics if t.direction is Direction.IN}
 
@@ -71,10 +73,10 @@ class Robot:
 
     @property
     def dynamics(self):
-        return self.loop._controller.dynamics
+        return self.loop.controller.qp.dynamics
 
     def soles(self):
-        contacts = self.loop._controller.contacts
+        contacts = self.loop.controller.qp.contacts
         return {name: contact.points(self.dynamics).mean(axis=0) for name, contact in contacts.items()}
 
 

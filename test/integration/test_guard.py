@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from wbc_controller.guard_service import NODE_NAME
-from wbc_controller.interface import GUARD_TOPICS, endpoints
-from wbc_controller.messages import decode
+from wbc_controller.service.guard_service import NODE_NAME
+from wbc_controller.wire.messages import decode
+from wbc_controller.wire.topics import GUARD_TOPICS, endpoints
 
 #: Time from the first missed command to damping torque on the topic, s, on a machine that is never late itself.
 WITHIN = 0.02

@@ -10,8 +10,7 @@ import pinocchio as pin
 import pytest
 from mechanisms import four_bar, random_state
 
-from wbc_controller.build import make_model
-from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.mechanics import (
     Kinematics,
     PlaneContact,
@@ -26,6 +25,7 @@ from wbc_controller.mechanics import (
 )
 from wbc_controller.mock.plant import Plant
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 STIFF = 'solref="0.01 1" solimp="0.9999 0.9999 0.001"'
 

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanisms import random_state
 
-from wbc_controller.build import make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.assembly.preflight import stance
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.contacts import SurfaceContact as ControllerSurface
 from wbc_controller.mechanics import (
     ExternalWrench,
@@ -21,8 +22,8 @@ from wbc_controller.mechanics import (
     generalized_force,
     mass_matrix,
 )
-from wbc_controller.preflight import stance
 from wbc_controller.records import Reference, References, RobotState
+from wbc_controller.settings.files import find_configuration, load_settings
 
 CONTROLLERS = {}
 
@@ -30,7 +31,7 @@ CONTROLLERS = {}
 def controller_of(name):
     if name not in CONTROLLERS:
         configuration = load_settings(find_configuration(name))
-        CONTROLLERS[name] = make_controller(configuration, make_model(configuration))
+        CONTROLLERS[name] = make_qp(configuration, make_model(configuration))
     return CONTROLLERS[name]
 
 

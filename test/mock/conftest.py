@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.build import make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.model import RobotModel
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.mechanism import contact_frame
 from wbc_controller.mock.plant import Plant
 from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.settings.files import find_configuration, load_settings
 
 ROBOTS = ("g1", "talos", "go2")
 

@@ -5,12 +5,15 @@ import pinocchio as pin
 import pytest
 from chains import MENAGERIE, TENDON, menagerie
 
-from wbc_controller.build import joint_efforts, make_audit, make_board, make_controller, make_model
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.references import SetSetpoint
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.references import make_board
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.references.changes import SetSetpoint
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import JointCommand, RobotState, frozen
+from wbc_controller.service.audit import joint_efforts, make_audit
 
 #: Relative difference of accelerations that MuJoCo's soft coupling of a follower may make.
 SOFT = 0.02
@@ -128,7 +131,7 @@ def test_the_audit_accounts_for_springs_transmissions_and_followers():
     settings = menagerie()
     model = make_model(settings, MENAGERIE)
     plant = Plant(model, settings)
-    controller = make_controller(settings, model)
+    controller = make_qp(settings, model)
     controller.dynamics.update(*plant.state())
     board = make_board(settings, controller)
     board.reset(controller.dynamics, 0.0)

@@ -4,17 +4,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.build import make_audit, make_controller, make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.references import EnableContact, SetSetpoint
+from wbc_controller.assembly.preflight import stance
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mock.grips import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.mock.plant import Plant
 from wbc_controller.mock.simulation import Simulation
-from wbc_controller.preflight import stance
 from wbc_controller.records import JointCommand, RobotState, frozen
+from wbc_controller.service.audit import make_audit
 from wbc_controller.settings import LoopSettings, Settings
+from wbc_controller.settings.config import load
+from wbc_controller.settings.files import find_configuration, load_settings
 
 POLYGON = [[0.085, 0.0], [0.05, 0.03], [0.05, -0.03], [-0.085, 0.02], [-0.085, -0.02]]
 FOOT = {"type": "surface", "frame": "left_ankle_roll_link", "translation": [0.035, 0.0, -0.035], "vertices": POLYGON,
@@ -59,7 +61,7 @@ def test_the_wrenches_that_are_read_explain_the_acceleration(case):
     """M v̇ + h = Sᵀτ + Σ Jᵀ f, with MuJoCo's v̇ and f, and J of the controller's contacts; and its own forecast of f."""
     name, contact = CASES[case]
     robot = Simulation(g1_with(name, contact))
-    robot.apply(SetSetpoint("com", robot.controller.dynamics.com + np.array([0.0, 0.02, 0.0])))
+    robot.controller.set("com", robot.controller.dynamics.com + np.array([0.0, 0.02, 0.0]))
     robot.run(0.3)
     dynamics, model, plant = robot.controller.dynamics, robot.controller.model, robot.plant
     wrenches = plant.contact_wrenches()
@@ -75,7 +77,7 @@ def test_the_wrenches_that_are_read_explain_the_acceleration(case):
     assert np.abs(force).max() < 1.0e-3 * weight
     made = robot.controller.contacts[name]
     wrench = np.pad(wrenches[name], (0, 6 - len(wrenches[name])))
-    planned = robot.solution.forces[name]
+    planned = robot.result.solution.forces[name]
     assert np.abs(planned).max() > 0.5
     np.testing.assert_allclose(made.basis.T @ wrench, planned, atol=0.01 * weight)
     assert np.linalg.norm(made.jacobian(dynamics) @ v) < 0.02
@@ -109,15 +111,16 @@ def cart(slope=0.0):
 
 
 def test_a_cart_rolls_to_where_it_is_sent_and_its_wheels_turn_as_far():
-    robot = Simulation(*cart())
+    settings, urdf = cart()
+    robot = Simulation(load(settings, urdf=urdf))
     robot.run(0.1)
     start = np.array(robot.controller.dynamics.q)
-    robot.apply(SetSetpoint("drive", np.array([start[0] + 0.5, 0.0, 0.0])))
+    robot.controller.set("drive", np.array([start[0] + 0.5, 0.0, 0.0]))
     wrong = []
 
     def look(robot):
         robot.plant.forward()
-        wrong.append(np.abs(robot.solution.v_dot - robot.plant.acceleration()).max())
+        wrong.append(np.abs(robot.result.solution.v_dot - robot.plant.acceleration()).max())
 
     robot.run(1.2, look)
     way = robot.controller.dynamics.q - start
@@ -130,7 +133,7 @@ def test_a_cart_rolls_to_where_it_is_sent_and_its_wheels_turn_as_far():
 def test_the_robot_starts_with_its_lowest_contact_on_a_tilted_floor():
     settings, urdf = cart(0.2)
     model = make_model(settings, urdf)
-    controller = make_controller(settings, model)
+    controller = make_qp(settings, model)
     q, _ = Plant(model, settings).state()
     np.testing.assert_allclose(q, stance(model, controller, list(settings.contacts), settings.mock.floor_normal))
     normal = np.array(settings.mock.floor_normal)
@@ -220,18 +223,18 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
     name, contact = CASES[case]
     robot = Simulation(g1_with(name, contact))
     model, reports = robot.controller.model, []
-    audit = make_audit(robot.settings, robot.controller)
+    audit = make_audit(robot.controller.config.settings, robot.controller.qp)
 
     def look(robot):
         q, v = robot.plant.state()
         state = RobotState(1 + robot.plant.stamp, frozen(q), frozen(v))
-        tau = robot.solution.tau
+        tau = robot.result.solution.tau
         command = JointCommand(state.stamp, tau, frozen(np.zeros(model.na)), frozen(np.zeros(model.na)))
-        reports.append(audit.look(state, robot.controller.dynamics, robot.solution, command))
+        reports.append(audit.look(state, robot.controller.dynamics, robot.result.solution, command))
 
-    robot.apply(SetSetpoint("com", robot.controller.dynamics.com + np.array([0.0, 0.03, 0.0])))
+    robot.controller.set("com", robot.controller.dynamics.com + np.array([0.0, 0.03, 0.0]))
     robot.run(0.5, look)
-    assert np.abs(robot.solution.forces[name]).max() > 1.0
+    assert np.abs(robot.result.solution.forces[name]).max() > 1.0
     assert reports[-1].warnings == ()
     assert np.linalg.norm(reports[-1].force) < 0.5
 
@@ -246,19 +249,18 @@ def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jum
     start = np.array(robot.controller.dynamics.com)
 
     def look(robot):
-        assert not robot.solution.relaxed
-        torques.append(robot.solution.tau)
+        assert not robot.result.solution.relaxed
+        torques.append(robot.result.solution.tau)
 
     for _ in range(10):
-        changes = [SetSetpoint("com", start + rng.uniform(-0.02, 0.02, 3) * [0.5, 1.0, 0.5])]
+        robot.controller.set("com", start + rng.uniform(-0.02, 0.02, 3) * [0.5, 1.0, 0.5])
         for name in rng.permutation(list(contacts))[: rng.integers(1, 3)]:
             made[name] = not made[name]
-            changes.append(EnableContact(name, made[name]))
+            robot.controller.enable(str(name), made[name])
         if made["grip"]:
             robot.plant.grip("grip", True)
-        robot.apply(*changes)
         robot.run(0.22, look)
-        assert {name for name in contacts if name in robot.solution.forces} == {n for n in made if made[n]}
+        assert {name for name in contacts if name in robot.result.solution.forces} == {n for n in made if made[n]}
         if not made["grip"]:
             robot.plant.grip("grip", False)
     steps = np.abs(np.diff(torques, axis=0) / robot.controller.model.effort_limits)

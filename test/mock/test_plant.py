@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from wbc_controller.configuration import parse_settings
-from wbc_controller.core.from_urdf import build_model
+from wbc_controller.core.robot.from_urdf import build_model
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mock.mechanism import contact_frame
 from wbc_controller.mock.plant import Plant
+from wbc_controller.settings.files import parse_settings
 
 ROBOTS = ("g1", "talos", "go2")
 IN_THE_AIR = 10.0

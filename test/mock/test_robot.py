@@ -6,12 +6,12 @@ import time
 import numpy as np
 import pytest
 
-from wbc_controller import messages
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.interface import MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.mock.robot import NODE_NAME, MockRobot
 from wbc_controller.settings import Settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire import messages
+from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, endpoints
 
 
 class Peer:

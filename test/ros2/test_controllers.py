@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from wbc_controller.configuration import load_settings, shipped_configurations
+from wbc_controller.settings.files import load_settings, shipped_configurations
 
 FOLDER = Path(__file__).resolve().parents[2] / "config/ros2_control"
 

@@ -24,8 +24,8 @@ except ImportError as error:
 
 pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
 
-from wbc_controller.build import make_model
-from wbc_controller.configuration import find_configuration, load_settings
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.settings.files import find_configuration, load_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 

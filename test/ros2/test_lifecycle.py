@@ -23,12 +23,12 @@ try:
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
-from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.records import Mode
 from wbc_controller.ros2.controller_node import ControllerNode
 from wbc_controller.ros2.declaration import values
 from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 DOMAIN = own_domain()
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
@@ -195,7 +195,7 @@ def set_one(node, name, value):
 def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
     node = make_node(robot="g1", tasks__com__weight=3.0)
     assert node.trigger_configure() == SUCCESS
-    tuner = node._loop.tuner
+    tuner = node._loop.controller.live
     for name, value in (
         ("tasks.com.weight", 4),
         ("tasks.com.stiffness", [50.0, 50.0, 80.0]),
@@ -226,7 +226,7 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
     node = make_node(robot="g1", tasks__com__weight=3.0)
     assert not node.has_parameter("limits.acceleration")
     assert node.trigger_configure() == SUCCESS
-    assert node.get_parameter("limits.acceleration").value == node._loop.tuner.settings.limits.acceleration
+    assert node.get_parameter("limits.acceleration").value == node._loop.controller.live.settings.limits.acceleration
     described = node.describe_parameter("limits.acceleration").description
     assert described.startswith("Largest joint acceleration, rad/s².")
     assert described.endswith("May be changed live.")
@@ -236,7 +236,7 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
     assert not node.has_parameter("limits.acceleration")
     assert set_one(node, "robot", "talos") is True  # and what was set stays, as if it had been given at the start
     assert node.trigger_configure() == SUCCESS
-    com = node._loop.tuner.settings.tasks["com"]
+    com = node._loop.controller.live.settings.tasks["com"]
     assert (com.weight, com.stiffness) == (3.0, 70.0)
 
 
@@ -249,7 +249,7 @@ def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
     assert len(names) > 60
     assert not [name for name in names for upper in names if name.startswith(f"{upper}.")]
     assert settings_from(dumped, "/wbc_controller", [], node._own)[0] == Settings.model_validate(
-        node._loop.tuner.settings.model_dump()
+        node._loop.controller.live.settings.model_dump()
     )
 
 
@@ -318,11 +318,11 @@ def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):
         def active():
             if next(tries) % 20 == 0:  # noqa: B023  # called in this round only
                 node._gate.command("activate")
-            return loop.supervisor.mode is Mode.ACTIVE
+            return loop.controller.supervisor.mode is Mode.ACTIVE
 
         within(10, active)
         assert on_executor(executor, node.trigger_deactivate) == SUCCESS
-        assert (loop.supervisor.mode, loop.supervisor.fault) == (Mode.STOPPED, None)
+        assert (loop.controller.supervisor.mode, loop.controller.supervisor.fault) == (Mode.STOPPED, None)
         assert on_executor(executor, node.trigger_activate) == SUCCESS
 
 
@@ -341,7 +341,7 @@ def test_a_service_waits_without_keeping_joint_states_from_the_loop(make_node, s
         answers.append((future.result().success, future.result().message))
     assert answers[0] == (True, "active")
     assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
-    assert node._loop.supervisor.mode is Mode.ACTIVE
+    assert node._loop.controller.supervisor.mode is Mode.ACTIVE
 
 
 def test_simulated_time_is_honoured(make_node, spin, context, robot):
@@ -365,10 +365,10 @@ def test_simulated_time_is_honoured(make_node, spin, context, robot):
     assert activate() == "active"
     robot.timers.__next__().cancel()  # no more states, and no more time
     time.sleep(0.2)
-    assert node._loop.supervisor.mode is Mode.ACTIVE
+    assert node._loop.controller.supervisor.mode is Mode.ACTIVE
     clock.publish(Clock(clock=Time(sec=7, nanosec=80_000_000)))
-    within(10, lambda: node._loop.supervisor.mode is Mode.DAMPING)
-    assert "joint_states is 80 ms old" in node._loop.supervisor.fault.sentence
+    within(10, lambda: node._loop.controller.supervisor.mode is Mode.DAMPING)
+    assert "joint_states is 80 ms old" in node._loop.controller.supervisor.fault.sentence
     assert node.get_clock().now().nanoseconds == 7_080_000_000
 
 
@@ -378,7 +378,7 @@ def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
     node._gate.command("estop")
-    supervisor = node._loop.supervisor
+    supervisor = node._loop.controller.supervisor
     within(10, lambda: supervisor.mode is Mode.FAULT)
     for transition in (node.trigger_deactivate, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
@@ -395,7 +395,7 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(make_node, s
     loop = node._loop
     within(10, lambda: node.count_subscribers("/effort_controller/commands"))
     time.sleep(0.5)  # until the writer knows the reader too
-    loop.supervisor._tau = loop.supervisor._tau + 1.0  # as if torques were being sent
+    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as if torques were being sent
 
     def broken():
         raise OSError("broken on purpose")

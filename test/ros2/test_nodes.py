@@ -22,7 +22,7 @@ try:
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
-from wbc_controller.security_policy import CLOCK, security_policy
+from wbc_controller.ros2.security_policy import CLOCK, security_policy
 
 #: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
 DOMAIN = own_domain()

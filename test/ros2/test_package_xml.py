@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from wbc_controller.interface import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES
+from wbc_controller.wire.topics import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file

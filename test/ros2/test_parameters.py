@@ -4,9 +4,10 @@ import array
 
 import pytest
 
-from wbc_controller.configuration import find_configuration, load_settings
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.ros2.parameters import nest, settings_from
+from wbc_controller.ros2.parameters import settings_from
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.nesting import nested
 
 G1 = find_configuration("g1")
 
@@ -28,7 +29,7 @@ def test_the_dotted_parameters_of_a_file_are_the_file():
 
 
 def test_arrays_of_every_kind_become_lists():
-    assert nest({"a.b": array.array("d", [1.0]), "a.c": ("x",), "a.d": "text"}) == {
+    assert nested({"a.b": array.array("d", [1.0]), "a.c": ("x",), "a.d": "text"}) == {
         "a": {"b": [1.0], "c": ["x"], "d": "text"}
     }
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from wbc_controller.configuration import parse_settings
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import parse_settings
 
 _LINK = (
     '<link name="{name}"><inertial><origin xyz="0.02 0.01 -0.15" rpy="0.1 0.2 0.3"/><mass value="{mass}"/>'

@@ -16,7 +16,7 @@ from wbc_controller.mechanics import (
     WeldedFrames,
     shaken,
 )
-from wbc_controller.resources import locate
+from wbc_controller.settings.resources import locate
 
 ROBOTS = {
     "panda": "panda_description/urdf/panda.urdf",

@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.build import make_model
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.model import RobotModel
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.demo.recording import Event, Recording, Result, supports_of
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 
 
 def robot(name: str) -> tuple[Settings, RobotModel]:

@@ -11,8 +11,8 @@ import pytest
 from participants import DdsParticipants, MemoryParticipants, Ros2Participants
 from rosbags.interfaces import Nodetype
 
-from wbc_controller.messages import TYPES, message
 from wbc_controller.transports.transport import Transport
+from wbc_controller.wire.messages import TYPES, message
 
 _DTYPES = {"char": "uint8", "byte": "uint8", "octet": "uint8"}
 

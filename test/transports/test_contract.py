@@ -9,7 +9,8 @@ import time
 import pytest
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import (
+from wbc_controller.wire.messages import decode, encode, message
+from wbc_controller.wire.topics import (
     COMMAND_OUT,
     CONTROLLER_TOPICS,
     GUARD_TOPICS,
@@ -22,7 +23,6 @@ from wbc_controller.interface import (
     Endpoint,
     endpoints,
 )
-from wbc_controller.messages import decode, encode, message
 
 STRING = "std_msgs/msg/String"
 

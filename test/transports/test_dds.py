@@ -13,7 +13,8 @@ import pytest
 from participants import DOMAIN
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import (
+from wbc_controller.wire.messages import decode, encode, message
+from wbc_controller.wire.topics import (
     CONTROLLER_TOPICS,
     GUARD_TOPICS,
     LATCHED,
@@ -23,7 +24,6 @@ from wbc_controller.interface import (
     Direction,
     Endpoint,
 )
-from wbc_controller.messages import decode, encode, message
 
 pytest.importorskip("cyclonedds")
 

@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 from participants import DdsParticipants, Ros2Participants
 
-from wbc_controller.interface import (
+from wbc_controller.wire.messages import decode, encode, message
+from wbc_controller.wire.topics import (
     CONTROLLER_TOPICS,
     GUARD_TOPICS,
     LATCHED,
@@ -17,7 +18,6 @@ from wbc_controller.interface import (
     Endpoint,
     endpoints,
 )
-from wbc_controller.messages import decode, encode, message
 
 
 @pytest.fixture

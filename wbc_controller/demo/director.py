@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.trajectories import Knot, Trajectory
-from wbc_controller.decoding import read_odometry
+from wbc_controller.core.references.trajectories import Knot, Trajectory
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.demo.recording import Event
 from wbc_controller.demo.scenario import Move, Reach, Scenario, Shove
 from wbc_controller.errors import WbcError
-from wbc_controller.interface import Direction, Endpoint, counterpart
-from wbc_controller.joint_order import JointOrder
-from wbc_controller.messages import decode, encode, header, message, stamp
 from wbc_controller.records import Array
 from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.decoding import read_odometry
+from wbc_controller.wire.joint_order import JointOrder
+from wbc_controller.wire.messages import decode, encode, header, message, stamp
+from wbc_controller.wire.topics import Direction, Endpoint, counterpart
 
 #: Wall time without a new state after which the demo is given up, s.
 _PATIENCE = 20.0

@@ -18,10 +18,10 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, frozen
-from wbc_controller.resources import PACKAGE_SCHEME, share_folder
+from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
 logger = logging.getLogger(__name__)
 

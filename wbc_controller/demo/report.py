@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pinocchio as pin
 from plotly.offline import get_plotlyjs
 
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.demo.geometry import Part, build_parts
 from wbc_controller.demo.plots import Plot, build_plots, phases
 from wbc_controller.demo.recording import Recording

@@ -19,23 +19,26 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from wbc_controller.build import controller_endpoints, make_loop, make_model
-from wbc_controller.clock import ManualClock
-from wbc_controller.configuration import find_configuration, load_settings
-from wbc_controller.core.model import RobotModel
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.control.controller import Controller
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.demo.director import DemoFailed, Director, Log, header_time
 from wbc_controller.demo.measure import judge, make_recording, passed
 from wbc_controller.demo.recording import Result
 from wbc_controller.demo.report import write_report
 from wbc_controller.demo.scenario import Scenario, find_scenario
 from wbc_controller.diagnostics.recorder import CycleRecorder
-from wbc_controller.interface import MOCK_TOPICS, Endpoint, endpoints
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
 from wbc_controller.records import Array
+from wbc_controller.service.clock import ManualClock
+from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
+from wbc_controller.wire.topics import MOCK_TOPICS, Endpoint, endpoints
 
 #: Domains 100 to 199 are the demo's, chosen by process, so that two demos on one machine do not meet.
 _FIRST_DOMAIN = 100
@@ -186,8 +189,7 @@ def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
     recorder = CycleRecorder()
     robot = MockRobot(stage.model, stage.settings, MemoryTransport(bus))
     loop = make_loop(
-        stage.settings,
-        stage.model,
+        Controller(stage.settings, preflight=False, model=stage.model),
         MemoryTransport(bus),
         clock,
         controller_endpoints(stage.settings, stage.model),

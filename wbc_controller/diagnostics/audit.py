@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mechanics.energy import EnergyBalance, energy_residual
 from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.messages import diagnostics
 from wbc_controller.records import CycleReport, Mode
+from wbc_controller.wire.messages import diagnostics
 
 _OK, _WARN, _ERROR = 0, 1, 2
 _LEVELS = {

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.build_contacts import make_loop_closure
+from wbc_controller.assembly.contacts import make_loop_closure
 from wbc_controller.core.contacts import placement_of
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, LoopSettings

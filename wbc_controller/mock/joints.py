@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.mimic import Followers
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.passive import PassiveForces
+from wbc_controller.core.robot.mimic import Followers
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.passive import PassiveForces
 from wbc_controller.errors import ConfigurationError
 
 

@@ -13,13 +13,13 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.assembly.robot_description import inertia_tensor, some_body_has
 from wbc_controller.core.contacts import placement_of
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.grips import Attachment, add_attachment
 from wbc_controller.mock.joints import couple, gear, lock, spring
 from wbc_controller.records import Array
-from wbc_controller.robot_description import inertia_tensor, some_body_has
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
 
 _log = logging.getLogger(__name__)

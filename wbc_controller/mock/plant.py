@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, WbcError, valid_choices
 from wbc_controller.mock.grips import closures_of, grips_of, place, wrench
 from wbc_controller.mock.hoist import RAMP, Hoist

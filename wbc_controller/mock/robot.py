@@ -23,14 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller import messages
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.interface import MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire import messages
+from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, endpoints
 
 #: Name of the node, after which its private topics are called.
 NODE_NAME = "mock_robot"

@@ -2,73 +2,98 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
-from wbc_controller.build import make_board, make_controller, make_model
-from wbc_controller.core.references import Change
+from wbc_controller.control.controller import Controller
+from wbc_controller.control.result import CycleResult
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.limits import RowLimit
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks import Task
+from wbc_controller.errors import NoSolution
 from wbc_controller.mock.plant import Plant
-from wbc_controller.records import Array, RobotState, Solution, frozen
+from wbc_controller.records import Mode
 from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config, load
 
 
 class Simulation:
-    """What a script or a test needs to see what a configuration does.
+    """A robot of a configuration in MuJoCo, standing, with its controller active: to see what a configuration does.
+
+    Its time begins when the torques have ramped in: nothing holds the robot.
 
     Attributes:
-        settings: the robot's settings.
-        plant: the physics; its base is let go.
-        controller: solves the quadratic program.
-        board: holds the references.
+        controller: the controller.
+        plant: the physics; its base is not held.
         time: simulated, s.
-        solution: of the last cycle.
+        result: of the last cycle.
     """
 
-    solution: Solution
+    result: CycleResult
 
-    def __init__(self, settings: Settings, urdf: str | None = None) -> None:
+    def __init__(
+        self,
+        config: Config | Settings | Mapping[str, Any] | str | Path,
+        *,
+        tasks: Iterable[Callable[[RobotModel], Task]] = (),
+        contacts: Iterable[Callable[[RobotModel], Contact]] = (),
+        limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
+        preflight: bool = True,
+    ) -> None:
         """Build the robot, its controller and the physics, in the nominal posture.
 
         Args:
-            settings: the robot's settings.
-            urdf: the URDF's text, where it did not come from the settings.
+            config: the configuration, or what `load` takes.
+            tasks: your own, as for `Controller`.
+            contacts: likewise.
+            limits: likewise.
+            preflight: check first that the robot can stand as configured.
 
         Raises:
             ConfigurationError: where the robot cannot be controlled or simulated.
         """
-        self.settings = settings
-        model = make_model(settings, urdf)
-        self.plant = Plant(model, settings)
-        self.controller = make_controller(settings, model)
-        self.board = make_board(settings, self.controller)
+        config = load(config).replace({"safety.activation_ramp": 0.0})
+        self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
+        self.plant = Plant(self.controller.model, config.settings)
         self.plant.hold(False, ramp=0.0)
-        self.controller.dynamics.update(*self.plant.state())
-        self.board.reset(self.controller.dynamics, 0.0)
-        self.time = 0.0
-        self._tau: Array | None = None
+        self.controller.reset(*self.plant.state())
+        most = round(1.0 / (config.settings.limits.torque_rate * self.controller.period)) + 2
+        for _ in range(most):  # each cycle comes nearer by a step of the torque rate
+            self._cycle()
 
-    def apply(self, *changes: Change) -> None:
-        """Apply changes to the references, all in one cycle."""
-        self.board.apply(changes, self.controller.dynamics, self.time)
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.plant.time
 
-    def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> None:
+    def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
         """Go on.
 
         Args:
             seconds: how long.
             each: called after every cycle, before the physics goes on.
 
+        Returns:
+            The results of the cycles.
+
         Raises:
             NoSolution: where a cycle has none.
-            WbcError: where the physics has diverged.
+            WbcError: where the controller has left its active mode, or the physics has diverged.
         """
-        period = self.controller.formulation.period
-        for _ in range(round(seconds / period)):
-            q, v = self.plant.state()
-            state = RobotState(self.plant.stamp, frozen(q), frozen(v))
-            self.solution = self.controller.solve(state, self.board.sample(self.time), self._tau)
-            self._tau = self.solution.tau
-            self.plant.apply(self._tau)
+        results = []
+        for _ in range(round(seconds / self.controller.period)):
+            results.append(self._cycle())
+            self.plant.apply(self.result.tau)
             each(self)
             for _ in range(self.plant.steps_per_period):
                 self.plant.step()
-            self.time += period
+        return results
+
+    def _cycle(self) -> CycleResult:
+        q, v = self.plant.state()
+        self.result = self.controller.step(q, v, self.time)
+        if self.result.mode is not Mode.ACTIVE:
+            raise NoSolution(repr(self.result), self.result.mode.value, None)
+        return self.result

@@ -14,12 +14,8 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from wbc_controller.build import controller_endpoints, make_loop, make_model
-from wbc_controller.clock import MonotonicClock
+from wbc_controller.control.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError
-from wbc_controller.interface import CONTROLLER_TOPICS, endpoints
-from wbc_controller.loop import ControlLoop
-from wbc_controller.messages import decode
 from wbc_controller.records import Mode
 from wbc_controller.ros2.answers import SERVICES, Answers
 from wbc_controller.ros2.declaration import declare, values
@@ -27,9 +23,15 @@ from wbc_controller.ros2.gate import Gate
 from wbc_controller.ros2.live import LiveParameters
 from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.ros2.process import logging_to, spinning
-from wbc_controller.service import clock_of
+from wbc_controller.service.clock import MonotonicClock
+from wbc_controller.service.controller_service import clock_of, make_loop
+from wbc_controller.service.loop import ControlLoop
+from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.config import Config
 from wbc_controller.transports.ros2 import Ros2Transport
+from wbc_controller.wire.messages import decode
+from wbc_controller.wire.topics import CONTROLLER_TOPICS, endpoints
 
 _log = logging.getLogger(__name__)
 
@@ -151,25 +153,25 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         transport = Ros2Transport(self)
         gate = Gate(transport)
         try:
-            model = make_model(settings, None if settings.robot.urdf else self._urdf)
-            topics = controller_endpoints(settings, model, node=node, namespace=namespace)
+            urdf = None if settings.robot.urdf else self._urdf
+            controller = Controller(Config(settings, "", urdf), preflight=False)
+            topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
             loop = make_loop(
-                settings,
-                model,
+                controller,
                 gate,
                 clock_of(topics, transport) if self.get_parameter("use_sim_time").value else MonotonicClock(),
                 topics,
                 observers=(self._answers.observe,),
                 node=self.get_fully_qualified_name(),
             )
-            self._live.show(loop.tuner)
+            self._live.show(controller.live)
         except Exception as error:
             gate.close()
             if isinstance(error, ConfigurationError):
                 raise ConfigurationError(f"{source}: {error}") from error
             raise
         self._settings, self._gate, self._loop = settings, gate, loop
-        _log.info("configured from %s: %d joints, %.0f Hz", source, model.nj, settings.control.rate)
+        _log.info("configured from %s: %d joints, %.0f Hz", source, controller.model.nj, settings.control.rate)
 
     def _await_urdf(self) -> None:
         if self._urdf_transport is not None:
@@ -193,8 +195,9 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     def _activate(self) -> None:
         if self._loop is None or self._gate is None or self._settings is None:
             raise ConfigurationError("the node is not configured")
-        if self._loop.supervisor.mode is Mode.STOPPED and self._loop.supervisor.fault is None:
-            self._loop.supervisor.request("reset", 0.0, None)  # as after a fresh start; a fault stays latched
+        controller = self._loop.controller
+        if controller.mode is Mode.STOPPED and controller.fault is None:
+            controller.supervisor.request("reset", 0.0, None)  # as after a fresh start; a fault stays latched
         self._stop = threading.Event()
         self._failed = False
         self._thread = threading.Thread(target=self._run, args=(self._loop, self._settings), name="control loop")

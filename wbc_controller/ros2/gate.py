@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from wbc_controller.interface import REQUEST, Endpoint
-from wbc_controller.messages import encode, message
 from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.messages import encode, message
+from wbc_controller.wire.topics import REQUEST, Endpoint
 
 _log = logging.getLogger(__name__)
 

@@ -9,9 +9,10 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
+from wbc_controller.control.live_settings import LiveSettings
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.ros2.parameters import CONFIG, ROBOT, flat, is_of_the_robot, nest
-from wbc_controller.tuner import Tuner
+from wbc_controller.ros2.parameters import CONFIG, ROBOT, flat, is_of_the_robot
+from wbc_controller.settings.nesting import nested
 
 _log = logging.getLogger(__name__)
 
@@ -31,16 +32,16 @@ class LiveParameters:
     def __init__(self, node: Any, own: Sequence[str]) -> None:
         self._node = node
         self._own = own
-        self._tuner: Tuner | None = None
+        self._live: LiveSettings | None = None
         self._shown: dict[str, Any] = {}
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._accept)
 
-    def show(self, tuner: Tuner) -> None:
+    def show(self, live: LiveSettings) -> None:
         """Declare the settings as parameters; from now on they are changed live."""
         settings = {
             key: (value, ParameterDescriptor(description=description, dynamic_typing=True))
-            for key, value, description in self._showable(tuner)
+            for key, value, description in self._showable(live)
         }
         for key, (_, descriptor) in settings.items():
             if self._node.has_parameter(key):
@@ -48,27 +49,27 @@ class LiveParameters:
         new = {key: pair for key, pair in settings.items() if not self._node.has_parameter(key)}
         self._node.declare_parameters("", [(key, *pair) for key, pair in new.items()])
         self._shown = {key: value for key, (value, _) in new.items()}
-        self._tuner = tuner
-        tuner.changed = self._on_change
+        self._live = live
+        live.changed = self._on_change
 
     def hide(self) -> None:
         """Forget the controller, and the parameters that `show` declared; those that were set since stay."""
-        self._tuner = None
+        self._live = None
         for key, value in self._shown.items():
             if self._node.has_parameter(key) and _plain(self._node.get_parameter(key).value) == value:
                 self._node.undeclare_parameter(key)
         self._shown = {}
 
-    def _showable(self, tuner: Tuner) -> list[tuple[str, Any, str]]:
+    def _showable(self, live: LiveSettings) -> list[tuple[str, Any, str]]:
         """The settings, but for the section of a name that has a value: `ros2 param dump` cannot write both."""
         named = self._node.has_parameter(ROBOT)
-        return [each for each in flat(tuner.settings) if not (named and each[0].startswith(f"{ROBOT}."))]
+        return [each for each in flat(live.settings) if not (named and each[0].startswith(f"{ROBOT}."))]
 
     def _change(self, parameters: Sequence[Any]) -> dict[str, Any]:
         return {each.name: each.value for each in parameters if is_of_the_robot(each.name, self._own)}
 
     def _check(self, parameters: Sequence[Any]) -> Any:
-        if self._tuner is None:
+        if self._live is None:
             return SetParametersResult(successful=True)
         fixed = [each.name for each in parameters if each.name in (ROBOT, CONFIG, "use_sim_time")]
         try:
@@ -76,17 +77,17 @@ class LiveParameters:
                 raise ConfigurationError(f"{', '.join(fixed)}: read only when the node is configured")
             change = self._change(parameters)
             if change:
-                self._tuner.check(nest(change), "parameters")
+                self._live.check(nested(change), "parameters")
         except ConfigurationError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: Sequence[Any]) -> None:
         change = self._change(parameters)
-        if self._tuner is None or not change:
+        if self._live is None or not change:
             return
         try:
-            self._tuner.accept(nest(change), "parameters")
+            self._live.accept(nested(change), "parameters")
         except ConfigurationError as error:  # a change on ~/update has come between the check and this
             _log.error("%s", error)
 
@@ -97,12 +98,12 @@ class LiveParameters:
             executor.create_task(self._follow)
 
     def _follow(self) -> None:
-        if self._tuner is None:
+        if self._live is None:
             return
         node = self._node
         changed = [
             Parameter(key, value=value)
-            for key, value, _ in self._showable(self._tuner)
+            for key, value, _ in self._showable(self._live)
             if not node.has_parameter(key) or _plain(node.get_parameter(key).value) != value
         ]
         if changed:

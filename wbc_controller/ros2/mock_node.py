@@ -10,10 +10,10 @@ from typing import Any
 from rclpy.node import Node
 
 from wbc_controller.errors import WbcError
+from wbc_controller.mock.service import run_mock
 from wbc_controller.ros2.declaration import declare, values
 from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.ros2.process import logging_to, spinning
-from wbc_controller.service import run_mock
 from wbc_controller.transports.ros2 import Ros2Transport
 
 _log = logging.getLogger(__name__)

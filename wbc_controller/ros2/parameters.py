@@ -9,10 +9,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from wbc_controller.configuration import find_configuration, load_settings, parse_settings, shipped_configurations
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.tuner import merged
+from wbc_controller.settings.files import find_configuration, load_settings, parse_settings, shipped_configurations
+from wbc_controller.settings.nesting import merged, nested
 
 #: Parameters that ROS 2 itself gives to nodes, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -28,30 +28,6 @@ def is_of_the_robot(name: str, own: Sequence[str] = ()) -> bool:
         own: parameters of the node itself.
     """
     return name.partition(".")[0] not in OF_ROS2 and name not in (ROBOT, CONFIG, *own)
-
-
-def nest(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn dotted names into nested dictionaries, as they stood in the parameter file.
-
-    Args:
-        parameters: values by dotted name, such as ``tasks.com.weight``.
-
-    Raises:
-        ConfigurationError: where one name has both a value and names below it.
-    """
-    tree: dict[str, Any] = {}
-    for name, value in sorted(parameters.items()):
-        *sections, key = name.split(".")
-        branch = tree
-        for depth, section in enumerate(sections):
-            branch = branch.setdefault(section, {})
-            if not isinstance(branch, dict):
-                upper = ".".join(sections[: depth + 1])
-                raise ConfigurationError(f"parameter {upper} = {parameters[upper]!r}: there is a parameter {name} too")
-        # Arrays of a parameter are lists, tuples or array.array, depending on the way it was set.
-        listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
-        branch[key] = list(value) if listed else value
-    return tree
 
 
 def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
@@ -101,7 +77,7 @@ def settings_from(
                 f"-p config:=<file>, or --params-file <file> with the section {NODE_NAME!r}"
             )
         path = files[-1]
-    overrides = nest(given)
+    overrides = nested(given)
     if path is None:
         source = f"parameters of {node}"
         return parse_settings(overrides, source), source

@@ -18,7 +18,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from wbc_controller.signals import set_by_signals
+from wbc_controller.service.signals import set_by_signals
 
 _log = logging.getLogger(__name__)
 

@@ -20,12 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wbc_controller.core.arrays import all_finite, all_true, clipped
 from wbc_controller.core.limits.torque import TorqueSpeedCurve
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.trajectories import Ramp
+from wbc_controller.core.references.trajectories import Ramp
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
-from wbc_controller.safety.checks import all_finite, torques_usable
+from wbc_controller.safety.checks import torques_usable
 
 REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
@@ -72,6 +73,7 @@ class Supervisor:
         self._tau = np.zeros(model.na)  # last torques sent
         self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._held = self._tau  # the torques at the start of holding
+        self._taken_over = False  # whether the torques have reached the solution's since activation
         self._q_index, self._v_index = model.q_places, model.v_places
         self._nan = frozen(np.full(model.nj, np.nan))
 
@@ -84,7 +86,7 @@ class Supervisor:
     def limits(self, limits: SupervisorLimits) -> None:
         self._limits = limits
         self._step = (limits.torque_rate * limits.period) * self._model.effort_limits
-        self._period = np.array(limits.period)  # as an array it multiplies faster
+        self._period = limits.period
 
     @property
     def solving(self) -> bool:
@@ -92,8 +94,12 @@ class Supervisor:
         return self.mode in (Mode.ACTIVE, Mode.HOLDING)
 
     def torques_before(self, now: float) -> Array | None:
-        """The torques that the joints have, to hold the torque rate; None while they ramp in or out."""
-        return self._tau if self.mode is Mode.ACTIVE and self._share.sample(now) >= 1.0 else None
+        """The torques that the joints have, to hold the torque rate; None while they ramp in or out.
+
+        At first the torques may be further away than one step of the torque rate, where the ramp is short.
+        """
+        whole = self.mode is Mode.ACTIVE and self._taken_over and self._share.sample(now) >= 1.0
+        return self._tau if whole else None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
         """Take a user's request.
@@ -156,6 +162,7 @@ class Supervisor:
             raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
         self._enter(Mode.ACTIVE, now, None)
         self._share = Ramp(now, self.limits.activation_ramp, 0.0, 1.0)
+        self._taken_over = False
         return True
 
     def _enter(self, mode: Mode, now: float, fault: Fault | None) -> None:
@@ -248,7 +255,10 @@ class Supervisor:
         if self._share.after <= 0.0 and share <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
             return None
-        return tau if share >= 1.0 else share * tau
+        if share < 1.0:
+            return share * tau
+        self._taken_over = self._taken_over or all_true(np.abs(tau - self._tau) <= self._step)
+        return tau
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array] | None:
         """Lower and upper bounds of the torques, both (na,) in N·m; None where they are the effort limits."""
@@ -265,10 +275,9 @@ class Supervisor:
         joint_velocity: Array | None = None,
     ) -> JointCommand:
         step = self._step
-        # np.clip does the same in five times as long.
-        tau = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
+        tau = clipped(tau, self._tau - step, self._tau + step)
         lower, upper = self._available(joint_velocity) or self._effort_limits
-        tau = freeze(np.minimum(np.maximum(tau, lower), upper))  # last: what a motor has not got no rate can give it
+        tau = freeze(clipped(tau, lower, upper))  # last: what a motor has not got no rate can give it
         self._tau = tau
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:

@@ -20,13 +20,13 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import Endpoint
 from wbc_controller.transports import dds_raw
 from wbc_controller.transports.dds_domain import close_domain, domain_settings, open_domain
 from wbc_controller.transports.dds_graph import NodeAnnouncement
 from wbc_controller.transports.dds_types import idl_type, type_hash
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
+from wbc_controller.wire.topics import Endpoint
 
 _log = logging.getLogger(__name__)
 

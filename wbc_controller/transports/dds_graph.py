@@ -9,9 +9,9 @@ from cyclonedds.core import Policy, Qos
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 
-from wbc_controller.messages import encode, message
 from wbc_controller.transports import dds_raw
 from wbc_controller.transports.dds_types import idl_type, type_hash
+from wbc_controller.wire.messages import encode, message
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 

@@ -14,7 +14,7 @@ from cyclonedds.idl import make_idl_struct, types
 from rosbags.interfaces import Nodetype
 
 from wbc_controller.errors import TransportError, valid_choices
-from wbc_controller.messages import TYPES
+from wbc_controller.wire.messages import TYPES
 
 #: ROS 2's mapping of its own primitive types to IDL; its ``char`` is an unsigned byte.
 _PRIMITIVES: dict[str, Any] = {

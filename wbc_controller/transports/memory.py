@@ -7,9 +7,9 @@ import threading
 from collections.abc import Callable
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import Endpoint
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
+from wbc_controller.wire.topics import Endpoint
 
 _log = logging.getLogger(__name__)
 

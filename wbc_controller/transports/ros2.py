@@ -14,10 +14,10 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
-from wbc_controller.interface import Endpoint, Qos
 from wbc_controller.transports.ros2_reader import Reader, ReaderGroup
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
+from wbc_controller.wire.topics import Endpoint, Qos
 
 _log = logging.getLogger(__name__)
 

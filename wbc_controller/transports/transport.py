@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from wbc_controller.interface import Endpoint
+from wbc_controller.wire.topics import Endpoint
 
 #: Takes one serialized message: CDR, little endian, with its four-byte encapsulation header.
 Publish = Callable[[bytes], None]
 
 
 class Transport(Protocol):
-    """Moves messages in ROS 2's serialized form, so that one codec (`wbc_controller.messages`) serves all transports.
+    """Moves messages in ROS 2's serialized form, so that one codec (`wire.messages`) serves all transports.
 
     Callbacks run on a thread of the transport's own: they must be short and never raise.
     """

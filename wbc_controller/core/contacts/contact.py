@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.records import Array, frozen
 
 
@@ -30,9 +30,13 @@ class Contact(ABC):
         bound_groups: what is bounded: a name, and from which component of f up to which (without it) that is.
         friction: Coulomb friction coefficient; 0 where the force has no cone.
         min_normal_force: smallest normal force, N; -inf where the contact also pulls.
+        enabled: whether a user's own contact is active at activation; of a configured one its settings say so.
+        ramp: time in which a user's own contact is loaded or unloaded, s; likewise.
     """
 
     permanent = False
+    enabled: bool = True
+    ramp: float = 0.2
     bound_groups: tuple[tuple[str, int, int], ...] = ()
     friction = 0.0
     min_normal_force = -np.inf

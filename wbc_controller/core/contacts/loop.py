@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from wbc_controller.core.contacts.contact import Contact
 from wbc_controller.core.contacts.mount import hinge_of, opening
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 

@@ -8,8 +8,8 @@ import pinocchio as pin
 from wbc_controller.core.contacts.contact import UnilateralContact
 from wbc_controller.core.contacts.mount import support_link
 from wbc_controller.core.contacts.support import friction_pyramid
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts.point import UP, PointContact, unit
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Least length of the normal's part in the plane of the wheel: below it the wheel lies flat, and no point is lowest.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.arrays import clipped
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Tuning, frozen
 
@@ -119,13 +120,13 @@ class JointMotionLimit:
                 return self._widest
             lower, upper = self._widest
         else:
-            lower = _within((-self.velocity - v) / period, most)
-            upper = _within((self.velocity - v) / period, most)
+            lower = clipped((-self.velocity - v) / period, -most, most)
+            upper = clipped((self.velocity - v) / period, -most, most)
         if self._limits is None:
             return lower, upper
         position_lower, position_upper = self._position_bounds(q, v, period)
         # Intersect, and let the position have its way where the two intervals do not meet.
-        lower = np.minimum(np.maximum(lower, position_lower), position_upper)
+        lower = clipped(lower, position_lower, position_upper)
         upper = np.maximum(np.minimum(upper, position_upper), position_lower)
         return lower, upper
 
@@ -149,15 +150,10 @@ class JointMotionLimit:
                 speed > 0.0, speed / period, spring * RETURN_TIME * speed
             )
             bound = np.where(short, np.where(outside, back, turning), bound)
-        upper, lower = _within(bound, most)
+        upper, lower = clipped(bound, -most, most)
         lower = -lower
         crossed = lower > upper  # not viable, between limits that are close together: the one that it moves to counts
         if crossed.any():
             up = speed[0] > 0.0
             lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
         return lower, upper
-
-
-def _within(values: Array, most: float) -> Array:
-    """Values cut to ±most; np.clip does it in five times as long."""
-    return np.minimum(np.maximum(values, -most), most)

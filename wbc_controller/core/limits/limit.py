@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 
 

@@ -8,9 +8,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.dynamics import Dynamics
 from wbc_controller.core.limits.limit import RowLimit
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Speed at which links part that are nearer than the margin, m/s: gentle, as they may start there.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wbc_controller.core.arrays import clipped
 from wbc_controller.records import Array, frozen
 
 
@@ -81,5 +82,5 @@ class TorqueLimit:
         if before is None:
             return lower, upper
         step = (self.rate * period) * self.effort_limits
-        held = np.minimum(np.maximum(before, lower), upper)
+        held = clipped(before, lower, upper)
         return np.maximum(lower, held - step), np.minimum(upper, held + step)

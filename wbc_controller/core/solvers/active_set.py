@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dgesv, dposv
 
-from wbc_controller.core.problem import QuadraticProgram, Squares
+from wbc_controller.core.program.problem import QuadraticProgram, Squares
 from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.records import Array
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import qpsolvers
 
-from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.program.problem import QuadraticProgram
 from wbc_controller.core.solvers.daqp import DaqpSolver
 from wbc_controller.core.solvers.osqp import OsqpSolver
 from wbc_controller.core.solvers.proxqp import ProxqpSolver

@@ -8,7 +8,7 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.program.problem import QuadraticProgram
 from wbc_controller.core.solvers.solver import Answer, Solver
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import proxsuite
 
-from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.program.problem import QuadraticProgram
 from wbc_controller.core.solvers.solver import Answer, Solver
 
 _proxqp = proxsuite.proxqp

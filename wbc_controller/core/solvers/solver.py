@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wbc_controller.core.problem import QuadraticProgram, Residuals
+from wbc_controller.core.program.problem import QuadraticProgram, Residuals
 from wbc_controller.records import Array
 
 #: Status of a problem with an entry that is not finite, or a bound that is NaN.

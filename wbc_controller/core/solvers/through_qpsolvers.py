@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import qpsolvers
 
-from wbc_controller.core.problem import QuadraticProgram
+from wbc_controller.core.program.problem import QuadraticProgram
 from wbc_controller.core.solvers.solver import Answer, Solver
 
 

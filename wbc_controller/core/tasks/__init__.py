@@ -8,7 +8,7 @@ from wbc_controller.core.tasks.frame import FrameOrientationTask, FramePoseTask,
 from wbc_controller.core.tasks.momentum import AngularMomentumTask, LinearMomentumTask
 from wbc_controller.core.tasks.posture import PostureTask
 from wbc_controller.core.tasks.relative import RelativePoseTask
-from wbc_controller.core.tasks.task import AccelerationTask, EffortTask, Task
+from wbc_controller.core.tasks.task import AccelerationTask, EffortTask, MotionTask, RateTask, Task
 from wbc_controller.core.tasks.torque import TorqueTask
 
 __all__ = [
@@ -24,7 +24,9 @@ __all__ = [
     "FramePositionTask",
     "GazeTask",
     "LinearMomentumTask",
+    "MotionTask",
     "PostureTask",
+    "RateTask",
     "RelativePoseTask",
     "Task",
     "TorqueTask",

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference
@@ -131,6 +132,8 @@ class AxisAlignmentTask(_AlignmentTask):
     than 180° apart. The law is that of `_AlignmentTask`.
     """
 
+    form = ReferenceForm(direction=True)
+
     def position(self, dynamics: Dynamics) -> Array:
         """Where the axis points, a unit vector in the world, (3,)."""
         return self.direction(dynamics)
@@ -156,6 +159,8 @@ class GazeTask(_AlignmentTask):
 
     A point nearer than 1 nm has no direction, and asks for nothing.
     """
+
+    form = ReferenceForm()
 
     def position(self, dynamics: Dynamics) -> Array:
         """A point on the axis, 1 m ahead, (3,) in m."""

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
-from wbc_controller.core.layout import FORCE_UNIT, Layout
-from wbc_controller.core.tasks.task import EffortTask
+from wbc_controller.core.tasks.task import Efforts, EffortTask
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference
 
@@ -43,14 +42,10 @@ class ContactWrenchTask(EffortTask):
                 f"tasks.{name}.mask leaves no axis: contact {contact.name!r} has forces and moments along "
                 f"{', '.join(_AXES[axis] for axis in borne)}"
             )
-        self._basis = FORCE_UNIT * contact.basis[self.rows]
+        self._basis = contact.basis[self.rows]
         self.contact = contact.name
 
-    def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array] | None:
-        """What makes the wrench of the contact's columns, (k, n), and the wrench, (k,)."""
-        if self.contact not in layout.key:
-            return None
-        columns = layout.places[layout.key.index(self.contact)].columns
-        rows = np.zeros((self.dimension, layout.problem.n))
-        rows[:, columns] = self._basis
-        return rows, reference.position[self.rows]
+    def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
+        """What makes the wrench of the unknowns, (k, n), and the wrench, (k,)."""
+        force = efforts.force_map(self.contact)
+        return None if force is None else (self._basis @ force, reference.position[self.rows])

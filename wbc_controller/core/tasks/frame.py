@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array
 
@@ -104,6 +105,7 @@ class FrameOrientationTask(_FrameTask):
     part = slice(3, 6)
     #: The last frozen reference, which mostly is that of this cycle too, and its rotation matrix.
     _known: tuple[Array, Array] | None = None
+    form = ReferenceForm(vector=0, oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
         """Orientation as a quaternion, (4,)."""
@@ -124,6 +126,7 @@ class FramePoseTask(_FrameTask):
 
     size = 6
     part = slice(0, 6)
+    form = ReferenceForm(oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
         """Position and quaternion, (7,)."""

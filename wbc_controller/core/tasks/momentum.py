@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.core.dynamics import Dynamics
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks.task import Gains, RateTask
 from wbc_controller.records import Array, Reference
 

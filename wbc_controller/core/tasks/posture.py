@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.places import as_slice
+from wbc_controller.core.arrays import as_slice
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array
 

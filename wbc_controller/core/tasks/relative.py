@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.model import RobotModel
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.core.tasks.frame import orientation_error
 from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array
@@ -35,6 +36,7 @@ class RelativePoseTask(MotionTask):
     """
 
     size = 6
+    form = ReferenceForm(oriented=True)
 
     def __init__(
         self,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
-from wbc_controller.core.dynamics import Dynamics
-from wbc_controller.core.layout import Layout
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference, frozen
 
@@ -50,12 +51,18 @@ class Task(ABC):
             made.
         tolerance: how far from the reference the quantity may be at no cost, in the unit of the error, () or (size,);
             None where the task asks for the reference itself. Set before the controller is made.
+        weight: of a user's own task its weight; of a configured one its settings say so.
+        enabled: whether a user's own task is on at activation; likewise.
+        setpoint_duration: time in which a user's own task reaches a new setpoint, s; likewise.
     """
 
     #: Number of components before the mask.
     size: int
     level: int = 0
     tolerance: Array | None = None
+    weight: float = 1.0
+    enabled: bool = True
+    setpoint_duration: float = 1.0
     #: The attributes that are gains, each () or (size,).
     gain_names: tuple[str, ...] = ()
 
@@ -68,6 +75,11 @@ class Task(ABC):
     def gains(self) -> Mapping[str, Array]:
         """The gains by name."""
         return {name: getattr(self, name) for name in self.gain_names}
+
+    @property
+    def form(self) -> ReferenceForm:
+        """How the position of its reference is written."""
+        return ReferenceForm(vector=self.size)
 
     @property
     def dimension(self) -> int:
@@ -148,6 +160,17 @@ class AccelerationTask(Task):
         return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
 
 
+class Efforts(Protocol):
+    """The torques and contact forces of a cycle as affine functions of the problem's unknowns x, (n,)."""
+
+    @property
+    def torque_map(self) -> tuple[Array, Array]:
+        """R (na, n) and r (na,), so that τ = R x + r in N·m."""
+
+    def force_map(self, contact: str) -> Array | None:
+        """R (k, n), so that the contact's force in its own coordinates is R x; None while it is not active."""
+
+
 class EffortTask(Task):
     """Contact forces or torques that should be what a reference says; they have no dynamics, so there are no gains.
 
@@ -170,15 +193,15 @@ class EffortTask(Task):
         return np.ones(())
 
     @abstractmethod
-    def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array] | None:
+    def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
         """Rows of the least-squares problem R x = r in the problem's unknowns.
 
         Args:
-            layout: with the problem's equations of motion.
+            efforts: torques and contact forces as functions of the unknowns.
             reference: what is wanted.
 
         Returns:
-            R (k, n), r (k,); None where the quantity is not there, such as the force of a contact that is broken.
+            R (k, n), r (k,); None where the quantity does not exist, such as the force of a contact that is not active.
         """
 
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.core.layout import Layout
-from wbc_controller.core.model import RobotModel
-from wbc_controller.core.tasks.task import EffortTask
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks.task import Efforts, EffortTask
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, Reference
 
@@ -45,9 +44,9 @@ class TorqueTask(EffortTask):
         self._ratios = model.actuation.ratios[:, columns].T  # (k, na)
         self._rows = model.actuation.motors_of(columns)
 
-    def equation(self, layout: Layout, reference: Reference) -> tuple[Array, Array]:
-        """The equations of motion's rows of the joints, (k, n): τ less the bias, and what that should be, (k,)."""
-        rows, bias = layout.problem.C[layout.torque], layout.torque_bias
+    def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
+        """The rows of the torques at the joints, (k, n), and what they should be without their offset, (k,)."""
+        rows, offset = efforts.torque_map
         if self._rows is not None:
-            return rows[self._rows], reference.position - bias[self._rows]
-        return self._ratios @ rows, reference.position - self._ratios @ bias
+            return rows[self._rows], reference.position - offset[self._rows]
+        return self._ratios @ rows, reference.position - self._ratios @ offset

@@ -1,0 +1,40 @@
+"""Prints how much longer NumPy's own calls take than those of `core.arrays`, on arrays as a cycle has them."""
+
+from __future__ import annotations
+
+import timeit
+
+import numpy as np
+
+from wbc_controller.core import arrays
+
+SIZE = 30
+ROUNDS, CALLS = 15, 20000
+
+
+def main() -> None:
+    """Time each pair in turn, and print the ratio of their best rounds."""
+    rng = np.random.default_rng(0)
+    values, lower, upper = rng.normal(size=SIZE), np.full(SIZE, -1.0), np.full(SIZE, 1.0)
+    flags, A = values > -10.0, rng.normal(size=(SIZE, SIZE))
+    index = np.arange(6, 6 + SIZE // 2)
+    part = arrays.as_slice(index)
+    pairs = {
+        "min, smallest": (lambda: values.min(), lambda: arrays.smallest(values)),
+        "all, all_true": (lambda: flags.all(), lambda: arrays.all_true(flags)),
+        "isfinite.all, all_finite": (lambda: np.isfinite(values).all(), lambda: arrays.all_finite(values)),
+        "clip, clipped": (lambda: np.clip(values, lower, upper), lambda: arrays.clipped(values, lower, upper)),
+        "linalg.solve, solved": (lambda: np.linalg.solve(A, values), lambda: arrays.solved(A, values)),
+        "isfinite.all of a matrix, sum_of_squares": (
+            lambda: np.isfinite(A).all(),
+            lambda: arrays.sum_of_squares(A),
+        ),
+        "index array, as_slice": (lambda: values[index], lambda: values[part]),
+    }
+    for name, (theirs, ours) in pairs.items():
+        times = [min(timeit.repeat(call, number=CALLS, repeat=ROUNDS)) / CALLS for call in (theirs, ours)]
+        print(f"{name}: {1e6 * times[0]:.2f} us, {1e6 * times[1]:.2f} us, ratio {times[0] / times[1]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,534 @@
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.core.program.layout import FORCE_UNIT
+from wbc_controller.core.program.problem import QuadraticProgram
+from wbc_controller.core.program.unpacking import unpack
+from wbc_controller.core.solvers import make_solver
+from wbc_controller.errors import NoSolution
+from wbc_controller.settings import PostureTask
+
+ROBOTS = ("g1", "talos", "go2")
+RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
+
+
+def joint_forces(bench, q, forces, wrenches=None):
+    """The contacts' and known wrenches as Pinocchio's external forces: one per joint, in the joint's own axes."""
+    model = bench.model.pinocchio
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    total = [pin.Force.Zero() for _ in range(model.njoints)]
+    for name, force in forces.items():
+        contact = bench.settings.contacts[name]
+        frame = model.frames[model.getFrameId(contact.frame)]
+        offset = pin.SE3(np.eye(3), np.array(contact.translation))
+        if contact.type == "surface":
+            offset.rotation = pin.rpy.rpyToMatrix(np.array(contact.rpy))
+            total[frame.parentJoint] += (frame.placement * offset).act(pin.Force(force))
+        else:
+            lowest = data.oMf[model.getFrameId(contact.frame)].act(offset.translation) - [0.0, 0.0, contact.radius]
+            in_world = pin.SE3(np.eye(3), lowest).act(pin.Force(force, np.zeros(3)))
+            total[frame.parentJoint] += data.oMi[frame.parentJoint].actInv(in_world)
+    for name, wrench in (wrenches or {}).items():
+        index = model.getFrameId(name)
+        in_world = pin.SE3(np.eye(3), data.oMf[index].translation).act(pin.Force(wrench))
+        total[model.frames[index].parentJoint] += data.oMi[model.frames[index].parentJoint].actInv(in_world)
+    result = pin.StdVec_Force()
+    result.extend(total)
+    return result
+
+
+def imbalance(bench, state, solution, wrenches=None):
+    """M v̇ + h - Sᵀτ - Σ Jᵀf, (nv,), by recursive Newton-Euler."""
+    model = bench.model.pinocchio
+    external = joint_forces(bench, state.q, solution.forces, wrenches)
+    result = pin.rnea(model, model.createData(), state.q, state.v, solution.v_dot, external)
+    result[bench.model.v_index] -= solution.tau
+    return result
+
+
+def contact_acceleration(bench, state, solution, name):
+    """Acceleration of a contact by finite differences of its velocity along the motion, less what damping asks for."""
+    model, contact, dynamics = bench.model, bench.controller.contacts[name], bench.controller.dynamics
+    step, velocity = 1.0e-5, []
+    for sign in (-step, 0.0, step):
+        q = pin.integrate(model.pinocchio, state.q, sign * state.v + 0.5 * sign**2 * solution.v_dot)
+        dynamics.update(q, state.v + sign * solution.v_dot)
+        velocity.append(contact.jacobian(dynamics) @ dynamics.v)
+    return (velocity[2] - velocity[0]) / (2.0 * step) + contact.damping * velocity[1]
+
+
+def busy(bench, state, rng):
+    """References that ask every task for some acceleration."""
+    references = bench.references(state)
+    tasks = {
+        name: replace(task, acceleration=rng.normal(size=len(task.acceleration)))
+        for name, task in references.tasks.items()
+    }
+    return replace(references, tasks=tasks)
+
+
+@pytest.fixture(scope="module")
+def robots(bench):
+    return {name: bench(name) for name in ROBOTS}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_equations_of_motion_close_for_every_row(robots, robot):
+    bench, rng = robots[robot], np.random.default_rng(0)
+    for _ in range(30):
+        state = bench.near_stance(rng)
+        solution = bench.controller.solve(state, busy(bench, state, rng))
+        assert not solution.relaxed
+        assert np.abs(imbalance(bench, state, solution)).max() < 1.0e-8
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_contacts_do_not_accelerate_but_lose_the_velocity_they_have(robots, robot):
+    bench, rng = robots[robot], np.random.default_rng(1)
+    for _ in range(10):
+        state = bench.near_stance(rng)
+        solution = bench.controller.solve(state, busy(bench, state, rng))
+        for name in solution.forces:
+            assert np.abs(contact_acceleration(bench, state, solution, name)).max() < 1.0e-5
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_forces_stay_in_their_cones_and_torques_in_their_limits(robots, robot):
+    bench, rng = robots[robot], np.random.default_rng(2)
+    bound = 0
+    for _ in range(30):
+        state = bench.near_stance(rng, velocity=1.0)
+        references = busy(bench, state, rng)
+        com = references.tasks["com"]
+        shove = replace(com, acceleration=8.0 * rng.normal(size=3) * [1.0, 1.0, 0.2])
+        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": shove}))
+        assert (np.abs(solution.tau) <= bench.model.effort_limits + 1e-5).all()
+        for name, force in solution.forces.items():
+            contact = bench.settings.contacts[name]
+            assert np.hypot(force[0], force[1]) <= contact.friction * force[2] + 1e-5
+            assert -1e-6 <= force[2] <= contact.max_normal_force + 1e-5
+            if contact.type == "surface":  # the centre of pressure is inside the sole
+                assert abs(force[3]) <= contact.half_width * force[2] + 1e-5
+                assert abs(force[4]) <= contact.half_length * force[2] + 1e-5
+                assert (bench.controller.contacts[name].cone @ force <= 1e-5).all()
+        bound += any(name.startswith("cone:") for name in solution.binding)
+    assert bound >= 10
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, robot):
+    bench = robots[robot]
+    state, references = bench.state(), bench.references()
+    push = np.array([12.0, -6.0, 20.0, 1.0, -0.5, 0.3])
+    wrenches = {bench.model.base_link: push}
+    before = bench.controller.solve(state, references)
+    after = bench.controller.solve(state, replace(references, external_wrenches=wrenches))
+    assert np.abs(imbalance(bench, state, after, wrenches)).max() < 1.0e-8
+    assert np.abs(after.v_dot).max() < 0.02  # it stands, pushed or not
+
+    def world(solution):
+        """Sum of the contact wrenches at the base's origin, in world axes."""
+        total = pin.Force.Zero()
+        data = bench.model.pinocchio.createData()
+        pin.forwardKinematics(bench.model.pinocchio, data, state.q)
+        for joint, force in enumerate(joint_forces(bench, state.q, solution.forces)):
+            total += data.oMi[joint].act(force)
+        return pin.SE3(np.eye(3), state.q[:3]).actInv(total).vector
+
+    weight = bench.model.mass * bench.model.gravity
+    np.testing.assert_allclose(world(before)[:3], [0.0, 0.0, weight], atol=1e-3 * weight)
+    np.testing.assert_allclose(world(after) - world(before), -push, atol=1e-3 * np.linalg.norm(push))
+
+
+def test_wrenches_at_several_frames_add_up(robots):
+    bench, rng = robots["g1"], np.random.default_rng(3)
+    state = bench.near_stance(rng)
+    wrenches = {"pelvis": 5.0 * rng.normal(size=6), "left_rubber_hand": 3.0 * rng.normal(size=6)}
+    references = replace(bench.references(state), external_wrenches=wrenches)
+    solution = bench.controller.solve(state, references)
+    assert np.abs(imbalance(bench, state, solution, wrenches)).max() < 1.0e-8
+    assert np.abs(imbalance(bench, state, solution)).max() > 1.0
+
+
+@pytest.mark.parametrize(("robot", "broken"), [("g1", "left_foot"), ("go2", "rear_left_foot")])
+def test_a_contact_that_is_broken_bears_nothing(robots, robot, broken):
+    bench = robots[robot]
+    state, references = bench.state(), bench.references()
+    assert broken in bench.controller.solve(state, references).forces
+    solution = bench.controller.solve(state, replace(references, contacts={**references.contacts, broken: 0.0}))
+    assert set(solution.forces) == set(bench.controller.contacts) - {broken}
+    assert np.abs(imbalance(bench, state, solution)).max() < 1.0e-8
+
+
+def test_a_contact_about_to_break_bears_its_share_at_most(robots):
+    bench = robots["g1"]
+    references = bench.references()
+    for activation in (0.1, 0.01, 1.0e-4):
+        contacts = {**references.contacts, "left_foot": activation}
+        solution = bench.controller.solve(bench.state(), replace(references, contacts=contacts))
+        assert 0.0 <= solution.forces["left_foot"][2] <= activation * 1000.0 + 1e-5
+        assert "normal_force:left_foot:upper" in solution.binding
+
+
+def test_a_robot_in_the_air_falls(robots):
+    bench = robots["go2"]
+    references = replace(bench.references(), contacts={})
+    solution = bench.controller.solve(bench.state(), references)
+    assert not solution.forces
+    bench.controller.dynamics.update(bench.stance, np.zeros(bench.model.nv))
+    com = bench.controller.dynamics.com_jacobian @ solution.v_dot + bench.controller.dynamics.com_drift
+    np.testing.assert_allclose(com, [0.0, 0.0, -bench.model.gravity], atol=1e-6)
+
+
+def test_tasks_are_met_where_nothing_is_in_the_way(robots):
+    bench = robots["g1"]
+    references = bench.references()
+    wanted = np.array([0.1, -0.2, 0.3])
+    com = replace(references.tasks["com"], acceleration=wanted)
+    solution = bench.controller.solve(bench.state(), replace(references, tasks={**references.tasks, "com": com}))
+    dynamics = bench.controller.dynamics
+    np.testing.assert_allclose(dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift, wanted, atol=0.02)
+
+
+def test_the_more_a_task_weighs_the_better_it_is_met(robots):
+    bench = robots["g1"]
+    state = bench.state()
+    wanted, got = np.array([0.0, 0.0, 3.0]), []
+    for weight in (0.0, 0.1, 10.0, 1000.0):
+        references = bench.references(com=weight, posture=1.0)
+        com = replace(references.tasks["com"], acceleration=wanted)
+        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": com}))
+        dynamics = bench.controller.dynamics
+        got.append(np.linalg.norm(dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift - wanted))
+        assert ("com" in solution.task_errors) == (weight > 0.0)
+    assert got == sorted(got, reverse=True)
+    assert got[-1] < 1.0 < 2.0 < got[0]
+
+
+# Relaxation and failure ----------------------------------------------------------------------------------------------
+
+
+def outside(bench, joint, by):
+    """Standing, with one joint beyond its upper limit."""
+    i = bench.model.joints.index(joint)
+    q = np.array(bench.stance)
+    q[bench.model.q_index[i]] = bench.model.position_upper[i] + by
+    return bench.state(q)
+
+
+def test_joint_motion_is_relaxed_where_the_torques_do_not_suffice_and_it_is_said(bench):
+    g1 = bench("g1", limits={"acceleration": 1.0e5})
+    v = np.zeros(g1.model.nv)
+    v[g1.model.v_index[g1.model.joints.index("left_elbow_joint")]] = 15.0
+    state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)  # asks for 7500 rad/s² at least: the motor cannot
+    solution = g1.controller.solve(state, g1.references())
+    assert solution.relaxed == ("joint_motion",)
+    assert np.abs(imbalance(g1, state, solution)).max() < 1.0e-8
+    assert (np.abs(solution.tau) <= g1.model.effort_limits + 1e-5).all()
+    assert not any(name.startswith("motion:") for name in solution.binding)
+
+
+def test_the_torque_rate_is_relaxed_last_and_it_is_said(bench):
+    g1 = bench("g1", limits={"torque_rate": 1.0e-3})
+    before = np.array(g1.model.effort_limits)  # every motor at its limit: the feet would be torn off the floor
+    solution = g1.controller.solve(g1.state(), g1.references(), before)
+    assert solution.relaxed == ("joint_motion", "torque_rate")
+    free = g1.controller.solve(g1.state(), g1.references())
+    assert not free.relaxed
+    np.testing.assert_allclose(solution.tau, free.tau, atol=0.05)
+
+
+def infeasible(bench, solver="daqp"):
+    """Feet that must press with more than the motors can give."""
+    g1 = bench("g1", solver={"name": solver})
+    for contact in g1.controller.contacts.values():
+        contact.min_normal_force = contact.max_normal_force = 20000.0
+    return g1
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp", "quadprog"])
+def test_where_nothing_satisfies_the_constraints_there_is_no_solution(bench, solver):
+    g1 = infeasible(bench, solver)
+    with pytest.raises(NoSolution, match=rf"left_foot, right_foot.*torque limits together \({solver}: ") as failure:
+        g1.controller.solve(g1.state(), g1.references())
+    problem = failure.value.problem
+    assert isinstance(problem, QuadraticProgram)
+    assert failure.value.status
+    # The evidence stands on its own: another solver finds no answer either.
+    assert make_solver("daqp", problem).solve(problem).x is None
+    # And the controller is not the worse for it.
+    for contact in g1.controller.contacts.values():
+        contact.min_normal_force, contact.max_normal_force = 0.0, 1000.0
+    solution = g1.controller.solve(g1.state(), g1.references())
+    assert not solution.relaxed
+    assert np.abs(solution.v_dot).max() < 0.1
+
+
+def test_the_evidence_of_a_failure_outlives_the_next_cycle(bench):
+    g1 = infeasible(bench)
+    with pytest.raises(NoSolution) as failure:
+        g1.controller.solve(g1.state(), g1.references())
+    evidence = np.array(failure.value.problem.x_lower)
+    for contact in g1.controller.contacts.values():
+        contact.min_normal_force = 0.0
+    g1.controller.solve(g1.state(), g1.references())
+    np.testing.assert_array_equal(failure.value.problem.x_lower, evidence)
+
+
+@pytest.mark.parametrize("where", ["reference", "wrench", "torques before"])
+def test_what_is_not_finite_is_refused_at_once(robots, where):
+    bench = robots["go2"]
+    references, before = bench.references(), None
+    bad = np.array([np.nan, 0.0, 0.0])
+    if where == "reference":
+        com = replace(references.tasks["com"], position=bad)
+        references = replace(references, tasks={**references.tasks, "com": com})
+    elif where == "wrench":
+        references = replace(references, external_wrenches={"base": np.concatenate([bad, bad])})
+    else:
+        before = np.full(bench.model.na, np.nan)
+    with pytest.raises(NoSolution, match="not finite"):
+        bench.controller.solve(bench.state(), references, before)
+    assert bench.controller.solve(bench.state(), bench.references()).relaxed == ()
+
+
+# What a solution says ------------------------------------------------------------------------------------------------
+
+
+def test_residuals_have_these_names_and_are_what_is_left(robots):
+    bench, rng = robots["talos"], np.random.default_rng(4)
+    state = bench.near_stance(rng)
+    solution = bench.controller.solve(state, busy(bench, state, rng))
+    assert set(solution.residuals) == RESIDUALS
+    assert max(solution.residuals.values()) < 1.0e-8
+    assert set(solution.task_errors) == {name for name, task in bench.settings.tasks.items() if task.enabled}
+    assert set(solution.stage_seconds) == {"build", "solve", "unpack"}
+    assert solution.iterations > 0
+
+
+def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
+    g1 = bench("g1")
+    state, references = g1.state(), g1.references()
+    layout = g1.controller.formulation.build(state, references)
+    x = np.array(make_solver("daqp", layout.problem).solve(layout.problem).x)
+    x[0] += 1.0e-4  # the base accelerates, and nothing carries it
+    multipliers = np.zeros(len(x) + len(layout.problem.upper))
+    parts = unpack(g1.controller.formulation, layout, x, multipliers, layout.problem.residuals(x), references)
+    assert parts["residuals"]["equations_of_motion"] == pytest.approx(1.0e-4 * g1.model.mass, rel=0.01)
+    assert parts["residuals"]["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
+
+
+def test_task_errors_are_distances(robots):
+    bench = robots["g1"]
+    references = bench.references()
+    com = replace(references.tasks["com"], position=references.tasks["com"].position + np.array([0.03, 0.0, 0.04]))
+    solution = bench.controller.solve(bench.state(), replace(references, tasks={**references.tasks, "com": com}))
+    assert solution.task_errors["com"] == pytest.approx(0.05)
+    assert solution.task_errors["posture"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
+    bench, rng = robots["g1"], np.random.default_rng(5)
+    seen = set()
+    for _ in range(20):
+        state = bench.near_stance(rng, velocity=3.0)
+        references = bench.references(posture=5.0)
+        kick = replace(references.tasks["posture"], acceleration=300.0 * rng.normal(size=bench.model.na))
+        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "posture": kick}))
+        limits = bench.model.effort_limits
+        torques = {
+            f"torque:{name}:{side}"
+            for sign, side in ((1.0, "upper"), (-1.0, "lower"))
+            for name, tau, limit in zip(bench.model.joints, solution.tau, limits, strict=True)
+            if sign * tau >= limit - 1e-4
+        }
+        cones = {
+            f"cone:{name}"
+            for name, force in solution.forces.items()
+            if (bench.controller.contacts[name].cone @ force).max() >= -1e-4
+        }
+        named = set(solution.binding)
+        assert len(named) == len(solution.binding)
+        if not solution.relaxed:
+            assert {name for name in named if name.startswith("torque:")} == torques
+            assert {name for name in named if name.startswith("cone:")} == cones
+        seen |= {name.split(":")[0] for name in named}
+    assert {"torque", "cone"} <= seen
+
+
+@pytest.mark.parametrize("kind", ["torque", "motion", "normal_force", "cone"])
+def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
+    """By finite differences: give one bound a little, solve again, and see by how much the cost falls."""
+    g1 = bench("g1")
+    formulation, elbow = g1.controller.formulation, g1.model.joints.index("left_elbow_joint")
+    references = g1.references(posture=5.0)
+    wish = np.zeros(g1.model.na)
+    wish[elbow] = {"torque": 2000.0, "motion": 150.0}.get(kind, 0.0)
+    posture = replace(references.tasks["posture"], acceleration=wish)
+    com = replace(references.tasks["com"], acceleration=np.array([9.0 if kind == "cone" else 0.0, 0.0, 2.0]))
+    references = replace(references, tasks={**references.tasks, "posture": posture, "com": com})
+    if kind == "motion":
+        formulation.motion_limit.acceleration = 100.0
+    if kind == "torque":
+        formulation.motion_limit.acceleration = 1.0e4
+    if kind == "normal_force":
+        g1.controller.contacts["left_foot"].max_normal_force = 150.0
+    solution = g1.controller.solve(g1.state(), references)
+    costs = {name: cost for name, cost in solution.binding.items() if name.startswith(f"{kind}:")}
+    name = max(costs, key=costs.get)
+    assert costs[name] > 1e-6
+
+    layout = formulation.build(g1.state(), references)
+    problem, given = layout.problem.copy(), 1e-3
+    owner = name.split(":")[1]
+    if kind == "torque":
+        problem.upper[layout.torque.start + g1.model.joints.index(owner)] += given
+    elif kind == "motion":
+        problem.x_upper[layout.joints[g1.model.joints.index(owner)]] += given
+    elif kind == "normal_force":
+        problem.x_upper[layout.places[layout.key.index(owner)].columns] += given / FORCE_UNIT
+    else:
+        problem.upper[layout.places[layout.key.index(owner)].cone] += given / FORCE_UNIT
+    solve = make_solver("daqp", problem).solve
+    before, after = (p.cost.value(solve(p).x) for p in (layout.problem, problem))
+    assert (before - after) / given == pytest.approx(costs[name], rel=1e-3)
+
+
+def test_a_robot_that_stands_has_nothing_binding(robots):
+    for bench in robots.values():
+        assert bench.controller.solve(bench.state(), bench.references()).binding == {}
+
+
+def test_a_solution_cannot_be_changed(robots):
+    solution = robots["go2"].controller.solve(robots["go2"].state(), robots["go2"].references())
+    for array in (solution.v_dot, solution.tau, *solution.forces.values()):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    for mapping in (solution.forces, solution.residuals, solution.task_errors, solution.stage_seconds):
+        with pytest.raises(TypeError):
+            mapping["x"] = 1.0
+    with pytest.raises(FrozenInstanceError):
+        solution.tau = None
+
+
+def test_a_solution_outlives_the_next_one(robots):
+    bench, rng = robots["go2"], np.random.default_rng(6)
+    first = bench.controller.solve(bench.state(), bench.references())
+    kept = [np.array(array) for array in (first.v_dot, first.tau, *first.forces.values())]
+    state = bench.near_stance(rng)
+    bench.controller.solve(state, busy(bench, state, rng))
+    for array, copy in zip((first.v_dot, first.tau, *first.forces.values()), kept, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def said(solution):
+    """Everything that a solution says in mappings."""
+    names = ("forces", "residuals", "task_errors", "binding", "external_wrenches")
+    return {name: {key: np.array(value) for key, value in getattr(solution, name).items()} for name in names}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, robot):
+    late, at_once, rng = bench(robot), bench(robot), np.random.default_rng(11)
+    solutions, expected, bound = [], [], 0
+    for scale in (1.0, 300.0, 1.0, 200.0, 50.0):
+        state = late.near_stance(rng)
+        references = busy(late, state, rng)
+        kick = replace(references.tasks["posture"], acceleration=scale * rng.normal(size=late.model.na))
+        references = replace(
+            references,
+            tasks={**references.tasks, "posture": kick},
+            weights={**references.weights, "posture": rng.uniform(1.0, 5.0)},
+            external_wrenches={late.model.base_link: 10.0 * rng.normal(size=6)},
+        )
+        solutions.append(late.controller.solve(state, references))
+        expected.append(said(at_once.controller.solve(state, references)))
+        bound += len(expected[-1]["binding"])
+    layout = late.controller.formulation.layout(tuple(late.controller.contacts))
+    layout.relabel(layout.torque, ["renamed"] * late.model.na)  # as those of self-collision are, in every cycle
+    for solution, then in zip(solutions, expected, strict=True):
+        now = said(solution)
+        for name, values in then.items():
+            assert list(now[name]) == list(values)
+            for key, value in values.items():
+                np.testing.assert_array_equal(now[name][key], value, err_msg=f"{name}/{key}")
+    assert bound > 0
+
+
+# Building is apart from solving --------------------------------------------------------------------------------------
+
+
+def arrays(problem):
+    return {name: np.array(getattr(problem, name)) for name in ("H", "g", "A", "b", "C", "bounds")}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robot):
+    used, rng = bench(robot), np.random.default_rng(7)
+    state, other = used.near_stance(rng), used.near_stance(rng)
+    references, tau = busy(used, state, rng), used.model.effort_limits * 0.1
+    first = arrays(used.controller.formulation.build(state, references, tau).problem)
+    last = next(reversed(used.controller.contacts))
+    fewer = replace(busy(used, other, rng), external_wrenches={used.model.base_link: np.ones(6)})
+    used.controller.solve(other, fewer)
+    used.controller.solve(other, replace(fewer, contacts={**fewer.contacts, last: 0.0}))
+    heavier = replace(references, weights={name: 2.0 * weight for name, weight in references.weights.items()})
+    expected = arrays(bench(robot).controller.formulation.build(state, heavier, tau).problem)
+    for name, values in arrays(used.controller.formulation.build(state, heavier, tau).problem).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+    for again in (used, bench(robot)):  # the same controller, and a fresh one
+        for name, values in arrays(again.controller.formulation.build(state, references, tau).problem).items():
+            np.testing.assert_array_equal(values, first[name], err_msg=name)
+
+
+def test_a_built_problem_can_be_solved_by_hand(robots):
+    bench, rng = robots["g1"], np.random.default_rng(8)
+    state = bench.near_stance(rng)
+    references = busy(bench, state, rng)
+    layout = bench.controller.formulation.build(state, references)
+    x = np.array(make_solver("quadprog", layout.problem).solve(layout.problem).x)
+    solution = bench.controller.solve(state, references)
+    np.testing.assert_allclose(x[: bench.model.nv], solution.v_dot, atol=1e-5)
+    for place, force in zip(layout.places, solution.forces.values(), strict=True):
+        np.testing.assert_allclose(FORCE_UNIT * x[place.columns], force, atol=1e-3)
+
+
+@pytest.mark.parametrize("overlapping", [False, True])
+def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, overlapping):
+    """Also where two tasks ask something of the same joint, and one of them of no other."""
+    bench, rng = robots["go2"], np.random.default_rng(9)
+    if overlapping:
+        joints = bench.model.joints
+        more = {
+            "two": PostureTask(type="posture", joints=(joints[4], joints[1]), weight=3.0),
+            "one": PostureTask(type="posture", joints=(joints[1],), weight=0.2),
+        }
+        bench = bench.rebuilt(dict(bench.settings.tasks) | more)
+    state = bench.near_stance(rng)
+    references = busy(bench, state, rng)
+    nv, solver = bench.model.nv, bench.settings.solver
+
+    def cost(x):
+        # ε_a (‖q̈‖² + ‖ḣ_G / m‖²): the rate of the centroidal momentum by Newton-Euler, turning parts over 0.1 m.
+        model = bench.model.pinocchio
+        rate = pin.computeCentroidalMomentumTimeVariation(model, model.createData(), state.q, state.v, x[:nv]).vector
+        rate = rate / bench.model.mass * [1.0, 1.0, 1.0, 10.0, 10.0, 10.0]
+        total = 0.5 * solver.regularization_acceleration * (x[6:nv] @ x[6:nv] + rate @ rate)
+        total += 0.5 * solver.regularization_force * FORCE_UNIT**2 * x[nv:] @ x[nv:]
+        for name, task in bench.controller.tasks.items():
+            J, right, _ = task.equation(bench.controller.dynamics, references.tasks[name])
+            total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)
+        return total
+
+    solution = bench.controller.solve(state, references)
+    (level,) = solution.levels
+    forces = np.concatenate(list(solution.forces.values())) / FORCE_UNIT
+    assert level.cost == pytest.approx(cost(np.concatenate([solution.v_dot, forces])), rel=1e-9)
+    problem = bench.controller.formulation.build(state, references).problem
+    for _ in range(5):
+        x = rng.normal(size=problem.n)
+        assert problem.cost.value(x) == pytest.approx(cost(x), rel=1e-9)

@@ -1,0 +1,135 @@
+"""Every topic, field, joint and contact that a layout names exists, with a type that can be shown there."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from wbc_controller.mock.robot import NODE_NAME as MOCK
+from wbc_controller.mock.robot import WORLD_FRAME
+from wbc_controller.service.guard_service import NODE_NAME as GUARD
+from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.views.scene import COLORS
+from wbc_controller.wire.messages import TYPES
+from wbc_controller.wire.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, endpoints
+
+ROOT = Path(__file__).resolve().parents[2]
+LAYOUTS = ROOT / "layouts"
+
+
+@pytest.fixture(scope="module")
+def published(robot_of):
+    """Type and quality of service of all that the nodes of a G1 send, by topic."""
+    settings, model = robot_of("g1")
+    topics = [
+        *controller_endpoints(settings, model),
+        *endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts),
+        *endpoints(GUARD_TOPICS, GUARD),
+    ]
+    return {topic.name: topic for topic in topics if topic.direction is Direction.OUT}
+
+
+def nodes(tree, key):
+    """Every value of a key, anywhere in nested mappings and lists."""
+    if isinstance(tree, dict):
+        for name, value in tree.items():
+            if name == key:
+                yield value
+            yield from nodes(value, key)
+    elif isinstance(tree, list):
+        for value in tree:
+            yield from nodes(value, key)
+
+
+def has_field(type_name, path):
+    """Whether a message of a type has a field such as ``wrench.force.z`` or ``effort[:]``."""
+    for part in path:
+        name, listed = re.fullmatch(r"(\w+)(\[:\])?", part).groups()
+        fields = dict(TYPES.fielddefs[type_name][1])
+        if name not in fields:
+            return False
+        kind, inner = fields[name]
+        if bool(listed) != (kind.name in ("ARRAY", "SEQUENCE")):
+            return False
+        inner = inner[0] if listed else (kind, inner)
+        type_name = inner[1] if inner[0].name == "NAME" else None
+    return True
+
+
+def test_rviz(published):
+    layout = yaml.safe_load((LAYOUTS / "wbc.rviz").read_text(encoding="utf-8"))
+    manager = layout["Visualization Manager"]
+    assert manager["Global Options"]["Fixed Frame"] == WORLD_FRAME
+    types = {
+        "rviz_default_plugins/RobotModel": "std_msgs/msg/String",
+        "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",
+        "rviz_default_plugins/Odometry": "nav_msgs/msg/Odometry",
+    }
+    shown = {}
+    for display in manager["Displays"]:
+        topic = display.get("Topic") or display.get("Description Topic")
+        if topic is None:
+            continue
+        endpoint = published[topic["Value"]]
+        shown[display["Class"]] = endpoint.type
+        # A reader that asks for more than the writer offers is not connected.
+        assert topic["Reliability Policy"] == "Best Effort" or endpoint.qos.reliable
+        assert (topic["Durability Policy"] == "Transient Local") == endpoint.qos.latched
+    assert shown == types
+    (namespaces,) = nodes(manager, "Namespaces")
+    assert set(namespaces) == set(COLORS)
+    assert "/tf" in published
+
+
+def test_foxglove(published):
+    layout = json.loads((LAYOUTS / "foxglove.json").read_text(encoding="utf-8"))
+    panels = layout["configById"]
+    paths = [path["value"] for path in (path for paths in nodes(panels, "paths") for path in paths)]
+    paths += list(nodes(panels, "topicPath"))
+    assert len(paths) == 8
+    for path in paths:
+        topic, *fields = path.split(".")
+        assert has_field(published[topic].type, fields), path
+    assert set(nodes(panels, "topicToRender")) == {"/diagnostics"}
+    for topic in panels["3D!robot"]["topics"]:
+        assert topic in published
+    placed = {leaf for key in ("first", "second") for leaf in nodes(layout["layout"], key) if isinstance(leaf, str)}
+    assert placed == set(panels)
+
+
+def test_plotjuggler(published, robot_of):
+    root = ElementTree.parse(LAYOUTS / "plotjuggler.xml").getroot()  # noqa: S314 - our own file
+    _, model = robot_of("g1")
+    selected = root.find(".//selected_topics").get("value").split(";")
+    curves = [curve.get("name") for curve in root.iter("curve")]
+    assert len(curves) == 28
+    used = set()
+    for curve in curves:
+        topic = max((name for name in published if curve.startswith(name + "/")), key=len)
+        used.add(topic)
+        fields = curve.removeprefix(topic + "/").split("/")
+        if published[topic].type == "sensor_msgs/msg/JointState":  # PlotJuggler sorts these by joint
+            joint, *fields = fields
+            assert joint in model.joints
+            fields[-1] += "[:]"
+        assert has_field(published[topic].type, fields), curve
+    assert used == set(selected)
+
+
+def test_a_field_that_does_not_exist_is_seen():
+    assert has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force", "z"])
+    assert not has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force", "w"])
+    assert not has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force[:]"])
+    assert has_field("sensor_msgs/msg/JointState", ["effort[:]"])
+    assert not has_field("sensor_msgs/msg/JointState", ["effort"])
+
+
+def test_they_are_installed():
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert 'share/{PACKAGE}/layouts", sorted(glob("layouts/*"))' in setup
+    assert {path.name for path in LAYOUTS.iterdir()} == {"wbc.rviz", "foxglove.json", "plotjuggler.xml"}

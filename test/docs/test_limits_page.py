@@ -1,0 +1,31 @@
+"""What docs/limits.md shows runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from wbc_controller.settings import LimitSettings
+
+PAGE = (Path(__file__).parents[2] / "docs" / "limits.md").read_text(encoding="utf-8")
+BLOCKS = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: "+".join(block["limits"]))
+def test_what_the_page_shows_runs(bench, block):
+    robot = bench("g1", block)
+    for key, value in block["limits"].items():
+        given = getattr(robot.settings.limits, key)
+        assert (given.model_dump(include=set(value)) if isinstance(value, dict) else given) == value
+    robot.activate()
+    report = robot.cycle(20)
+    assert report.solution is not None
+    assert not report.solution.relaxed
+
+
+def test_the_page_shows_every_key():
+    shown = {key for block in BLOCKS for key in block["limits"]}
+    assert shown == set(LimitSettings.model_fields)

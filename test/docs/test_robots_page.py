@@ -1,0 +1,36 @@
+"""What docs/robots.md shows can be built, and drives the joints as the page says."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from chains import joint, link, menagerie, robot
+
+from wbc_controller.assembly.robot import make_model
+
+PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
+SHOWN = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]
+LEG = robot(
+    link("pelvis"), link("thigh"), link("shank"), link("foot"),
+    joint("hip", "pelvis", "thigh"), joint("knee", "thigh", "shank"), joint("ankle", "shank", "foot"),
+)  # fmt: skip
+NOTHING = {"actuators": [], "transmission": {}, "passive_joints": {}, "locked_joints": {}}
+
+
+@pytest.mark.parametrize(
+    ("shown", "ratios"),
+    list(
+        zip(
+            SHOWN,
+            ([[1.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(2)),
+            strict=True,
+        )
+    ),
+    ids=["transmission", "passive", "locked"],
+)
+def test_what_the_page_shows_is_what_is_built(shown, ratios):
+    model = make_model(menagerie(**NOTHING | shown), LEG)
+    np.testing.assert_array_equal(model.actuation.ratios, ratios)
+    assert model.joints == tuple(shown["joints"])

@@ -1,0 +1,269 @@
+"""From mailboxes to one latched state, requests and changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wbc_controller.core.references.changes import EnableTask, SetWeight
+from wbc_controller.service.clock import ManualClock
+from wbc_controller.service.inputs import Inputs
+from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire import decoding
+from wbc_controller.wire.messages import encode
+from wbc_controller.wire.topics import Direction, counterpart
+
+NAN = float("nan")
+
+
+class Wire:
+    """`Inputs` and whoever publishes to it."""
+
+    def __init__(self, settings, model, q):
+        self.settings, self.model, self.q = settings, model, q
+        self.clock = ManualClock(50.0)
+        bus = MemoryBus()
+        topics = controller_endpoints(settings, model)
+        self.inputs = Inputs(model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock)
+        user = MemoryTransport(bus)
+        self.publish = {
+            (topic.key, topic.subject): user.advertise(counterpart(topic))
+            for topic in topics
+            if topic.direction is Direction.IN
+        }
+
+    def send(self, key, content, subject=""):
+        self.publish[key, subject](encode(content))
+
+
+@pytest.fixture
+def wire(robot_of, stance_of):
+    def build(name="go2", settings=None):
+        own, model = robot_of(name)
+        return Wire(settings or own, model, stance_of(name))
+
+    return build
+
+
+@pytest.fixture
+def go2(wire):
+    return wire("go2")
+
+
+@pytest.fixture
+def state(make):
+    """Send a good state to a wire."""
+
+    def send(wire, velocity=0.0, time=3):
+        model = wire.model
+        wire.send("odom", make.odom(wire.q[:7], [velocity] * 6, model.base_link, time))
+        joints = make.joint_state(model.joints, wire.q[model.q_index], [velocity] * model.na, time=time)
+        wire.send("joint_states", joints)
+
+    return send
+
+
+def test_nothing_has_arrived(go2):
+    latched = go2.inputs.latch()
+    assert latched.state is None
+    assert latched.joint_velocity is None
+    assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
+    assert not latched.refused
+    assert not go2.inputs.arrived.is_set()
+
+
+def test_half_a_state_is_none(go2, make):
+    model = go2.model
+    go2.send("joint_states", make.joint_state(model.joints, np.zeros(model.na), np.ones(model.na)))
+    latched = go2.inputs.latch()
+    assert latched.state is None
+    np.testing.assert_array_equal(latched.joint_velocity, np.ones(model.na))
+    assert go2.inputs.arrived.is_set()
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
+def test_a_state_is_assembled_in_the_models_order_and_frozen(wire, make, name):
+    bench = wire(name)
+    model = bench.model
+    values = np.arange(1.0, model.na + 1.0)
+    shuffled = np.random.default_rng(3).permutation(model.na)
+    names = [model.joints[i] for i in shuffled]
+    bench.send("joint_states", make.joint_state(names, values[shuffled], -values[shuffled], time=7))
+    bench.send("odom", make.odom([1, 2, 3, 0, 0, 0, 1], [4, 5, 6, 7, 8, 9], model.base_link, 6))
+    state = bench.inputs.latch().state
+    assert state.stamp == 7
+    np.testing.assert_array_equal(state.q[:7], [1, 2, 3, 0, 0, 0, 1])
+    np.testing.assert_array_equal(state.v[:6], [4, 5, 6, 7, 8, 9])
+    for i, joint in enumerate(model.joints):
+        place = model.pinocchio.joints[model.pinocchio.getJointId(joint)]
+        assert state.q[place.idx_q] == values[i]
+        assert state.v[place.idx_v] == -values[i]
+    with pytest.raises(ValueError, match="read-only"):
+        state.q[0] = 0.0
+
+
+def test_ages_count_from_arrival_not_from_the_stamp(go2, state):
+    state(go2, time=123)
+    go2.clock.time += 0.02
+    assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.02, "odom": 0.02})
+    go2.clock.time += 0.02
+    assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.04, "odom": 0.04})
+    assert go2.inputs.age_of_joint_states() == pytest.approx(0.04)
+
+
+def bad_joint_states(make, model):
+    na = model.na
+    good = np.zeros(na)
+    one_nan = good.copy()
+    one_nan[2] = NAN
+    wrong = [*model.joints[:-1], "tail"]
+    return {
+        "not finite": (make.joint_state(model.joints, one_nan, good), f"position of '{model.joints[2]}' is nan"),
+        "velocity": (make.joint_state(model.joints, good, one_nan), f"velocity of '{model.joints[2]}' is nan"),
+        "name": (make.joint_state(wrong, good, good), f"1 of {na} joints are missing: {model.joints[-1]}; names"),
+        "too few": (make.joint_state(model.joints[:-1], good[1:], good[1:]), f"1 of {na} joints are missing"),
+        "twice": (make.joint_state([*model.joints, model.joints[0]], [0] * (na + 1), [0] * (na + 1)), "more than once"),
+        "size": (make.joint_state(model.joints, good[1:], good), f"position has {na - 1} values for {na} names"),
+        "empty": (make.joint_state(model.joints, [], []), f"position has 0 values for {na} names"),
+    }
+
+
+@pytest.mark.parametrize("kind", ["not finite", "velocity", "name", "too few", "twice", "size", "empty"])
+def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, make, kind):
+    state(go2)
+    before = go2.inputs.latch().state
+    go2.clock.time += 0.01
+    content, said = bad_joint_states(make, go2.model)[kind]
+    go2.send("joint_states", content)
+    latched = go2.inputs.latch()
+    (sentence,) = latched.refused
+    assert sentence.startswith("/joint_states: ")
+    assert said in sentence
+    assert said in latched.notes["joint_states"]
+    np.testing.assert_array_equal(latched.state.q, before.q)
+    assert latched.state.stamp == before.stamp
+    assert latched.ages["joint_states"] == pytest.approx(0.01)
+    state(go2, velocity=0.5)
+    latched = go2.inputs.latch()
+    assert not latched.refused
+    assert not latched.notes
+    assert latched.ages["joint_states"] == 0.0
+    assert (latched.joint_velocity == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"child": "torso"}, "child_frame_id is 'torso'; the robot's base link is 'base'"),
+        ({"pose": [0, 0, 0, 0, 0, 0, 0]}, "is not a unit quaternion (norm 0)"),
+        ({"pose": [0, NAN, 0, 0, 0, 0, 1]}, "the pose holds a value that is not finite"),
+        ({"twist": [0, 0, 0, 0, 0, NAN]}, "the twist holds a value that is not finite"),
+    ],
+)
+def test_after_a_bad_base_state_the_last_good_one_stays(go2, state, make, changes, said):
+    state(go2)
+    before = go2.inputs.latch().state
+    go2.send("odom", make.odom(**{"pose": [9, 9, 9, 0, 0, 0, 1], "child": "base", **changes}))
+    latched = go2.inputs.latch()
+    (sentence,) = latched.refused
+    assert sentence.startswith("/odom: ")
+    assert said in sentence
+    np.testing.assert_array_equal(latched.state.q, before.q)
+
+
+@pytest.mark.parametrize("key", ["joint_states", "odom", "command", "update"])
+@pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 40])
+def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
+    state(go2)
+    go2.inputs.latch()
+    go2.publish[key, ""](payload)
+    latched = go2.inputs.latch()
+    (sentence,) = latched.refused
+    assert f"{len(payload)} bytes are not a " in sentence
+    assert latched.state is not None
+
+
+def test_commands_of_one_cycle_come_in_their_order(go2, make):
+    for word in ("reset", " activate \n", "nonsense"):
+        go2.send("command", make.string(word))
+    assert go2.inputs.latch().commands == ("reset", "activate", "nonsense")
+    assert go2.inputs.latch().commands == ()
+
+
+def test_more_requests_than_fit_are_counted_and_said(go2, make):
+    for i in range(130):
+        go2.send("command", make.string(str(i)))
+    latched = go2.inputs.latch()
+    assert latched.commands == tuple(map(str, range(100)))
+    assert latched.refused == ("/wbc_controller/command: 30 messages refused: more than 100 at once",)
+
+
+def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make):
+    go2.send("update", make.string("{tasks: {com: {enabled: true, weight: 3}}}"))
+    go2.clock.time += 1e-4
+    go2.send("task_enable", make.bool(False), "com")
+    go2.clock.time += 1e-4
+    go2.send("weight", make.float64(4), "com")
+    assert go2.inputs.latch().changes == (
+        (EnableTask("com", True), SetWeight("com", 3.0)),
+        (EnableTask("com", False),),
+        (SetWeight("com", 4.0),),
+    )
+
+
+def test_a_refused_request_names_its_topic_and_the_others_go_on(go2, make):
+    go2.send("weight", make.float64(NAN), "com")
+    go2.send("weight", make.float64(2), "posture")
+    go2.send("setpoint", make.point([0, 0, 0], "moon"), "com")
+    go2.send("update", make.string("{tasks: {comm: {weight: 1}}}"))
+    latched = go2.inputs.latch()
+    assert latched.changes == ((SetWeight("posture", 2.0),),)
+    assert [sentence.split(": ")[0] for sentence in latched.refused] == [
+        "/wbc_controller/tasks/com/setpoint",
+        "/wbc_controller/tasks/com/weight",
+        "/wbc_controller/update",
+    ]
+    assert "did you mean 'com'? Valid: base, com, posture" in latched.refused[2]
+
+
+def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
+    go2.send("update", make.string("{tasks: {com: {weight: 1}, posture: {weight: -1}}}"))
+    latched = go2.inputs.latch()
+    assert latched.changes == ()
+    assert len(latched.refused) == 1
+
+
+def test_a_long_refusal_is_cut(go2, make):
+    go2.send("setpoint", make.joint_state(["x" * 100_000], [0.0]), "posture")
+    (sentence,) = go2.inputs.latch().refused
+    assert len(sentence) < 1100
+    assert sentence.endswith("…")
+
+
+def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, state, make, monkeypatch, caplog):
+    def broken(vocabulary, subject, content):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(decoding, "READERS", {**decoding.READERS, "weight": broken})
+    state(go2)
+    go2.send("weight", make.float64(1), "com")
+    latched = go2.inputs.latch()
+    assert latched.refused == ("/wbc_controller/tasks/com/weight: cannot be read: ZeroDivisionError: division by zero",)
+    assert latched.state is not None
+    assert "Traceback" in caplog.text
+
+
+def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
+    from wbc_controller.assembly.robot import make_model
+
+    settings, _ = robot_of("go2")
+    fixed = changed(settings, {"robot": {"base": "fixed"}})
+    model = make_model(fixed)
+    bench = Wire(fixed, model, None)
+    bench.send("joint_states", make.joint_state(model.joints, model.posture, np.zeros(model.na)))
+    bench.publish["odom", ""](b"whatever")
+    latched = bench.inputs.latch()
+    assert set(latched.ages) == {"joint_states"}
+    assert latched.state.q.shape == (model.na,)
+    assert not latched.refused

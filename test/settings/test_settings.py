@@ -1,0 +1,379 @@
+"""The configuration file: defaults, ranges, and what is said about files that are wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.cli import main
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings, parse_settings, shipped_configurations
+
+FOLDER = Path(__file__).parent / "configurations"
+
+MINIMAL = {"robot": {"joints": ["a"], "posture": [0.0]}, "tasks": {"posture": {"type": "posture"}}}
+
+#: Of every broken file: the parts that its one error must have, beside its path.
+BROKEN = {
+    "unknown_key": ("tasks.posture.stifness: unknown key", "did you mean 'stiffness'?", "Valid: damping, enabled"),
+    "unknown_joint": ("robot.joints: 'RR_claf_joint'", "did you mean 'RR_calf_joint'?", "FL_hip_joint"),
+    "unknown_frame": ("contacts.rear_left_foot.frame = 'RL_fot'", "did you mean 'RL_foot'?", "FL_foot"),
+    "unknown_solver": ("solver.name = 'dapq'", "did you mean 'daqp'?", "osqp"),
+    "unknown_type": ("tasks.posture.type: unknown type 'postur'", "did you mean 'posture'?", "frame_pose"),
+    "negative_weight": ("tasks.com.weight = -50.0", "greater than or equal to 0"),
+    "contact_without_frame": ("contacts.front_right_foot.frame: this key is missing", "A frame of the URDF"),
+    "missing_urdf": ("robot.urdf = 'package://example-robot-data/", "there is no file /", "go3.urdf"),
+    "malformed": (":9: not valid YAML", "expected ',' or ']'"),
+    "millimetres": ("contacts.left_foot.half_length = 85.0", "less than or equal to 1 ", ", m)"),
+    "duplicate_key": (":18: tasks.com: the key 'com' stands twice", "first in line 16"),
+    "duplicate_joint": ("robot.joints: 'RL_calf_joint' stands more than once",),
+    "posture_too_short": ("robot.posture has 11 values for 12 joints",),
+    "infeasible_stance": ("robot.posture on front_left_foot, front_right_foot", "229 mm outside the support"),
+}
+
+
+def test_every_broken_file_has_its_expectation():
+    assert {path.stem for path in FOLDER.glob("*.yaml")} == set(BROKEN)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_check_refuses_a_broken_file_with_one_readable_error(name):
+    path = FOLDER / f"{name}.yaml"
+    result = CliRunner().invoke(main, ["check", str(path)])
+    assert result.exit_code == 2
+    assert isinstance(result.exception, SystemExit)  # and nothing else
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"error: {path}:")
+    for part in BROKEN[name]:
+        assert part in lines[0]
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize("name", ["unknown_key", "infeasible_stance", "malformed"])
+def test_as_a_process_too_the_error_is_one_line_and_the_status_2(name):
+    path = FOLDER / f"{name}.yaml"
+    process = subprocess.run(
+        [sys.executable, "-m", "wbc_controller", "check", str(path)], capture_output=True, text=True, timeout=60
+    )
+    assert process.returncode == 2
+    assert "Traceback" not in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
+    assert process.stderr.startswith(f"error: {path}:")
+
+
+@pytest.mark.parametrize("command", ["check", "run", "mock"])
+def test_a_file_that_does_not_exist_is_named(command, tmp_path):
+    path = str(tmp_path / "g2.yaml")
+    result = CliRunner().invoke(main, [command, path])
+    assert result.exit_code == 2
+    assert repr(path) in result.stderr
+    assert "did you mean 'go2'? Valid: g1, go2, talos" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["run", "mock"])
+def test_a_node_names_the_file_whose_values_it_cannot_use(command, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", "77")
+    path = FOLDER / "unknown_joint.yaml"
+    result = CliRunner().invoke(main, [command, str(path)])
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: {path}: robot.joints: 'RR_claf_joint'")
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
+def test_every_shipped_configuration_loads(name):
+    assert name in shipped_configurations()
+    settings = load_settings(find_configuration(name))
+    assert len(settings.robot.joints) == len(settings.robot.posture)
+    assert settings.contacts
+
+
+def test_no_configuration_is_shipped_that_is_not_tested():
+    assert set(shipped_configurations()) == {"g1", "talos", "go2"}
+
+
+def test_a_name_that_is_not_shipped_suggests_one():
+    with pytest.raises(ConfigurationError, match=r"'tallos'; did you mean 'talos'\? Valid: g1, go2, talos"):
+        find_configuration("tallos")
+
+
+def test_defaults():
+    settings = parse_settings(MINIMAL, "x")
+    assert settings.robot.base == "floating"
+    assert settings.control.rate == 500.0
+    assert settings.control.trigger == "joint_states"
+    assert settings.solver.name == "daqp"
+    assert settings.safety.state_timeout == 0.05
+    assert settings.safety.hold_time == 0.1
+    assert settings.limits.position
+    assert settings.limits.velocity
+    assert settings.tasks["posture"].weight == 1.0
+    assert settings.tasks["posture"].damping is None
+    assert settings.contacts == {}
+
+
+def _with(key, value):
+    content = {
+        "robot": {"joints": ["a"], "posture": [0.0]},
+        "tasks": {
+            "posture": {"type": "posture"},
+            "com": {"type": "com"},
+            "hand": {"type": "frame_pose", "frame": "hand"},
+            "spin": {"type": "angular_momentum"},
+            "steady": {"type": "capture_point"},
+        },
+        "contacts": {
+            "foot": {"type": "surface", "frame": "f", "half_length": 0.1, "half_width": 0.1, "max_normal_force": 1.0},
+            "toe": {"type": "point", "frame": "f", "max_normal_force": 1.0},
+            "grip": {"type": "fixed", "frame": "f", "max_force": 1.0, "max_moment": 1.0},
+            "wheel": {"type": "rolling", "frame": "f", "axis": [0, 1, 0], "radius": 0.1, "max_normal_force": 1.0},
+        },
+        "loops": {"bar": {"frame_a": "f", "frame_b": "g"}},
+    }
+    place = content
+    *sections, last = key.split(".")
+    for section in sections:
+        place = place.setdefault(section, {})
+    place[last] = value
+    return content
+
+
+@pytest.mark.parametrize(
+    ("key", "low", "high"),
+    [
+        ("control.rate", 10.0, 10000.0),
+        ("control.weight_ramp", 0.0, 60.0),
+        ("robot.effort_limit_scale", 1e-9, 1.0),
+        ("robot.armature", 0.0, 10.0),
+        ("limits.position_margin", 0.0, 1.0),
+        ("limits.velocity_scale", 1e-9, 1.0),
+        ("limits.torque_rate", 1e-9, 1e5),
+        ("safety.state_timeout", 1e-9, 1.0),
+        ("safety.activation_ramp", 0.0, 60.0),
+        ("safety.hold_time", 0.0, 1.0),
+        ("safety.damping_time", 0.0, 60.0),
+        ("safety.damping", 0.0, 1e5),
+        ("solver.regularization_acceleration", 1e-12, 1.0),
+        ("tasks.com.weight", 0.0, 1e6),
+        ("tasks.hand.stiffness", 0.0, 1e5),
+        ("contacts.foot.friction", 1e-9, 2.0),
+        ("contacts.foot.half_length", 1e-9, 1.0),
+        ("contacts.toe.radius", 1e-9, 1.0),
+        ("contacts.toe.max_normal_force", 1e-9, 1e5),
+        ("contacts.grip.max_force", 1e-9, 1e5),
+        ("contacts.wheel.radius", 1e-9, 1.0),
+        ("loops.bar.stiffness", 0.0, 1e5),
+        ("mock.step", 1e-9, 0.01),
+    ],
+)
+def test_ranges(key, low, high):
+    for good in (low, high):
+        parse_settings(_with(key, good), "file.yaml")
+    for bad in (low - 1e-6, 1.001 * high, float("nan"), float("inf"), -float("inf"), "much", None, [1.0]):
+        with pytest.raises(ConfigurationError) as error:
+            parse_settings(_with(key, bad), "file.yaml")
+        assert str(error.value).startswith(f"file.yaml: {key} = {bad!r}: ")
+        assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("robot.base", "flying", "robot.base = 'flying': input should be 'floating' or 'fixed'"),
+        ("control.trigger", "clock", "control.trigger = 'clock': input should be 'timer' or 'joint_states'"),
+        ("contrl", {}, "contrl: unknown key; did you mean 'control'?"),
+        ("control.rte", 1, "control.rte: unknown key; did you mean 'rate'?"),
+        ("robot.posturs", [], "robot.posturs: unknown key; did you mean 'posture'?"),
+        ("contacts.foot.half_lenght", 1, "contacts.foot.half_lenght: unknown key; did you mean 'half_length'?"),
+        ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
+        ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
+        ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
+        ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface takes"),
+        (
+            "contacts.foot.half_width",
+            None,
+            "contacts.foot.half_width = None: a surface takes half_length and half_width, or",
+        ),
+        (
+            "contacts.foot.vertices",
+            [[0.0, 2.0]],
+            "contacts.foot.vertices.0.1 = 2.0: input should be less than or equal",
+        ),
+        (
+            "contacts.toe.normal",
+            [0, 0, 0],
+            "contacts.toe.normal = [0, 0, 0]: must have a length (Normal of the surface",
+        ),
+        ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
+        (
+            "contacts.grip.mask",
+            [False] * 6,
+            "contacts.grip.mask = [False, False, False, False, False, False]: it holds",
+        ),
+        ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: it is required, as the mask holds a rot"),
+        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (The axle"),
+        ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
+        ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 (How"),
+        (
+            "loops.bar.mask",
+            [False] * 6,
+            "loops.bar.mask = [False, False, False, False, False, False]: it holds no axis",
+        ),
+        (
+            "loops.foot",
+            {"frame_a": "f", "frame_b": "g"},
+            "loops: 'foot' is the name of a contact too; take another one",
+        ),
+        ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must have a length (Normal of the floor"),
+        ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
+        ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: fixed, point, rolling, surface"),
+        ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (A frame of the URDF)"),
+        (
+            "tasks.com.stiffness",
+            [1.0, 2.0],
+            "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list with one for each of the "
+            "task's 3 axes",
+        ),
+        ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, level, mask"),
+        (
+            "tasks.spin.damping",
+            [1.0],
+            "tasks.spin.damping = [1.0]: has 1 values; it takes one number, or a list with one",
+        ),
+        (
+            "tasks.steady.gain",
+            [1.0] * 3,
+            "tasks.steady.gain = [1.0, 1.0, 1.0]: has 3 values; it takes one number, or a",
+        ),
+        ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
+        ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
+        (
+            "tasks.hand.damping",
+            [1.0] * 5 + [-1.0],
+            "tasks.hand.damping.5 = -1.0: input should be greater than or",
+        ),
+        ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
+        ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
+        ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
+    ],
+)
+def test_each_error_names_the_whole_key_the_value_and_what_is_valid(key, value, said):
+    with pytest.raises(ConfigurationError) as error:
+        parse_settings(_with(key, value), "file.yaml")
+    assert str(error.value).startswith(f"file.yaml: {said}")
+
+
+@pytest.mark.parametrize(("task", "size"), [("com", 3), ("hand", 6), ("posture", 2)])
+def test_gains_are_one_number_or_one_for_each_axis(task, size):
+    for key in ("stiffness", "damping"):
+        for good in (7.0, [7.0] * size):
+            settings = parse_settings(_with(f"tasks.{task}.{key}", good), "f")
+            assert getattr(settings.tasks[task], key) == good
+
+
+def test_gains_of_all_joints_are_counted_when_the_robot_is_known(robot_of, changed):
+    settings, model = robot_of("go2")
+    assert make_qp(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 12}}}), model)
+    with pytest.raises(ConfigurationError, match=r"tasks\.posture\.stiffness has 2 values; .* of the task's 12 axes"):
+        make_qp(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 2}}}), model)
+
+
+def test_every_error_of_a_file_is_said_at_once():
+    content = _with("control.rate", 0.0)
+    content["tasks"]["com"]["weight"] = -1.0
+    with pytest.raises(ConfigurationError) as error:
+        parse_settings(content, "f")
+    assert len(str(error.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "holds NoneType, not a mapping"),
+        ("- 1", "holds list, not a mapping"),
+        ("wbc: {}", "has no key 'wbc_controller' (found: 'wbc')"),
+        ("wbc_controller: {robot: {}}", "no mapping 'ros__parameters'"),
+        ("a: \x00", "not valid YAML"),
+        ("[1, 2]: 3", "not valid YAML"),
+        ("a: 2001-99-99", "not valid YAML: month must be in 1..12"),
+        ("[" * 20000, "not valid YAML"),
+        ("a: &a {b: *a}", "not valid YAML"),
+        ("a: {b: &b {c: 1, c: 2}}", "the key 'c' stands twice"),
+        ("wbc_controller: {ros__parameters: {}}", "robot: this key is missing"),
+        ("wbc_controller: {ros__parameters: {robot: }}", "robot = None"),
+    ],
+)
+def test_a_file_of_another_form_is_refused_in_words(tmp_path, text, said):
+    path = tmp_path / "file.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError) as error:
+        load_settings(path)
+    assert str(error.value).startswith(str(path))
+    assert said in str(error.value)
+
+
+def test_a_file_that_is_no_text_is_refused_in_words(tmp_path):
+    path = tmp_path / "file.yaml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigurationError, match="cannot be read"):
+        load_settings(path)
+
+
+@pytest.mark.parametrize("node", ["wbc_controller", "/**"])
+def test_the_parameters_stand_below_the_node_or_all_nodes(tmp_path, node):
+    path = tmp_path / "file.yaml"
+    path.write_text(
+        f"{node}:\n  ros__parameters:\n    robot: {{joints: [a], posture: [0.0]}}\n    tasks: {{t: {{type: com}}}}\n"
+    )
+    assert load_settings(path).robot.joints == ["a"]
+
+
+def test_settings_cannot_be_changed():
+    settings = parse_settings(MINIMAL, "x")
+    with pytest.raises(ValueError, match="frozen"):
+        settings.control.rate = 1.0
+
+
+def test_every_setting_says_what_it_is():
+    def sections(model):
+        yield model
+        for field in model.model_fields.values():
+            if isinstance(field.annotation, type) and hasattr(field.annotation, "model_fields"):
+                yield from sections(field.annotation)
+
+    for section in sections(Settings):
+        for name, field in section.model_fields.items():
+            if name not in Settings.model_fields:
+                assert field.description, name
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"cornr": 0.5}, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: actuators, corner"),
+        ({"corner": 1.2}, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
+        (
+            {"actuators": {"a": {"corner": 3.0, "no_load": 2.0}}},
+            "actuators.a.no_load = 2.0: must be above corner = 3.0",
+        ),
+        (
+            {"actuators": {"a": {"corner": 3.0}}},
+            "actuators.a.no_load: this key is missing (Speed at which no torque is",
+        ),
+        (
+            {"actuators": {"a": {"corner": 3.0, "no_load": 5.0, "x": 1}}},
+            "actuators.a.x: unknown key; Valid: corner, no_load",
+        ),
+    ],
+)
+def test_a_mistake_inside_of_a_nested_section_is_said_as_everywhere(given, said):
+    with pytest.raises(ConfigurationError) as error:
+        parse_settings(MINIMAL | {"limits": {"torque_speed": given}}, "file")
+    assert said in str(error.value)

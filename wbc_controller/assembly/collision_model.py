@@ -1,0 +1,205 @@
+"""The shapes of the robot's links, and which pairs of links are to be kept apart: from the URDF and the SRDF."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.records import Array
+from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionModel:
+    """Convex shapes, one for each link that has collision elements, and the pairs to be kept apart.
+
+    Attributes:
+        geometry: shapes named by their links, with the pairs.
+        near: pairs of links that are nearer than the margin in the nominal posture, and so are not kept apart.
+    """
+
+    geometry: pin.GeometryModel
+    near: tuple[tuple[str, str], ...]
+
+    @property
+    def summary(self) -> str:
+        """One line for a person: how many pairs are kept apart, and which are not."""
+        text = f"{len(self.geometry.collisionPairs)} pairs of {len(self.geometry.geometryObjects)} links kept apart"
+        if self.near:
+            text += "; not those nearer than the margin in robot.posture: " + ", ".join(map("/".join, self.near))
+        return text
+
+
+def build_collision_model(
+    model: RobotModel,
+    *,
+    margin: float,
+    srdf: str | None = None,
+    pairs: Sequence[str] = (),
+    visual: Sequence[str] = (),
+    folder: Path | None = None,
+) -> CollisionModel:
+    """Read the collision elements of a robot's URDF.
+
+    A link's shape is its collision element where it has a single one that is convex, else the convex hull of all its
+    elements. Pairs are those of all links of which neither carries the other by one or two joints (such links touch by
+    design, and their joints' limits keep them apart), less those that the SRDF disables, less those that are nearer
+    than the margin in the nominal posture.
+
+    Args:
+        model: the robot's model.
+        margin: least distance, m.
+        srdf: the SRDF's text.
+        pairs: the pairs to be kept apart, each ``<link>/<link>``; none for the choice above.
+        visual: links whose visual elements count as well.
+        folder: where meshes that are named by a relative path are looked for.
+
+    Raises:
+        ConfigurationError: where the URDF has no collision elements, a mesh cannot be read, the SRDF is not one, or a
+            named link has no shape.
+    """
+    geometry = _shapes(model, _with_visuals(model.urdf, visual), folder)
+    links = [shape.name for shape in geometry.geometryObjects]
+    if not links:
+        raise ConfigurationError(
+            "limits.self_collision.enabled: no link of the URDF has a <collision> element; disable it, or add them"
+        )
+    if pairs:
+        chosen = {_named(pair, links) for pair in pairs}
+    else:
+        disabled = _disabled(srdf) if srdf else set()
+        chosen = {pair for pair in combinations(links, 2) if frozenset(pair) not in disabled}
+        chosen -= {(a, b) for a, b in chosen if _joined(model, geometry, links.index(a), links.index(b))}
+    for first, second in combinations(links, 2):
+        if (first, second) in chosen or (second, first) in chosen:
+            geometry.addCollisionPair(pin.CollisionPair(links.index(first), links.index(second)))
+    near = _drop_near(model, geometry, margin)
+    if pairs and near:
+        raise ConfigurationError(
+            f"limits.self_collision.pairs: in robot.posture {'/'.join(near[0])} are nearer than {margin:g} m"
+        )
+    if not len(geometry.collisionPairs):
+        raise ConfigurationError("limits.self_collision: no pair of links is left to be kept apart")
+    return CollisionModel(geometry, near)
+
+
+def _with_visuals(urdf: str, links: Sequence[str]) -> str:
+    """The URDF with the visual elements of some links as collision elements."""
+    if not links:
+        return urdf
+    root = ElementTree.fromstring(urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
+    found = {str(link.get("name")): link.findall("visual") for link in root.iter("link")}
+    seen = [name for name, elements in found.items() if elements]
+    for name in links:
+        if name not in seen:
+            raise ConfigurationError(
+                f"limits.self_collision.visual: {name!r} is not a link with a visual element; "
+                f"{valid_choices(name, seen)}"
+            )
+        for element in found[name]:
+            element.tag = "collision"
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryModel:
+    """One convex shape for each link with collision elements."""
+    packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
+    folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
+    try:
+        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders)
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"limits.self_collision: a collision element cannot be read: {error}") from error
+    elements: dict[int, list[pin.GeometryObject]] = {}
+    for element in read.geometryObjects:
+        elements.setdefault(element.parentFrame, []).append(element)
+    geometry = pin.GeometryModel()
+    for frame_id, own in elements.items():
+        frame = model.pinocchio.frames[frame_id]
+        if len(own) == 1 and isinstance(own[0].geometry, coal.ShapeBase):
+            shape, placement = own[0].geometry, own[0].placement
+        else:
+            points = np.vstack([_points(element) @ element.placement.rotation.T + element.placement.translation
+                                for element in own])  # fmt: skip
+            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit takes a shape's origin for its centre
+            shape, placement = _hull(points - middle, frame.name), pin.SE3(np.eye(3), middle)
+        geometry.addGeometryObject(pin.GeometryObject(frame.name, frame.parentJoint, frame_id, placement, shape))
+    return geometry
+
+
+def _points(element: pin.GeometryObject) -> Array:
+    """Points whose convex hull encloses an element, in its own frame, (n, 3) in m: a mesh's vertices, else its box."""
+    geometry = element.geometry
+    if isinstance(geometry, coal.BVHModelBase):
+        return np.array(geometry.vertices())
+    geometry.computeLocalAABB()
+    low, high = np.array(geometry.aabb_local.min_), np.array(geometry.aabb_local.max_)
+    corners = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
+    return np.asarray(low + corners * (high - low))
+
+
+def _hull(points: Array, link: str) -> coal.ConvexBase:
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(np.unique(points, axis=0)))
+    try:
+        return coal.Convex.convexHull(vertices, True, "Qt")
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(
+            f"limits.self_collision: the collision elements of link {link!r} have no convex hull: {error}"
+        ) from error
+
+
+def _joined(model: RobotModel, geometry: pin.GeometryModel, first: int, second: int) -> bool:
+    """Whether two shapes cannot move relative to each other, or one carries the other by one or two joints."""
+    a, b = (geometry.geometryObjects[i].parentJoint for i in (first, second))
+    parents = model.pinocchio.parents
+    carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
+    return bool(b in carriers[0] or a in carriers[1])
+
+
+def _named(pair: str, links: Sequence[str]) -> tuple[str, str]:
+    first, _, second = pair.partition("/")
+    for link in (first, second):
+        if link not in links:
+            raise ConfigurationError(
+                f"limits.self_collision.pairs: {pair!r}: {link!r} is not a link with a collision element; "
+                f"{valid_choices(link, links)}"
+            )
+    if first == second:
+        raise ConfigurationError(f"limits.self_collision.pairs: {pair!r} pairs a link with itself")
+    return first, second
+
+
+def _disabled(srdf: str) -> set[frozenset[str]]:
+    """Pairs of links whose collisions an SRDF disables."""
+    try:
+        root = ElementTree.fromstring(srdf)  # noqa: S314  # a file that the user names, as is the URDF
+    except ElementTree.ParseError as error:
+        raise ConfigurationError(f"limits.self_collision.srdf: not a usable SRDF: {error}") from error
+    return {
+        frozenset((element.get("link1", ""), element.get("link2", ""))) for element in root.iter("disable_collisions")
+    }
+
+
+def _drop_near(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:
+    """Take out the pairs that are nearer than the margin in the nominal posture, and name them."""
+    data, placements = model.pinocchio.createData(), geometry.createData()
+    pin.updateGeometryPlacements(model.pinocchio, data, geometry, placements, model.configuration(model.posture))
+    every = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # numbers: the pairs are views
+    near = [
+        pair
+        for i, pair in enumerate(every)
+        if not (pin.computeDistance(geometry, placements, i).min_distance >= margin)
+    ]
+    for first, second in near:
+        geometry.removeCollisionPair(pin.CollisionPair(first, second))
+    return tuple((geometry.geometryObjects[i].name, geometry.geometryObjects[j].name) for i, j in near)

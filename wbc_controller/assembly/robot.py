@@ -1,0 +1,38 @@
+"""From settings to the robot's model."""
+
+from __future__ import annotations
+
+from wbc_controller.assembly.robot_description import read_urdf, transmissions
+from wbc_controller.core.robot.from_urdf import build_model
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.passive import PassiveJoint
+from wbc_controller.settings import Settings
+
+
+def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
+    """Build the robot's model.
+
+    Args:
+        settings: the robot's settings.
+        urdf: the URDF's text, where it did not come from the settings.
+
+    Raises:
+        ConfigurationError: where the URDF and the settings do not fit.
+    """
+    robot = settings.robot
+    return build_model(
+        read_urdf(robot.urdf) if urdf is None else urdf,
+        robot.joints,
+        robot.posture,
+        floating_base=robot.base == "floating",
+        armature=robot.armature,
+        effort_limit_scale=robot.effort_limit_scale,
+        actuators=robot.actuators,
+        transmission=transmissions(robot),
+        passive_joints={
+            name: PassiveJoint(joint.stiffness, joint.damping, joint.rest)
+            for name, joint in robot.passive_joints.items()
+        },
+        locked_joints=robot.locked_joints,
+        commanded_by_joint=robot.command == "joints",
+    )

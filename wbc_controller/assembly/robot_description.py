@@ -1,0 +1,126 @@
+"""What can be known of a robot without Pinocchio, from the URDF's text and the settings; the waiting for the URDF."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from wbc_controller.core.robot.transmission import Drive, Transmission, make_drive
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.records import Array, frozen
+from wbc_controller.settings import RobotSettings
+from wbc_controller.settings.resources import locate
+
+_log = logging.getLogger(__name__)
+
+
+def read_urdf(urdf: str) -> str:
+    """Read the URDF that a configuration names.
+
+    Args:
+        urdf: value of ``robot.urdf``.
+
+    Raises:
+        ConfigurationError: where there is none.
+    """
+    if not urdf:
+        raise ConfigurationError(
+            "robot.urdf is empty and no URDF came on the topic robot_description; name a file, or publish it latched"
+        )
+    path: Path = locate(urdf)
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"robot.urdf = {urdf!r}: {path} cannot be read: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What a URDF and the settings say of a robot's actuators.
+
+    Attributes:
+        name: of the robot.
+        drive: the actuators.
+        effort_limits: largest torque of each that may be used, (na,) in N·m.
+    """
+
+    name: str
+    drive: Drive
+    effort_limits: Array
+
+
+def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
+    """The actuators of a robot that are not simply the motor of one joint, by name."""
+    return {
+        name: Transmission(given.ratios, given.effort_limit, given.rotor_inertia)
+        for name, given in robot.transmission.items()
+    }
+
+
+def describe(urdf: str, robot: RobotSettings) -> Description:
+    """Read a URDF's text.
+
+    Args:
+        urdf: text of the URDF.
+        robot: what the settings say of the robot.
+
+    Raises:
+        ConfigurationError: where the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
+    """
+    try:
+        tree = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own description, which the controller reads too
+    except ElementTree.ParseError as error:
+        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
+    efforts = []
+    for name in robot.joints:
+        if name not in limits:
+            raise ConfigurationError(
+                f"robot.joints: {name!r} is not a joint of the URDF; {valid_choices(name, limits)}"
+            )
+        limit = limits[name]
+        try:
+            efforts.append(float("" if limit is None else limit.get("effort", "")))
+        except ValueError:
+            efforts.append(math.nan)
+    drive = make_drive(
+        robot.joints,
+        np.array(efforts),
+        actuators=robot.actuators,
+        transmission=transmissions(robot),
+        passive=robot.passive_joints,
+        by_joint=robot.command == "joints",
+    )
+    return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
+
+
+def inertia_tensor(inertia: ElementTree.Element) -> Array:
+    """The tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
+    tensor = np.zeros((3, 3))
+    for row, column in ("xx", "yy", "zz", "xy", "xz", "yz"):
+        i, j = "xyz".index(row), "xyz".index(column)
+        tensor[i, j] = tensor[j, i] = float(inertia.get(f"i{row}{column}", "0"))
+    return tensor
+
+
+def some_body_has(moments: Array) -> bool:
+    """Whether a body has these principal moments, (3,) in rising order: none is more than the other two together."""
+    return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
+
+
+def impossible_inertias(urdf: str) -> list[str]:
+    """Name the links whose inertia no body has; Pinocchio does not look at it, and MuJoCo refuses it."""
+    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - as in `describe`
+    names = []
+    for link in links:
+        inertia = link.find("inertial/inertia")
+        if inertia is not None:
+            moments: Array = np.asarray(np.linalg.eigvalsh(inertia_tensor(inertia)), dtype=np.float64)
+            if not some_body_has(moments):
+                names.append(str(link.get("name")))
+    return names

@@ -1,0 +1,221 @@
+"""The cost of one priority: the weighted rows of its tasks, and the regularization."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from wbc_controller.core.arrays import as_slice
+from wbc_controller.core.program.layout import FORCE_UNIT, Layout
+from wbc_controller.core.program.problem import Level, Quadratic, Squares
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
+from wbc_controller.records import Array, References
+
+#: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
+ROTATION_LENGTH = 0.1
+
+
+@dataclass(slots=True)
+class _Plan:
+    """Where the cost of a level stands, for one set of made contacts and the tasks that weigh something.
+
+    Attributes:
+        level: with the cost that is to be posed.
+        squares: what that is made of.
+        kept: the rows of tasks.
+        rows: each task with rows, and the places of its J and its right side.
+        momentum: the same places of the momentum's rate; None where the base does not move.
+        single: each task on single accelerations, and their columns.
+        minus_shares: of each of these by what its right side makes the target, negated.
+        rests: and by what that, squared, makes the constant.
+        weights: those that the numbers are for.
+    """
+
+    level: Level
+    squares: Squares
+    kept: Array
+    rows: list[tuple[AccelerationTask, Array, Array]]
+    momentum: tuple[Array, Array] | None
+    single: list[tuple[AccelerationTask, np.ndarray | slice]]
+    minus_shares: list[Array] = field(default_factory=list)
+    rests: list[Array] = field(default_factory=list)
+    weights: Mapping[str, float] = field(default_factory=dict)
+
+
+class LevelCost:
+    """Fills one `Level`: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖².
+
+    Attributes:
+        level: the priority.
+        rows: largest number of rows that it fills.
+        errors: error of each acceleration task that took part in the last cycle.
+    """
+
+    def __init__(
+        self,
+        level: int,
+        tasks: Sequence[Task],
+        model: RobotModel,
+        *,
+        last: bool,
+        regularization_acceleration: float,
+        regularization_force: float,
+    ) -> None:
+        """Make a cost.
+
+        Args:
+            level: the priority.
+            tasks: all tasks of the controller; those of the level take part.
+            model: the robot's model.
+            last: whether no level is below, so that nothing has to be kept.
+            regularization_acceleration: ε_a.
+            regularization_force: ε_f.
+        """
+        own = [task for task in tasks if task.level == level]
+        self.level = level
+        self.errors: dict[str, Array] = {}
+        exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
+        # Rows that are single accelerations enter the diagonal alone, unless a level below has to keep them as rows, or
+        # another task has some of them there.
+        self._single: list[AccelerationTask] = []
+        free = np.ones(model.nv, dtype=np.bool_)
+        for task in exact:
+            if last and task.columns is not None and free[task.columns].all():
+                self._single.append(task)
+                free[task.columns] = False
+        self._exact = [task for task in exact if task not in self._single]
+        self._others = [task for task in own if task not in exact]
+        self._model = model
+        self._last = last
+        self._base = 6 if model.floating_base else 0
+        self._regularization = (regularization_acceleration, regularization_force * FORCE_UNIT**2)
+        scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3) * (regularization_acceleration**0.5 / model.mass)
+        self._momentum_slack = scale**-2
+        self._first = level == min(task.level for task in tasks)
+        self.rows = sum(task.dimension for task in self._exact) + 6
+        self._weights: dict[str, float] = {}
+        self._taking_part: tuple[str, ...] = ()
+        self._plans: dict[tuple[tuple[str, ...], tuple[str, ...]], _Plan] = {}
+
+    def fill(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
+        """Pose the cost of one cycle.
+
+        Args:
+            layout: with the equations of motion filled.
+            dynamics: the snapshot.
+            references: what is wanted, and how much.
+        """
+        wanted, weights = references.tasks, references.weights
+        if weights != self._weights:
+            self._weights = dict(weights)
+            # What NaN weighs takes part: it is found later.
+            self._taking_part = tuple(
+                task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0
+            )
+        key = (layout.key, self._taking_part)
+        plan = self._plans.get(key)
+        if plan is None:
+            plan = self._plans[key] = self._plan(layout)
+        if plan.weights is not self._weights:
+            self._weigh(plan)
+        errors = self.errors = {}
+        for task, rows, right in plan.rows:
+            rows[...], right[...], errors[task.name] = task.equation(dynamics, wanted[task.name])
+        if plan.momentum is not None:  # ḣ_G, for a base that moves
+            rows, right = plan.momentum
+            rows[...] = dynamics.centroidal_matrix
+            np.negative(dynamics.centroidal_drift, out=right)
+        squares = plan.squares
+        squares.constant = 0.0
+        for (task, columns), minus_share, rest in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
+            asked, errors[task.name] = task.right(dynamics, wanted[task.name])
+            squares.minus_target[columns] = minus_share * asked
+            squares.constant += 0.5 * float((rest * asked).dot(asked))
+        plan.level.cost.pose(squares)
+        if self._last and not self._others:
+            return plan.level  # of which nothing changes but its cost
+        level = replace(plan.level)
+        if not self._last:
+            level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
+        self._add_others(level, layout, dynamics, references)
+        return level
+
+    def _plan(self, layout: Layout) -> _Plan:
+        """Lay out the rows of the tasks that take part."""
+        problem, nv, n, base = layout.problem, self._model.nv, layout.problem.n, self._base
+        with_rows = [task for task in self._exact if task.name in self._taking_part]
+        single = [task for task in self._single if task.name in self._taking_part]
+        end = sum(task.dimension for task in with_rows)
+        count = end + base
+        # The first level has its rows above the equalities: the solver reads both.
+        top, stop = problem.room - count, problem.room + len(problem.b)
+        stack = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
+        rows, start = [], 0
+        for task in with_rows:
+            rows.append((task, stack[start : start + task.dimension, :nv], stack[start : start + task.dimension, n]))
+            start += task.dimension
+        minus_target = np.zeros(n + 1)
+        minus_target[-1] = 1.0
+        cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
+        return _Plan(
+            level=Level(self._taking_part, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
+            kept=stack[:end, :n],
+            squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
+            rows=rows,
+            momentum=(stack[end:count, :nv], stack[end:count, n]) if base else None,
+            single=[(task, as_slice(np.arange(nv)[task.columns])) for task in single],
+        )
+
+    def _weigh(self, plan: _Plan) -> None:
+        """Take over the weights."""
+        weights, squares, base = self._weights, plan.squares, self._base
+        plan.weights = weights
+        end = 0
+        for task, _, right in plan.rows:
+            start, end = end, end + len(right)
+            squares.slack[start:end] = 1.0 / weights[task.name]
+        squares.slack[end:] = self._momentum_slack[: len(squares.slack) - end]
+        nj = self._model.nv - base
+        squares.diagonal[:nj], squares.diagonal[nj:] = self._regularization
+        plan.minus_shares, plan.rests = [], []
+        for task, columns in plan.single:
+            # With w of the task and ε of what is there, ½ w (x - b)² + ½ ε x² is ½ (w + ε) (x - t)² and a rest of
+            # ½ b² ε w / (w + ε), where t = b w / (w + ε).
+            weight, places = weights[task.name], as_slice(np.arange(self._model.nv)[columns] - base)
+            there = np.array(squares.diagonal[places])
+            plan.minus_shares.append(-weight / (weight + there))
+            plan.rests.append(weight * there / (weight + there))
+            squares.diagonal[places] += weight
+        # A new array: who keeps what it knows of these weights sees that they are others.
+        squares.inverse = np.zeros(len(squares.inverse))
+        squares.inverse[base:-1] = 1.0 / squares.diagonal
+
+    def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:
+        """Add the tasks on forces and torques, and those with a tolerance."""
+        nv, n = self._model.nv, layout.problem.n
+        for task in self._others:
+            weight = references.weights.get(task.name, 0.0)
+            if weight <= 0.0:
+                continue
+            reference = references.tasks[task.name]
+            if isinstance(task, AccelerationTask):
+                J, right, self.errors[task.name] = task.equation(dynamics, reference)
+                rows = np.hstack([J, np.zeros((len(J), n - nv))])
+            elif isinstance(task, EffortTask) and (equation := task.equation(layout, reference)) is not None:
+                rows, right = equation
+            else:
+                continue
+            scale = weight**0.5
+            level.tasks += (task.name,)
+            rows, right = scale * rows, scale * right
+            if task.tolerance is not None:
+                band = scale * task.band()
+                level.G = np.vstack([level.G, rows])
+                level.lower = np.concatenate([level.lower, right - band])
+                level.upper = np.concatenate([level.upper, right + band])
+                continue
+            level.add(rows, right, kept=not self._last)

@@ -1,0 +1,243 @@
+"""The quadratic program of one cycle, filled: cost, equations of motion, contacts, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
+from wbc_controller.core.program.anchors import pull
+from wbc_controller.core.program.cost import LevelCost
+from wbc_controller.core.program.layout import FORCE_UNIT, Layout
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tasks import EffortTask, Task
+from wbc_controller.records import Array, References, RobotState, Tuning
+
+#: Weight of what relaxed limits ask for, (m/s²)⁻².
+_RELAXED = 1.0e4
+
+
+class Formulation:
+    """Turns a state and references into a quadratic program; solving it is another matter (`controller`).
+
+    Attributes:
+        model: the robot's model.
+        dynamics: the snapshot of the last cycle.
+        tasks: the tasks, by name.
+        contacts: the contacts, by name.
+        effort_tasks: those of the tasks that are about forces or torques.
+        torque_limit: bounds of the torques.
+        motion_limit: bounds of the joints' accelerations.
+        row_limits: bounds of other combinations of v̇.
+        period: time between cycles, s.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        tasks: Sequence[Task],
+        contacts: Sequence[Contact],
+        torque_limit: TorqueLimit,
+        motion_limit: JointMotionLimit,
+        row_limits: Sequence[RowLimit] = (),
+        *,
+        period: float,
+        regularization_acceleration: float = 1.0e-5,
+        regularization_force: float = 1.0e-6,
+    ) -> None:
+        """Make a formulation.
+
+        Args:
+            model: the robot's model.
+            tasks: what is wanted.
+            contacts: what may carry force.
+            torque_limit: bounds of the torques.
+            motion_limit: bounds of the joints' accelerations.
+            row_limits: bounds of other combinations of v̇.
+            period: time between cycles, s.
+            regularization_acceleration: ε_a.
+            regularization_force: ε_f.
+        """
+        self.model = model
+        self.dynamics = Dynamics(model)
+        self.tasks: Mapping[str, Task] = {task.name: task for task in tasks}
+        self.contacts: Mapping[str, Contact] = {contact.name: contact for contact in contacts}
+        self.torque_limit = torque_limit
+        self.motion_limit = motion_limit
+        self.row_limits = tuple(row_limits)
+        self.period = period
+        self.effort_tasks = tuple(task for task in tasks if isinstance(task, EffortTask))
+        self._tuning: Tuning | None = None
+        self._layouts: dict[tuple[str, ...], Layout] = {}
+        levels = sorted({task.level for task in tasks})
+        self._costs = [
+            LevelCost(
+                level,
+                tasks,
+                model,
+                last=level == levels[-1],
+                regularization_acceleration=regularization_acceleration,
+                regularization_force=regularization_force,
+            )
+            for level in levels
+        ]
+
+    @cached_property
+    def has_priorities(self) -> bool:
+        """Whether one quadratic program is not enough: there are levels, or tolerances."""
+        return len(self._costs) > 1 or any(task.tolerance is not None for task in self.tasks.values())
+
+    def layout(self, names: tuple[str, ...]) -> Layout:
+        """Columns, rows and arrays of the problem with one set of made contacts."""
+        if names not in self._layouts:
+            contacts = [self.contacts[name] for name in names]
+            self._layouts[names] = Layout(self.model, contacts, self.row_limits, self._costs[0].rows)
+        return self._layouts[names]
+
+    def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
+        """Compute the dynamics and fill the problem.
+
+        Args:
+            state: where the robot is.
+            references: what is wanted.
+            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
+
+        Returns:
+            The layout, whose `problem` is ready to be solved, looked at or dumped.
+        """
+        if references.tuning is not None and references.tuning is not self._tuning:
+            self._tune(references.tuning)
+        self.dynamics.update(state.q, state.v)
+        activations = references.contacts
+        made = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
+        layout = self.layout(tuple(made))
+        self._fill_contacts(layout, references)
+        self._fill_equations_of_motion(layout, references, tau_before)
+        self._fill_cost(layout, references)
+        self._fill_joint_motion(layout)
+        self._fill_row_limits(layout)
+        return layout
+
+    def _tune(self, tuning: Tuning) -> None:
+        """Take over other gains and limits."""
+        self._tuning = tuning
+        for name, gains in tuning.gains.items():
+            for key, value in gains.items():
+                setattr(self.tasks[name], key, value)
+        motion = self.motion_limit
+        self.motion_limit = JointMotionLimit.of(
+            self.model, tuning, position=motion.position_lower is not None, velocity=motion.velocity is not None
+        )
+        torque = self.torque_limit
+        self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
+
+    def _fill_cost(self, layout: Layout, references: References) -> None:
+        layout.levels = [cost.fill(layout, self.dynamics, references) for cost in self._costs]
+
+    @property
+    def task_errors(self) -> dict[str, Array]:
+        """Error of each task on accelerations that took part in the last cycle, as a new dictionary."""
+        errors: dict[str, Array] = {}
+        for cost in self._costs:
+            errors |= cost.errors
+        return errors
+
+    def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
+        dynamics, actuation = self.dynamics, self.model.actuation
+        layout.dynamics_motion[:] = actuation.split(dynamics.M)
+        np.multiply(actuation.split(layout.J.T), -FORCE_UNIT, out=layout.dynamics_forces)
+        bias = actuation.split(self.bias(references))
+        np.negative(bias[: actuation.free], out=layout.minus_free_bias)
+        layout.torque_bias = bias[actuation.free :]
+        lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
+        np.subtract(lower, layout.torque_bias, out=layout.torque_lower)
+        np.subtract(upper, layout.torque_bias, out=layout.torque_upper)
+
+    def bias(self, references: References) -> Array:
+        """Bias forces less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
+        if not references.external_wrenches:
+            return self.dynamics.h
+        h = np.array(self.dynamics.h)
+        for frame, wrench in references.external_wrenches.items():
+            h -= self.dynamics.external_force(frame, wrench)
+        return h
+
+    def _fill_contacts(self, layout: Layout, references: References) -> None:
+        dynamics = self.dynamics
+        for place in layout.places:
+            contact = place.contact
+            place.J[:] = contact.jacobian(dynamics)
+            place.acceleration[:] = contact.acceleration_at_rest(dynamics)
+            bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
+            if bounds is not place.bounds:
+                np.divide(bounds[0], FORCE_UNIT, out=place.lower)
+                np.divide(bounds[1], FORCE_UNIT, out=place.upper)
+                place.bounds = bounds
+        motion = layout.contact_motion
+        motion -= layout.damping * layout.J.dot(dynamics.v)
+        if layout.anchored:
+            motion += pull(layout, dynamics, references.anchors)
+
+    def _fill_joint_motion(self, layout: Layout) -> None:
+        problem, dynamics, model = layout.problem, self.dynamics, self.model
+        bounds = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
+        if bounds is not layout.motion_bounds:  # they do not always depend on the state
+            problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
+            layout.motion_bounds = bounds
+
+    def _fill_row_limits(self, layout: Layout) -> None:
+        problem = layout.problem
+        for limit, rows in zip(self.row_limits, layout.limits, strict=True):
+            limit.fill(
+                self.dynamics,
+                self.period,
+                problem.C[rows, : self.model.nv],
+                problem.lower[rows],
+                problem.upper[rows],
+            )
+            layout.relabel(rows, limit.names)
+
+    def effort_bounds(self, references: References) -> tuple[Array, Array]:
+        """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
+        actuation = self.model.actuation
+        lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
+        h = actuation.torques(self.bias(references))
+        return lower - h, upper - h
+
+    def relaxable(self, layout: Layout) -> tuple[str, ...]:
+        """What `relax` can take out of a built problem, in the order in which it may give."""
+        problem = layout.problem
+        kinds = (
+            limit.kind
+            for limit, rows in zip(layout.row_limits, layout.limits, strict=True)
+            if np.isfinite(problem.lower[rows]).any() or np.isfinite(problem.upper[rows]).any()
+        )
+        return (*kinds, "joint_motion", "torque_rate")
+
+    def relax(self, layout: Layout, what: str, references: References) -> None:
+        """Take ``joint_motion``, the ``torque_rate`` or a kind of row limits out of a built problem.
+
+        Rows of v̇ that ask for more than zero become part of the cost, far above the tasks: what can be had of them
+        still is.
+        """
+        problem = layout.problem
+        if what == "joint_motion":
+            problem.x_lower[layout.joints] = -np.inf
+            problem.x_upper[layout.joints] = np.inf
+            layout.motion_bounds = None
+        elif what != "torque_rate":
+            for limit, rows in zip(layout.row_limits, layout.limits, strict=True):
+                if limit.kind == what:
+                    lower, upper = problem.lower[rows], problem.upper[rows]
+                    wanted = np.where(lower > 0.0, lower, np.where(upper < 0.0, upper, np.nan))
+                    there = np.isfinite(wanted)
+                    scale, below = _RELAXED**0.5, len(layout.levels) > 1
+                    layout.levels[0].add(scale * problem.C[rows][there], scale * wanted[there], kept=below)
+                    problem.lower[rows] = -np.inf
+                    problem.upper[rows] = np.inf
+        else:
+            layout.torque_lower[:], layout.torque_upper[:] = self.effort_bounds(references)

@@ -1,0 +1,176 @@
+"""Where each quantity stands in the quadratic program of one cycle.
+
+The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly, τ = T (M v̇ + h - Jᵀ f), so that
+bounds of τ are rows in x (`actuation.Actuation`).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.core.contacts import AnchoredContact, Contact
+from wbc_controller.core.limits import RowLimit
+from wbc_controller.core.program.problem import Level, QuadraticProgram
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.records import Array
+
+#: Forces in the problem are in units of 100 N (and 100 N·m), so that all unknowns are of one size. Without it the
+#: first-order solvers lose two digits and ProxQP takes feasible problems for infeasible.
+FORCE_UNIT = 100.0
+
+
+@dataclass(slots=True)
+class ContactPlace:
+    """Where one contact stands in the problem; the arrays are parts of the problem's.
+
+    Attributes:
+        contact: the contact.
+        motion: its rows in A and b, which are those of its force in the generalized forces too.
+        J: of these the Jacobian, (k, nv).
+        acceleration: of these what J v̇ has to be, (k,).
+        cone: its rows in C.
+        columns: its force in x.
+        lower: bounds of that, (k,).
+        upper: likewise.
+        bounds: those that stand there; None where there are others.
+    """
+
+    contact: Contact
+    motion: slice
+    J: Array
+    acceleration: Array
+    cone: slice
+    columns: slice
+    lower: Array
+    upper: Array
+    bounds: tuple[Array, Array] | None = None
+
+
+class Layout:
+    """Where each quantity stands in the problem, for one set of made contacts.
+
+    Attributes:
+        problem: the problem's arrays.
+        places: where each made contact stands, in order.
+        J: the Jacobians of all of them, (nf, nv).
+        contact_motion: what J v̇ has to be, (nf,).
+        damping: D of each of these rows, 1/s, (nf,).
+        mechanism: rows of A that always hold: joints that follow others, and the unactuated part of the equations of
+            motion.
+        dynamics_motion: of v̇ in the unactuated part of the equations of motion and, below it, in the torques, as
+            `Actuation.split` has them, (free + na, nv).
+        dynamics_forces: the same of the forces, (free + na, nf).
+        minus_free_bias: what the unactuated part has to be, (free,).
+        torque: rows of C of the torque bounds.
+        torque_lower: of these the lower bounds, (na,).
+        torque_upper: likewise.
+        row_limits: the limits on combinations of v̇.
+        limits: for each of these, its rows of C.
+        joints: columns of x of the joints' accelerations, (nj,).
+        torque_bias: of the torques, what the rows of C leave out, (na,) in N·m: τ = C x + this.
+        levels: the cost, by priority; `H` and `g` of the problem are those of the first.
+        key: names of the made contacts.
+        labels: for each bound of x and row of C the names of its lower and of its upper bound, and their unit in the
+            problem's.
+    """
+
+    def __init__(
+        self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
+    ) -> None:
+        nv, na, free = model.nv, model.na, model.actuation.free
+        coupling = model.actuation.C
+        self.key = tuple(contact.name for contact in contacts)
+        nf = sum(contact.size for contact in contacts)
+        self.mechanism = slice(nf, nf + len(coupling) + free)
+        self.torque = slice(0, na)
+        self.joints = model.v_index
+        inequality = na + sum(len(contact.cone) for contact in contacts)
+        self.limits: list[slice] = []
+        self.row_limits = tuple(limits)
+        for limit in limits:
+            self.limits.append(slice(inequality, inequality + len(limit.names)))
+            inequality += len(limit.names)
+        self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows)
+        problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
+        self.J = problem.A[:nf, :nv]
+        self.contact_motion = problem.b[:nf]
+        self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
+        self.places: list[ContactPlace] = []
+        row, cone = 0, na
+        for contact in contacts:
+            motion, columns = slice(row, row + contact.size), slice(nv + row, nv + row + contact.size)
+            rows = slice(cone, cone + len(contact.cone))
+            lower, upper = problem.bounds[:, columns]
+            self.places.append(
+                ContactPlace(contact, motion, self.J[motion], problem.b[motion], rows, columns, lower, upper)
+            )
+            problem.C[rows, columns] = contact.cone
+            problem.upper[rows] = 0.0
+            row, cone = motion.stop, rows.stop
+        #: The contacts that go back to where they were made, and their rows of J.
+        self.anchored = tuple(
+            (place.contact, place.motion)
+            for place in self.places
+            if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
+        )
+        # The rows of the torques follow those without actuators: one product or copy makes both.
+        first = problem.room + self.mechanism.stop - free
+        self.dynamics_motion = problem.memory[first : first + free + na, :nv]
+        self.dynamics_forces = problem.memory[first : first + free + na, nv:-1]
+        self.minus_free_bias = problem.b[self.mechanism.stop - free :]
+        self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
+        self.torque_bias = np.zeros(na)
+        self.levels: list[Level] = []
+        #: Bounds of the joints' accelerations that stand in the problem.
+        self.motion_bounds: tuple[Array, Array] | None = None
+        self.labels = self._labels(model)
+
+    def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
+        n = self.problem.n
+        labels = [("", "", 1.0)] * self.problem.bounds.shape[1]
+
+        def label(start: int, stop: int, name: str, unit: float) -> None:
+            labels[start:stop] = [(f"{name}:lower", f"{name}:upper", unit)] * (stop - start)
+
+        for row, actuator in enumerate(model.actuators, n + self.torque.start):
+            label(row, row + 1, f"torque:{actuator}", 1.0)
+        for column, joint in zip(self.joints.tolist(), model.joints, strict=True):
+            label(column, column + 1, f"motion:{joint}", 1.0)
+        for place in self.places:
+            name, start, cone = place.contact.name, place.columns.start, place.cone
+            for kind, first, last in place.contact.bound_groups:
+                label(start + first, start + last, f"{kind}:{name}", FORCE_UNIT)
+            labels[n + cone.start : n + cone.stop] = [("", f"cone:{name}", FORCE_UNIT)] * (cone.stop - cone.start)
+        for limit, rows in zip(self.row_limits, self.limits, strict=True):
+            labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
+        return labels
+
+    @property
+    def torque_map(self) -> tuple[Array, Array]:
+        """R (na, n) and r (na,), so that τ = R x + r in N·m (`tasks.Efforts`)."""
+        return self.problem.C[self.torque], self.torque_bias
+
+    def force_map(self, contact: str) -> Array | None:
+        """R (k, n), so that the contact's force in N and N·m is R x; None while it is not active (`tasks.Efforts`)."""
+        if contact not in self.key:
+            return None
+        columns = self.places[self.key.index(contact)].columns
+        rows = np.zeros((columns.stop - columns.start, self.problem.n))
+        np.fill_diagonal(rows[:, columns], FORCE_UNIT)
+        return rows
+
+    def snapshot(self) -> Layout:
+        """The same with a problem of its own, which later cycles leave alone; `places` are parts of this one's."""
+        kept = copy.copy(self)
+        kept.problem, kept.torque_bias = self.problem.copy(), np.array(self.torque_bias)
+        return kept
+
+    def relabel(self, rows: slice, names: Sequence[str]) -> None:
+        """Name some rows of C anew; who has the labels of a cycle before keeps them."""
+        n = self.problem.n
+        self.labels = self.labels.copy()
+        self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]

@@ -1,0 +1,263 @@
+"""A quadratic program, as data: `formulation` fills it, `solvers` solve it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wbc_controller.core.arrays import largest, smallest, sum_of_squares
+from wbc_controller.records import Array
+
+
+@dataclass(slots=True)
+class Squares:
+    """A cost as it is made, ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant.
+
+    So H = Rᵀ w R + diag(d), and g = -Rᵀ w r - d t.
+
+    Attributes:
+        stack: [R, r] and below it the equalities, [A, b], (k + m_eq, n + 1).
+        slack: 1 / w, (k,).
+        first: how many columns come first that have no d and t. As many of the last equalities determine them: these
+            are invertible there.
+        diagonal: d of the other columns, (n - first,), positive.
+        inverse: 1 / d, and 0 for the first columns and that of the right sides, (n + 1,).
+        minus_target: -t, 0 for the first columns, and 1 for that of the right sides, (n + 1,).
+        constant: what is left when all squares are zero.
+    """
+
+    stack: Array
+    slack: Array
+    first: int
+    diagonal: Array
+    inverse: Array
+    minus_target: Array
+    constant: float = 0.0
+
+
+class Quadratic:
+    """½ xᵀHx + gᵀx + constant, of which H and g are not formed before they are asked for.
+
+    Mostly the squares that it is made of are enough.
+
+    Attributes:
+        squares: what it is made of; None where that is H and g themselves.
+        formed: whether H and g are there.
+    """
+
+    __slots__ = ("_H", "_constant", "_g", "formed", "squares")
+
+    def __init__(self, H: Array, g: Array, constant: float = 0.0) -> None:
+        self._H = H
+        self._g = g
+        self._constant = constant
+        self.squares: Squares | None = None
+        self.formed = True
+
+    def pose(self, squares: Squares) -> None:
+        """Take another cost, made of squares."""
+        self.squares = squares
+        self.formed = False
+
+    def _form(self) -> None:
+        squares = self.squares
+        if self.formed or squares is None:
+            return
+        first, target = squares.first, -squares.minus_target[squares.first : -1]
+        rows = squares.stack[: len(squares.slack)]
+        R, r = rows[:, :-1], rows[:, -1]
+        weighted = R.T / squares.slack
+        np.matmul(weighted, R, out=self._H)
+        self._H.reshape(-1)[first * (len(self._g) + 1) :: len(self._g) + 1] += squares.diagonal
+        np.negative(weighted.dot(r), out=self._g)
+        self._g[first:] -= squares.diagonal * target
+        squared = float((r / squares.slack).dot(r) + (squares.diagonal * target).dot(target))
+        self._constant = squares.constant + 0.5 * squared
+        self.formed = True
+
+    @property
+    def H(self) -> Array:
+        """(n, n), symmetric positive definite."""
+        self._form()
+        return self._H
+
+    @property
+    def g(self) -> Array:
+        """(n,)."""
+        self._form()
+        return self._g
+
+    @property
+    def constant(self) -> float:
+        """What makes it the sum of squares that it is."""
+        self._form()
+        return self._constant
+
+    def add(self, rows: Array, right: Array) -> None:
+        """Add ½ ‖rows x - right‖², in place: rows (k, n), right (k,)."""
+        self._form()
+        self.squares = None
+        self._H += rows.T @ rows
+        self._g -= rows.T @ right
+        self._constant += 0.5 * float(right @ right)
+
+    def value(self, x: Array) -> float:
+        """The cost of x, (n,)."""
+        return float(0.5 * x @ self.H @ x + self.g @ x) + self.constant
+
+
+@dataclass(slots=True)
+class QuadraticProgram:
+    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
+
+    The arrays are filled anew in every cycle; a solver may read them, and must not keep them.
+
+    Attributes:
+        cost: ½ xᵀHx + gᵀx.
+        bounds: lower and upper bounds of x and C x in one, (2, n + m_in); -inf and inf where there is none.
+        memory: room for rows of the cost, and below it those of A, with b in the last column, and of C: what is needed
+            together is together, (room + m_eq + m_in, n + 1).
+        room: how many rows the first are.
+        n: number of unknowns.
+        A: the part of the memory, (m_eq, n).
+        b: likewise, (m_eq,).
+        C: likewise, (m_in, n).
+        lower: the part of the bounds for C x, (m_in,).
+        upper: likewise.
+        x_lower: the part of it for x, (n,).
+        x_upper: likewise.
+    """
+
+    cost: Quadratic
+    bounds: Array
+    memory: Array
+    room: int
+    n: int = field(init=False)
+    A: Array = field(init=False)
+    b: Array = field(init=False)
+    C: Array = field(init=False)
+    lower: Array = field(init=False)
+    upper: Array = field(init=False)
+    x_lower: Array = field(init=False)
+    x_upper: Array = field(init=False)
+    _constraints: Array = field(init=False)
+    _lower: Array = field(init=False)
+    _upper: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        n = self.n = int(self.memory.shape[1]) - 1
+        self._lower, self._upper = self.bounds
+        self.x_lower, self.x_upper = self.bounds[:, :n]
+        self.lower, self.upper = self.bounds[:, n:]
+        rows = self.memory[self.room :]
+        equalities = len(rows) - len(self.lower)
+        self.A, self.b = rows[:equalities, :n], rows[:equalities, n]
+        self.C = rows[equalities:, :n]
+        self._constraints = rows[:, :n]
+
+    @classmethod
+    def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0) -> QuadraticProgram:
+        """Allocate a problem without bounds, with room for some rows of the cost."""
+        return cls(
+            Quadratic(np.zeros((n, n)), np.zeros(n)),
+            np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
+            np.zeros((room + equalities + inequalities, n + 1)),
+            room,
+        )
+
+    def copy(self) -> QuadraticProgram:
+        """A copy that the next cycle does not overwrite."""
+        cost = Quadratic(self.H.copy(), self.g.copy(), self.cost.constant)
+        return QuadraticProgram(cost, self.bounds.copy(), self.memory[self.room :].copy(), 0)
+
+    @property
+    def H(self) -> Array:
+        """(n, n), symmetric positive definite."""
+        return self.cost.H
+
+    @property
+    def g(self) -> Array:
+        """(n,)."""
+        return self.cost.g
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all entries are finite, and no bound is NaN."""
+        squares = sum(sum_of_squares(part) for part in (self.H, self.g, self.memory[self.room :]))
+        return math.isfinite(squares) and not np.isnan(self.bounds).any()
+
+    def residuals(self, x: Array) -> Residuals:
+        """How well x meets the constraints."""
+        n, m = self.n, len(self.b)
+        products = self._constraints.dot(x)
+        value = np.empty(n + len(products) - m)
+        value[:n], value[n:] = x, products[m:]
+        above, below = value - self._lower, self._upper - value
+        equalities = np.abs(products[:m] - self.b)
+        least, other = smallest(above), smallest(below)  # NaN where one is
+        if not (least <= other or least != least):
+            least = other
+        off = largest(equalities) if m else 0.0
+        violation = max(0.0, -least, off) if least == least and off == off else math.nan  # max loses a NaN
+        return Residuals(value, equalities, above, below, least, violation)
+
+    def violation(self, x: Array) -> float:
+        """Largest amount by which x breaks a constraint; NaN where x has one."""
+        return self.residuals(x).violation
+
+
+@dataclass(slots=True)
+class Residuals:
+    """How well a point meets the constraints.
+
+    Attributes:
+        value: x and C x in one, (n + m_in,).
+        equalities: |A x - b|, (m_eq,).
+        above: how far x and C x are above their lower bounds, (n + m_in,); negative below.
+        below: how far they are below their upper bounds, likewise.
+        least_room: the smallest of both.
+        violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
+    """
+
+    value: Array
+    equalities: Array
+    above: Array
+    below: Array
+    least_room: float
+    violation: float
+
+
+@dataclass(slots=True)
+class Level:
+    """What the tasks of one priority ask for: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper.
+
+    Attributes:
+        tasks: names of the tasks that take part in this cycle.
+        cost: ½ xᵀHx + gᵀx + constant, the regularization included, so that H is positive definite.
+        kept: rows of the tasks' least-squares problem, weighted, (r, n): what no level below may change. Empty where
+            there is no level below.
+        G: rows of the tasks with a tolerance, weighted, (k, n).
+        lower: (k,).
+        upper: (k,).
+    """
+
+    tasks: tuple[str, ...]
+    cost: Quadratic
+    kept: Array
+    G: Array
+    lower: Array
+    upper: Array
+
+    def add(self, rows: Array, right: Array, *, kept: bool) -> None:
+        """Add ½ ‖rows x - right‖² to the cost, in place: rows (k, n), right (k,).
+
+        Args:
+            rows: weighted.
+            right: weighted.
+            kept: whether there is a level below, which may not change them.
+        """
+        self.cost.add(rows, right)
+        if kept:
+            self.kept = np.vstack([self.kept, rows])

@@ -1,0 +1,138 @@
+"""From the minimizer of the quadratic program to the solution, with residuals and what binds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, TypedDict
+
+import numpy as np
+
+from wbc_controller.core.program.formulation import Formulation
+from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
+from wbc_controller.core.program.problem import Residuals
+from wbc_controller.records import Array, References, freeze, frozen_mapping
+
+#: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
+_BINDING = 1.0e-5
+#: Largest size of a bound, so that one at infinity is never binding.
+_LARGEST = 1.0e9
+_NONE: Mapping[str, Array] = MappingProxyType({})
+
+
+class _Read(Mapping[str, Any]):
+    """A read-only mapping that is made when somebody reads it: mostly nobody does, and the torques need not wait."""
+
+    __slots__ = ("_made", "_make", "_parts")
+
+    def __init__(self, make: Callable[..., dict[str, Any]], *parts: Any) -> None:
+        """Keep what it is to be made of, which must not change any more."""
+        self._make = make
+        self._parts = parts
+        self._made: dict[str, Any] | None = None
+
+    def _all(self) -> dict[str, Any]:
+        if self._made is None:
+            self._made = self._make(*self._parts)
+        return self._made
+
+    def __getitem__(self, key: str) -> Any:
+        return self._all()[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+    def __repr__(self) -> str:
+        return repr(self._all())
+
+
+class Unpacked(TypedDict):
+    """What of a `Solution` follows from the minimizer."""
+
+    v_dot: Array
+    tau: Array
+    forces: Mapping[str, Array]
+    residuals: Mapping[str, float]
+    task_errors: Mapping[str, float]
+    binding: Mapping[str, float]
+    external_wrenches: Mapping[str, Array]
+
+
+def unpack(
+    formulation: Formulation,
+    layout: Layout,
+    x: Array,
+    multipliers: Array,
+    residuals: Residuals,
+    references: References,
+) -> Unpacked:
+    """Read a minimizer.
+
+    Args:
+        formulation: that built the problem.
+        layout: with the problem, as it was given to the solver.
+        x: the minimizer, (n,).
+        multipliers: of the bounds of x and the rows of C, (n + m_in,), as in `solvers.Answer`.
+        residuals: of the problem's constraints at x.
+        references: that the problem was built for.
+    """
+    nv, n = formulation.model.nv, len(x)
+    x = freeze(x)
+    errors = formulation.task_errors
+    for task in formulation.effort_tasks:
+        if references.weights.get(task.name, 0.0) > 0.0:
+            equation = task.equation(layout, references.tasks[task.name])
+            if equation is not None:
+                errors[task.name] = equation[0] @ x - equation[1]
+    return {
+        "v_dot": x[:nv],
+        "tau": freeze(residuals.value[n : n + len(layout.torque_bias)] + layout.torque_bias),
+        "forces": _Read(_forces, layout.places, x[nv:]),
+        "residuals": _Read(_violations, residuals, layout.mechanism.start),
+        "task_errors": _Read(_norms, errors),
+        "binding": _Read(_binding, layout.labels, residuals, multipliers),
+        "external_wrenches": frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
+    }
+
+
+def _forces(places: Sequence[ContactPlace], f: Array) -> dict[str, Array]:
+    """The force of each contact, (k,) in N and N·m."""
+    forces = freeze(FORCE_UNIT * f)
+    return {place.contact.name: forces[place.motion] for place in places}
+
+
+def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
+    """The largest of each group of constraints."""
+    equalities = residuals.equalities.tolist()
+    return {
+        "equations_of_motion": max(equalities[contact_rows:], default=0.0),
+        "contact_motion": max(equalities[:contact_rows], default=0.0),
+        "inequalities": max(0.0, -residuals.least_room),
+    }
+
+
+def _norms(errors: Mapping[str, Array]) -> dict[str, float]:
+    """Of tasks on accelerations how far the state is from the reference; of those on efforts how far the answer is."""
+    return {name: math.sqrt(error.dot(error)) for name, error in errors.items()}
+
+
+def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
+    """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
+    # Mostly none does, and that is seen at once: no bound that is close to its value is larger than about the largest,
+    # and none of these is larger than their norm.
+    value = residuals.value
+    if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
+        return {}
+    room = np.array([residuals.above, residuals.below])
+    bounds = np.abs([value - room[0], value + room[1]])
+    sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
+    found: dict[str, float] = {}
+    for side, row in zip(sides.tolist(), rows.tolist(), strict=True):
+        name, unit = labels[row][side], labels[row][2]
+        if name:
+            found[name] = found.get(name, 0.0) + abs(float(multipliers[row])) / unit
+    return found

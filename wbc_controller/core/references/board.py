@@ -1,0 +1,260 @@
+"""What the commands have set so far, and its value at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wbc_controller.core.contacts import AnchoredContact
+from wbc_controller.core.references.changes import (
+    Change,
+    EnableContact,
+    EnableTask,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.core.references.trajectories import Knot, SoftRamp, Trajectory
+from wbc_controller.core.references.tuning import TuningRamp
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.tasks import Task
+from wbc_controller.errors import InputRefused
+from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
+
+
+@dataclass(frozen=True, slots=True)
+class TaskPlan:
+    """How one task's references move.
+
+    Attributes:
+        task: the task.
+        weight: weight when it is enabled.
+        enabled: whether it is on at activation.
+        setpoint_duration: time in which a new setpoint is reached, s.
+    """
+
+    task: Task
+    weight: float
+    enabled: bool
+    setpoint_duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class ContactPlan:
+    """How one contact is made and broken.
+
+    Attributes:
+        enabled: whether it is made at activation.
+        ramp: time in which it is loaded or unloaded, s.
+        anchored: the contact, where it goes back to where it was made.
+    """
+
+    enabled: bool
+    ramp: float
+    anchored: AnchoredContact | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPlan:
+    """How everything on a board moves.
+
+    Attributes:
+        tasks: by name.
+        contacts: by name.
+        weight_ramp: time in which new weights, gains and limits are reached, s.
+        tuning: gains and limits.
+    """
+
+    tasks: Mapping[str, TaskPlan]
+    contacts: Mapping[str, ContactPlan]
+    weight_ramp: float
+    tuning: Tuning
+
+
+class ReferenceBoard:
+    """Holds trajectories and ramps; changes are applied between cycles, all of a set or none of it."""
+
+    def __init__(self, plan: BoardPlan) -> None:
+        """Make a board.
+
+        Args:
+            plan: how everything on it moves.
+        """
+        self.plans = plan.tasks
+        self.contact_plans = plan.contacts
+        self._weight_ramp = plan.weight_ramp
+        self._tuning = TuningRamp.at(plan.tuning)
+        self._weights = {name: plan.weight for name, plan in self.plans.items()}
+        self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
+        self._weight_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
+        self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self._anchors: Mapping[str, Array] = {}
+        self._trajectories: dict[str, Trajectory] = {}
+        # What tasks that are switched off should do when they are switched on.
+        self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
+        self._wrenches: dict[str, Array] = {}
+
+    def reset(self, dynamics: Dynamics, time: float) -> None:
+        """Start from the present state: references and contacts are where the robot is, contacts as configured."""
+        for name, plan in self.plans.items():
+            self._enabled[name] = plan.enabled
+            self._weights[name] = plan.weight
+            weight = plan.weight if plan.enabled else 0.0
+            self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
+            self._trajectories[name] = _stay(plan.task.rest(dynamics), time)
+        for name, contact in self.contact_plans.items():
+            self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
+            self._anchor(name, dynamics)
+        self._goals.clear()
+        self._wrenches.clear()
+        self._tuning = TuningRamp.at(self._tuning.after)
+
+    def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
+        """Go over to another plan for the same tasks and contacts: to what is new in it along ramps.
+
+        Args:
+            plan: the new plan.
+            dynamics: as in `apply`.
+            time: s, on the clock of the states; None while the references are not followed.
+        """
+        before, contacts_before = self.plans, self.contact_plans
+        self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
+        if time is None:
+            self._tuning = TuningRamp.at(plan.tuning)
+            return
+        self._tuning = self._tuning.towards(plan.tuning, time, plan.weight_ramp)
+        for name, task in plan.tasks.items():
+            if task.weight != before[name].weight:
+                self._apply(SetWeight(name, task.weight), dynamics, time)
+            if task.enabled != before[name].enabled:
+                self._apply(EnableTask(name, task.enabled), dynamics, time)
+        for name, contact in plan.contacts.items():
+            if contact.enabled != contacts_before[name].enabled:
+                self._apply(EnableContact(name, contact.enabled), dynamics, time)
+
+    def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
+        """Apply a set of changes.
+
+        Args:
+            changes: validated changes.
+            dynamics: the snapshot of the last cycle, from which a task that is switched on starts, and where contacts
+                are made.
+            time: s, on the clock of the states.
+
+        Raises:
+            InputRefused: where a trajectory cannot be followed; then nothing has been applied.
+        """
+        changes = tuple(changes)
+        for change in changes:
+            if isinstance(change, SetTrajectory):
+                self._check(change, time)
+        for change in changes:
+            self._apply(change, dynamics, time)
+
+    def _check(self, change: SetTrajectory, time: float) -> None:
+        end = (time if change.start is None else change.start) + change.points[-1].time
+        if end < time:
+            raise InputRefused(
+                f"trajectory for task {change.task!r} ended {time - end:.3f} s ago on the clock of the states "
+                "(header.stamp 0 means: start now)"
+            )
+
+    def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
+        if isinstance(change, SetSetpoint | SetTrajectory):
+            self._set_course(change, time)
+        elif isinstance(change, SetWeight):
+            self._weights[change.task] = change.weight
+            self._ramp_weight(change.task, time)
+        elif isinstance(change, EnableTask):
+            self._enable(change.task, change.enabled, dynamics, time)
+        elif isinstance(change, EnableContact):
+            ramp = self._contact_ramps[change.contact]
+            if change.enabled and ramp.sample(time) <= 0.0:
+                self._anchor(change.contact, dynamics)
+            duration = self.contact_plans[change.contact].ramp
+            self._contact_ramps[change.contact] = ramp.towards(float(change.enabled), time, duration)
+        else:
+            self._wrenches[change.frame] = change.wrench
+
+    def _anchor(self, name: str, dynamics: Dynamics) -> None:
+        """From now on a contact goes back to where it is now; references that were sampled keep theirs."""
+        contact = self.contact_plans[name].anchored
+        if contact is not None:
+            self._anchors = frozen_mapping({**self._anchors, name: contact.anchor(dynamics)})
+
+    def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
+        """Follow a setpoint or trajectory; a task that is off also keeps it for when it is switched on."""
+        if isinstance(change, SetTrajectory) and change.start is None:
+            change = replace(change, start=time)
+        if not self._enabled[change.task]:
+            self._goals[change.task] = change
+        if self._asleep(change.task, time):
+            return
+        self._trajectories[change.task] = self._joining(change, time)
+
+    def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
+        """Switch a task on or off; one that was asleep starts where the robot is, towards its goal if it has one."""
+        if enabled:
+            goal = self._goals.pop(task, None)
+            if self._asleep(task, time):
+                self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
+                if goal is not None:
+                    self._trajectories[task] = self._joining(goal, time)
+        self._enabled[task] = enabled
+        self._ramp_weight(task, time)
+
+    def _asleep(self, task: str, time: float) -> bool:
+        """Whether a task is off, and has not been followed: its reference means nothing."""
+        return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
+
+    def _ramp_weight(self, task: str, time: float) -> None:
+        target = self._weights[task] if self._enabled[task] else 0.0
+        self._weight_ramps[task] = self._weight_ramps[task].towards(target, time, self._weight_ramp)
+
+    def _towards(self, task: str, position: Array, time: float) -> Trajectory:
+        still = np.zeros(len(self._trajectories[task].knots[0].velocity))
+        duration = self.plans[task].setpoint_duration
+        if duration <= 0.0:
+            return Trajectory([Knot(time, position, still, still)])
+        return Trajectory([self.present(task, time), Knot(time + duration, position, still, still)])
+
+    def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
+        """From the present reference to a setpoint, or to what is still ahead of a trajectory, at least its end.
+
+        Points that are past, or at the present time, are not jumped to. Who follows the same trajectory already does
+        not notice: part of a quintic is the quintic between its ends.
+        """
+        if isinstance(goal, SetSetpoint):
+            return self._towards(goal.task, goal.position, time)
+        ahead = [knot for knot in _knots(goal, time) if knot.time > time]
+        if not ahead:
+            return self._towards(goal.task, goal.points[-1].position, time)
+        return Trajectory([self.present(goal.task, time), *ahead])
+
+    def present(self, task: str, time: float) -> Knot:
+        """Reference of one task at a time, in s."""
+        reference = self._trajectories[task].sample(time)
+        return Knot(time, reference.position, reference.velocity, reference.acceleration)
+
+    def sample(self, time: float) -> References:
+        """Everything at one time, in s."""
+        return References(
+            tasks={name: trajectory.sample(time) for name, trajectory in self._trajectories.items()},
+            weights={name: ramp.sample(time) for name, ramp in self._weight_ramps.items()},
+            contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
+            external_wrenches=dict(self._wrenches),
+            tuning=self._tuning.sample(time),
+            anchors=self._anchors,
+        )
+
+
+def _knots(change: SetTrajectory, time: float) -> list[Knot]:
+    """Points of a trajectory on the clock of the states."""
+    start = time if change.start is None else change.start
+    return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
+
+
+def _stay(reference: Reference, time: float) -> Trajectory:
+    return Trajectory([Knot(time, reference.position, reference.velocity, reference.acceleration)])

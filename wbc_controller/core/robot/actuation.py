@@ -1,0 +1,91 @@
+"""The actuators in the equations of motion: their generalized force, and how it is eliminated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import null_space
+
+from wbc_controller.core.arrays import as_slice
+from wbc_controller.core.robot.transmission import Drive
+from wbc_controller.records import Array, frozen
+
+
+class Actuation(Drive):
+    """The generalized force of the actuators, Sᵀτ, and how to take it out of the equations of motion (S1, S10).
+
+    The speeds of the actuators are S v; virtual work makes Sᵀτ of their torques (equation (20) of the note). Joints
+    that follow others hold C v = 0 by a force Cᵀλ that does no work (equation (19); S3). With B = [S; C] of full row
+    rank,
+
+        M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    is    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
+
+    where T is the first rows of (B Bᵀ)⁻¹ B, and the rows of N are a basis of B's null space: nothing is lost by leaving
+    τ and λ out of the unknowns. Where every actuator is the motor of one joint and no joint follows, T and N only pick
+    rows, and no matrix is multiplied.
+
+    Attributes:
+        S: actuation matrix, (na, nv).
+        rotors: inertia of the rotors of transmissions, SᵀIS, (nv, nv) in kg·m²: as their speeds are S v, they add this
+            to M, and nothing to h; None where there is none.
+        C: rows of the joints that follow others, (nm, nv).
+        free: number of rows of N.
+        direct: whether every actuator is the motor of one joint, and no joint follows another.
+    """
+
+    def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
+        """Put actuators into the equations of motion.
+
+        Args:
+            drive: the actuators, at the joints.
+            v_index: index in v of each joint, (nj,).
+            coupling: C, (nm, nv).
+        """
+        super().__init__(
+            drive.names, drive.effort_limits, drive.ratios, rotor_inertia=drive.rotor_inertia, by_joint=drive.by_joint
+        )
+        na, nv = len(drive.names), coupling.shape[1]
+        self.S = np.zeros((na, nv))
+        self.S[:, v_index] = drive.ratios
+        self.S.setflags(write=False)
+        self.rotors = self.S.T @ np.diag(self.rotor_inertia) @ self.S if self.rotor_inertia.any() else None
+        self.C = frozen(coupling)
+        self.free = nv - na - len(coupling)
+        B = np.vstack([self.S, self.C])
+        # Coordinates that nothing enters keep rows of their own, so that N is the same where only rows are picked. The
+        # first coordinates, those of a base that moves, come last.
+        entered = np.flatnonzero(B.any(axis=0))
+        untouched = np.setdiff1d(np.arange(nv), entered)
+        leading = untouched == np.arange(len(untouched))
+        untouched = np.concatenate([untouched[~leading], untouched[leading]])
+        N = np.zeros((self.free, nv))
+        N[self.free - len(untouched) + np.arange(len(untouched)), untouched] = 1.0
+        N[: self.free - len(untouched), entered] = null_space(B[:, entered]).T
+        self._N_T = np.vstack([N, np.linalg.solve(B @ B.T, B)[:na]])
+        self.direct = self.motors is not None and not len(coupling)
+        self._rows = as_slice(v_index[self.motors]) if self.direct else None
+        self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
+
+    def split(self, force: Array) -> Array:
+        """What no actuator can give of generalized forces, N force, and below it their torques, T force.
+
+        As all that picks rows, this may be a view.
+
+        Args:
+            force: (nv,) or (nv, k).
+
+        Returns:
+            (free + na,) or (free + na, k).
+        """
+        return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
+
+    def torques(self, force: Array) -> Array:
+        """Torques of the actuators for generalized forces, T force: (nv,) to (na,)."""
+        return self.split(force)[self.free :]
+
+    def generalized_force(self, tau: Array) -> Array:
+        """Sᵀτ, (na,) to (nv,)."""
+        return np.asarray(tau @ self.S)
+
+    def speeds(self, v: Array) -> Array:
+        """Speeds of the actuators, S v: (nv,) to (na,)."""
+        return np.asarray(v[self._rows] if self._rows is not None else self.S @ v)

@@ -1,0 +1,135 @@
+"""The floating-base dynamics at one state: the snapshot that tasks, contacts and limits all read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.records import Array
+
+_WORLD = pin.Convention.WORLD
+
+
+class Dynamics:
+    """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
+
+    The arrays are Pinocchio's own and are overwritten by the next `update`: copy what must last.
+
+    Attributes:
+        model: the robot's model.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        M: joint-space inertia matrix, (nv, nv), symmetric.
+        h: Coriolis, centrifugal and gravity terms, less the forces of passive joints' springs and dampers, (nv,).
+        com: position of the centre of mass in the world, (3,) in m.
+        com_velocity: its velocity in the world, (3,) in m/s.
+        com_jacobian: (3, nv), so that com_velocity = com_jacobian v.
+        com_drift: acceleration of the centre of mass at v̇ = 0, (3,) in m/s².
+        centroidal_matrix: A_G, (6, nv), so that the momentum about the centre of mass, in world axes, is A_G v.
+        centroidal_drift: rate of that momentum at v̇ = 0, (6,) in N and N·m.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self._pin = model.pinocchio
+        self._data = model.pinocchio.createData()
+        self._zero = np.zeros(model.nv)
+        self._mass = float(pin.computeTotalMass(model.pinocchio))
+        self.q: Array
+        self.v: Array
+        # Pinocchio's data stay where they are: views of them are made once.
+        data = self._data
+        self._rotors, self._M = model.actuation.rotors, data.M
+        # Not added to Pinocchio's own: it leaves alone what joints of different branches have in common there.
+        self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
+        self.h: Array = data.nle
+        self.com: Array = data.com[0]
+        self.com_velocity: Array = data.vcom[0]
+        self._per_mass = np.zeros((6, model.nv), order="F")  # in the memory order of Pinocchio's
+        self.com_jacobian: Array = self._per_mass[:3]
+        self.com_drift = np.zeros(3)
+        self.centroidal_matrix: Array = data.Ag
+        self.centroidal_drift: Array = data.dhg.vector
+        self._linear_drift = self.centroidal_drift[:3]
+        self._placements: list[pin.SE3] = list(data.oMf)
+        self.update(model.configuration(model.posture), np.zeros(model.nv))
+
+    def update(self, q: Array, v: Array) -> None:
+        """Compute all terms at a new state.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+        """
+        model, data = self._pin, self._data
+        self.q, self.v = q, v
+        # Each of these once, in place of `computeAllTerms`, which takes a fifth longer. In the world's convention the
+        # inertia matrix comes with the joints' Jacobians and the centroidal matrix.
+        pin.crba(model, data, q, _WORLD)
+        # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
+        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
+        pin.nonLinearEffects(model, data, q, v)
+        pin.updateFramePlacements(model, data)
+        if self._rotors is not None:
+            np.add(self._M, self._rotors, out=self.M)
+        if self.model.passive is not None:
+            self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
+        np.divide(self.centroidal_matrix, self._mass, out=self._per_mass)
+        np.divide(self._linear_drift, self._mass, out=self.com_drift)
+
+    @property
+    def joint_jacobians(self) -> Array:
+        """Columns of the joints' twists at the world's origin, in its axes, (6, nv), linear rows first.
+
+        A link's twist is the sum of v times the columns of the joints that carry it.
+        """
+        return np.asarray(self._data.J)
+
+    @property
+    def joint_jacobians_rate(self) -> Array:
+        """Time derivative of `joint_jacobians`, (6, nv)."""
+        pin.computeJointJacobiansTimeVariation(self._pin, self._data, self.q, self.v)
+        return np.asarray(self._data.dJ)
+
+    def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
+        """Compute where shapes are that are fixed to the links."""
+        pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
+
+    def placement(self, frame_id: int) -> pin.SE3:
+        """Placement of a frame in the world."""
+        return self._placements[frame_id]
+
+    def velocity(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
+        """Spatial velocity of a frame, (6,), linear part first."""
+        velocity: Array = pin.getFrameVelocity(self._pin, self._data, frame_id, axes).vector
+        return velocity
+
+    def jacobian(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
+        """Jacobian of a frame, (6, nv), linear rows first."""
+        J: Array = pin.getFrameJacobian(self._pin, self._data, frame_id, axes)
+        return J
+
+    def drift_local(self, frame_id: int) -> Array:
+        """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): d/dt of its local velocity is J v̇ + this."""
+        drift: Array = pin.getFrameAcceleration(self._pin, self._data, frame_id, pin.LOCAL).vector
+        return drift
+
+    def drift_world(self, frame_id: int) -> Array:
+        """Classical acceleration of a frame's origin, and angular acceleration, at v̇ = 0, in world axes, (6,)."""
+        axes = pin.LOCAL_WORLD_ALIGNED
+        drift: Array = pin.getFrameClassicalAcceleration(self._pin, self._data, frame_id, axes).vector
+        return drift
+
+    def external_force(self, frame: str, wrench: Array) -> Array:
+        """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).
+
+        Args:
+            frame: name of the frame at whose origin the wrench acts.
+            wrench: force in N and torque in N·m, in world axes, (6,).
+
+        Returns:
+            (nv,).
+        """
+        J = self.jacobian(self._pin.getFrameId(frame), pin.LOCAL_WORLD_ALIGNED)
+        return np.asarray(J.T @ wrench)

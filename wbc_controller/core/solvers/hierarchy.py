@@ -1,0 +1,152 @@
+"""Strict priorities: one quadratic program per level, each within what the levels above leave free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.linalg import qr
+
+from wbc_controller.core.program.problem import Level, QuadraticProgram
+from wbc_controller.core.solvers import Answer, Solver
+from wbc_controller.records import Array, LevelReport
+
+#: Rows count as dependent below this share of the largest.
+_RANK = 1.0e-9
+#: Room that a level leaves at a bound that it has reached, in the problem's units, so that z = 0 is inside.
+_ROOM = 1.0e-7
+#: Largest violation of the equalities by their own least-squares solution, in the problem's units.
+_CONSISTENT = 1.0e-6
+
+
+class Hierarchy:
+    """Solves levels one after the other, so that no level worsens one above it.
+
+    After Kanoun, Lamiraux, Wieber, "Kinematic control of redundant manipulators: generalizing the task-priority
+    framework to inequality tasks" (T-RO 27, 2011), with null spaces in place of equalities, as Escande, Mansard and
+    Wieber, "Hierarchical quadratic programming" (IJRR 33, 2014). With N a basis of what the equalities A x = b and the
+    levels above leave free, level k minimizes over z and s
+
+        ½ xᵀHx + gᵀx + ½ ‖s‖²,    x = x_above + N z,    lower ≤ G x + s ≤ upper
+
+    within the inequalities of the problem. Then its rows join those that N leaves alone, and its rows with a tolerance
+    join the inequalities, by as much wider as s says that they had to be.
+
+    Attributes:
+        reports: of the last call: each level that was solved.
+        unsolved: of the last call: a sentence for each level below the first whose solver failed. The levels above it
+            count.
+    """
+
+    def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
+        """Make a hierarchy.
+
+        Args:
+            make_solver: makes a solver for problems of the size of one.
+            timer: gives seconds.
+        """
+        self.reports: tuple[LevelReport, ...] = ()
+        self.unsolved: tuple[str, ...] = ()
+        self._make_solver = make_solver
+        self._timer = timer
+        self._solvers: dict[tuple[int, int, int], Solver] = {}
+
+    def solve(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
+        """Solve all levels.
+
+        Args:
+            problem: its constraints hold for all levels.
+            levels: by falling priority.
+
+        Returns:
+            The answer in the problem's unknowns; of each constraint the multiplier is that in the first level that it
+            limits. None, as from a solver, where the first level has no solution.
+        """
+        self.reports, self.unsolved = (), ()
+        n = problem.n
+        x, free = _solution_and_null_space(problem.A, problem.b)
+        if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
+            return Answer(None, "the equalities contradict each other", 0)
+        rows = np.vstack([np.eye(n), problem.C])
+        lower = np.concatenate([problem.x_lower, problem.lower])
+        upper = np.concatenate([problem.x_upper, problem.upper])
+        multipliers = np.zeros(len(rows))
+        iterations = 0
+        for index, level in enumerate(levels):
+            last = index == len(levels) - 1
+            if not (level.tasks or last) or free.shape[1] + len(level.G) == 0:
+                continue
+            started = self._timer()
+            reduced = _reduced(level, x, free, rows, lower, upper, widened=bool(self.reports))
+            size = (index, len(reduced.g), len(reduced.upper))
+            if size not in self._solvers:
+                self._solvers[size] = self._make_solver(reduced)
+            answer = self._solvers[size].solve(reduced)
+            iterations += answer.iterations
+            if answer.x is None or not (reduced.violation(answer.x) <= self._solvers[size].tolerance):
+                if not self.reports:
+                    return Answer(None, answer.status, iterations)
+                self.unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
+                continue
+            z, slack = np.split(answer.x, [free.shape[1]])
+            x = x + free @ z
+            # Of the rows of the reduced problem the first are those of the problem; it has no bounds of its own.
+            costs = answer.multipliers[len(reduced.g) :][: len(multipliers)]
+            multipliers = np.where(multipliers == 0.0, costs, multipliers)
+            value = level.G @ x
+            rows = np.vstack([rows, level.G])
+            lower = np.concatenate([lower, np.minimum(level.lower, value)])
+            upper = np.concatenate([upper, np.maximum(level.upper, value)])
+            cost = level.cost.value(x) + 0.5 * float(slack @ slack)
+            self.reports += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
+            if not last:
+                free = free @ _null_space(level.kept @ free)
+        return Answer(x, "optimal", iterations, multipliers)
+
+
+def _reduced(
+    level: Level, x: Array, free: Array, rows: Array, lower: Array, upper: Array, *, widened: bool
+) -> QuadraticProgram:
+    """One level in the unknowns [z, s]; widened, so that z = 0 is an answer, whatever rounding did above."""
+    nz, ns, m = free.shape[1], len(level.G), len(rows)
+    reduced = QuadraticProgram.empty(nz + ns, 0, m + ns)
+    H = free.T @ level.cost.H @ free
+    reduced.H[:nz, :nz] = 0.5 * (H + H.T)
+    reduced.H[nz:, nz:] = np.eye(ns)
+    reduced.g[:nz] = free.T @ (level.cost.g + level.cost.H @ x)
+    reduced.C[:m, :nz] = rows @ free
+    value = rows @ x
+    reduced.lower[:m], reduced.upper[:m] = lower - value, upper - value
+    if widened:
+        np.minimum(reduced.lower[:m], -_ROOM, out=reduced.lower[:m])
+        np.maximum(reduced.upper[:m], _ROOM, out=reduced.upper[:m])
+        decided = np.linalg.norm(reduced.C[:m], axis=1) <= _RANK * np.maximum(1.0, np.linalg.norm(rows, axis=1))
+        reduced.lower[:m][decided], reduced.upper[:m][decided] = -np.inf, np.inf  # z does not move them
+    value = level.G @ x
+    reduced.C[m:, :nz] = level.G @ free
+    reduced.C[m:, nz:] = np.eye(ns)
+    reduced.lower[m:], reduced.upper[m:] = level.lower - value, level.upper - value
+    return reduced
+
+
+def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
+    """The smallest x with A x = b, of dependent rows counting some, and a basis of A's null space."""
+    Q, R, order, rank = _factors(A)
+    # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first independent rows are R₁ᵀ y = b.
+    y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)
+    return Q[:, :rank] @ y, Q[:, rank:]
+
+
+def _null_space(A: Array) -> Array:
+    """Orthonormal basis, (n, n - rank)."""
+    Q, _, _, rank = _factors(A)
+    return Q[:, rank:]
+
+
+def _factors(A: Array) -> tuple[Array, Array, np.ndarray, int]:
+    """QR decomposition of Aᵀ with column pivoting, and A's rank."""
+    if not A.size:
+        return np.eye(A.shape[1]), np.zeros((A.shape[1], 0)), np.zeros(0, dtype=np.intp), 0
+    Q, R, order = qr(A.T, pivoting=True)
+    size = np.abs(np.diagonal(R))
+    return Q, R, order, int(np.sum(size > _RANK * max(1.0, float(size[0]))))

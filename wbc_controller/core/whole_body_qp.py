@@ -1,0 +1,210 @@
+"""The whole-body controller: from a state and references to accelerations, torques and contact forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.program.formulation import Formulation
+from wbc_controller.core.program.infeasibility import explain
+from wbc_controller.core.program.layout import Layout
+from wbc_controller.core.program.problem import QuadraticProgram, Residuals
+from wbc_controller.core.program.unpacking import unpack
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.solvers import Answer, Solver, make_solver
+from wbc_controller.core.solvers.hierarchy import Hierarchy
+from wbc_controller.core.solvers.solver import NOT_FINITE
+from wbc_controller.core.tasks import Task
+from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.records import Array, Infeasibility, LevelReport, References, RobotState, Solution, frozen_mapping
+
+
+class WholeBodyQP:
+    """Solves one quadratic program per cycle (S10 as equality constraints, S12), or one per level of priority.
+
+    Minimize, over v̇, τ and f,
+
+        ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖²
+
+    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the motion of contacts and closed loops
+    J v̇ + J̇v = -D J v + K e (e leads back to where the contact was made, or to the closed loop), the contacts' wrench
+    cones, and the limits of the joints. Here q̈ are the joints' accelerations and ḣ_G is the rate of the momentum
+    about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on which link the
+    coordinates take for the base (S2). Building the problem (`formulation`) is apart from solving it.
+
+    Attributes:
+        formulation: builds the problem.
+    """
+
+    def __init__(
+        self, formulation: Formulation, *, solver: str = "daqp", timer: Callable[[], float] = lambda: 0.0
+    ) -> None:
+        """Make a controller.
+
+        Args:
+            formulation: builds the problem.
+            solver: name of the solver.
+            timer: gives seconds, for the stage times; by default no time passes.
+
+        Raises:
+            ConfigurationError: where the solver is not installed, or not accurate enough for the tasks' priorities.
+        """
+        self.formulation = formulation
+        self._solver_name = solver
+        self._timer = timer
+        self._solvers: dict[tuple[str, ...], Solver] = {}
+        self._hierarchies: dict[tuple[str, ...], Hierarchy] = {}
+        if self.formulation.has_priorities and not self._solver_of(self.formulation.layout(())).for_levels:
+            raise ConfigurationError(
+                f"solver.name = {solver!r} is not accurate enough for tasks with a level above 0 or with a tolerance; "
+                "take daqp, or quadprog through qpsolvers"
+            )
+        self._solver_of(self.formulation.layout(tuple(self.contacts)))
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot's model."""
+        return self.formulation.model
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The snapshot of the last cycle."""
+        return self.formulation.dynamics
+
+    @property
+    def tasks(self) -> Mapping[str, Task]:
+        """The tasks, by name."""
+        return self.formulation.tasks
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """The contacts, by name."""
+        return self.formulation.contacts
+
+    def forget(self) -> None:
+        """Forget the warm starts: the next answer is what a new program would give."""
+        self._solvers.clear()
+        self._hierarchies.clear()
+
+    def _solver_of(self, layout: Layout) -> Solver:
+        """The solver for one set of made contacts; each keeps its warm start."""
+        if layout.key not in self._solvers:
+            self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
+        return self._solvers[layout.key]
+
+    def _solve(self, layout: Layout) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...]]:
+        """One quadratic program, or one per level; what each cost, and which levels below the first failed."""
+        if self.formulation.has_priorities:
+            if layout.key not in self._hierarchies:
+                self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+            if not layout.problem.is_finite:
+                return Answer(None, NOT_FINITE, 0), (), ()
+            hierarchy = self._hierarchies[layout.key]
+            answer = hierarchy.solve(layout.problem, layout.levels)
+            return answer, hierarchy.reports, hierarchy.unsolved
+        started = self._timer()
+        answer = self._solver_of(layout).solve(layout.problem)
+        if answer.x is None:
+            return answer, (), ()
+        (level,) = layout.levels
+        cost = level.cost.value(answer.x) if answer.cost is None else answer.cost
+        return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
+
+    def solve(
+        self,
+        state: RobotState,
+        references: References,
+        tau_before: Array | None = None,
+        explained: bool = True,
+    ) -> Solution:
+        """Compute one answer.
+
+        Where the limits on combinations of accelerations leave no solution they are relaxed, then those of joint
+        motion, then the torque rate; the solution says so.
+
+        Args:
+            state: where the robot is.
+            references: what is wanted.
+            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
+            explained: find out at once which constraints conflict where there is no solution. It takes several periods;
+                `NoSolution.explained` does it later.
+
+        Raises:
+            NoSolution: where the equations of motion, contacts and torque limits cannot be met together, or where a
+                value is not finite.
+        """
+        started = self._timer()
+        layout = self.formulation.build(state, references, tau_before)
+        built = self._timer()
+        tolerance = self._solver_of(layout).tolerance
+        problem = layout.problem
+        answer, levels, unsolved = self._solve(layout)
+        if answer.status == NOT_FINITE:
+            raise NoSolution(
+                "the state, the references or the torques before hold a value that is not finite",
+                "not solved",
+                problem.copy(),
+            )
+        residuals = _usable(answer, problem, tolerance)
+        iterations = answer.iterations
+        relaxed: list[str] = []
+        for relaxation in self.formulation.relaxable(layout) if residuals is None else ():
+            if residuals is not None:
+                break
+            relaxed.append(relaxation)
+            self.formulation.relax(layout, relaxation, references)
+            answer, levels, unsolved = self._solve(layout)
+            residuals = _usable(answer, problem, tolerance)
+            iterations += answer.iterations
+        solved = self._timer()
+        if answer.x is None or residuals is None:
+            failed = layout.snapshot()
+            failure = NoSolution(
+                f"no accelerations, torques and contact forces satisfy the equations of motion, the contacts "
+                f"({', '.join(layout.key) or 'none'}) and the torque limits together ({self._solver_name}: "
+                f"{answer.status})",
+                answer.status,
+                failed.problem,
+                search=partial(explain, failed, self.model, self.formulation.effort_bounds(references)),
+            )
+            raise failure.explained() if explained else failure
+        parts = unpack(self.formulation, layout, answer.x, answer.multipliers, residuals, references)
+        return Solution(
+            **parts,
+            iterations=iterations,
+            levels=levels,
+            relaxed=(*relaxed, *unsolved),
+            stage_seconds=frozen_mapping(
+                {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
+            ),
+        )
+
+    def explain(
+        self, state: RobotState, references: References, tau_before: Array | None = None
+    ) -> Infeasibility | None:
+        """Say which constraints conflict, with those among them that `solve` would relax.
+
+        It is no part of a cycle: it takes several periods.
+
+        Args:
+            state: where the robot is.
+            references: what is wanted.
+            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
+
+        Returns:
+            The conflict; None where the constraints can be met together, or a value is not finite.
+        """
+        layout = self.formulation.build(state, references, tau_before)
+        if not layout.problem.is_finite:
+            return None
+        return explain(layout, self.model, self.formulation.effort_bounds(references))
+
+
+def _usable(answer: Answer, problem: QuadraticProgram, tolerance: float) -> Residuals | None:
+    """Residuals of an answer; None where it is none: not there, not finite, or beyond tolerance of a constraint."""
+    if answer.x is None:
+        return None
+    residuals = answer.residuals or problem.residuals(answer.x)
+    return residuals if residuals.violation <= tolerance else None  # None for NaN

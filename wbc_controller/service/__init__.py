@@ -1,0 +1,1 @@
+"""The controller and the guard as services on any transport: inputs, the loop, outputs."""

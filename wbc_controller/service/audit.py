@@ -1,0 +1,36 @@
+"""From settings to the live audit of the model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.whole_body_qp import WholeBodyQP
+from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+
+
+def joint_efforts(model: RobotModel) -> Array:
+    """The largest torque that the actuators can give at each joint, (nj,) in N·m.
+
+    At a joint that none drives it is the median of the others: what there is to measure its torques against.
+    """
+    efforts = np.asarray(model.effort_limits @ np.abs(model.actuation.ratios))
+    driven = efforts > 0.0
+    return np.where(driven, efforts, np.median(efforts[driven]))
+
+
+def make_audit(settings: Settings, qp: WholeBodyQP) -> ModelAudit:
+    """Build the live audit of the model."""
+    audit, model = settings.audit, qp.model
+    limits = AuditLimits(
+        time_constant=audit.time_constant,
+        patience=audit.patience,
+        energy=audit.energy,
+        power=audit.power,
+        force=audit.force * model.mass * model.gravity,
+        torques=audit.torque * joint_efforts(model),
+        period=1.0 / settings.control.rate,
+    )
+    return ModelAudit(model, qp.contacts, limits)

@@ -1,0 +1,149 @@
+"""The controller as a service, on any transport."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from wbc_controller.control.controller import Controller
+from wbc_controller.diagnostics.markers import MarkerScene
+from wbc_controller.diagnostics.recorder import CycleRecorder
+from wbc_controller.records import CycleReport
+from wbc_controller.service.audit import make_audit
+from wbc_controller.service.clock import Clock, MonotonicClock, SimulatedClock
+from wbc_controller.service.inputs import Inputs
+from wbc_controller.service.loop import ControlLoop
+from wbc_controller.service.outputs import Outputs
+from wbc_controller.service.urdf import wait_for_urdf
+from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.config import Config
+from wbc_controller.transports.transport import Transport
+from wbc_controller.wire.messages import decode, nanoseconds
+from wbc_controller.wire.topics import CONTROLLER_TOPICS, Endpoint
+
+_log = logging.getLogger(__name__)
+
+
+def run_controller(
+    settings: Settings,
+    transport: Transport,
+    stop: threading.Event,
+    *,
+    node: str = NODE_NAME,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+    activate: bool = False,
+    use_sim_time: bool = False,
+    record: Path | None = None,
+) -> None:
+    """Run the controller until stopped.
+
+    Args:
+        settings: the robot's settings.
+        transport: carries the messages.
+        stop: ends the run.
+        node: name of the node.
+        namespace: namespace of the node.
+        remappings: of topic names.
+        activate: activate as soon as the inputs are fresh, without a command.
+        use_sim_time: measure ages and durations by the topic of the clock.
+        record: file for torques and cycle times.
+
+    Raises:
+        ConfigurationError: where settings and model do not fit.
+        TransportError: where a topic cannot be opened.
+    """
+    urdf = None
+    if not settings.robot.urdf:
+        urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
+    if stop.is_set():
+        return
+    controller = Controller(Config(settings, "", urdf), preflight=False)
+    topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
+    recorder = CycleRecorder() if record is not None else None
+    full_name = f"{namespace.rstrip('/')}/{node}"
+    loop = make_loop(
+        controller,
+        transport,
+        clock_of(topics, transport) if use_sim_time else MonotonicClock(),
+        topics,
+        observers=(recorder.add,) if recorder is not None else (),
+        node=full_name,
+    )
+    _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
+    try:
+        loop.run(
+            stop,
+            controller.period,
+            triggered=settings.control.trigger == "joint_states",
+            activate=activate,
+        )
+    finally:
+        if recorder is not None and record is not None:
+            recorder.save(record)
+
+
+def make_loop(
+    controller: Controller,
+    transport: Transport,
+    clock: Clock,
+    topics: Sequence[Endpoint],
+    *,
+    timer: Callable[[], float] = time.perf_counter,
+    observers: Sequence[Callable[[CycleReport], None]] = (),
+    node: str = NODE_NAME,
+) -> ControlLoop:
+    """Put a controller behind its topics.
+
+    Args:
+        controller: decides.
+        transport: carries the messages.
+        clock: measures ages and durations.
+        topics: from `controller_endpoints`.
+        timer: gives seconds, for the stage times.
+        observers: called with the report of every cycle.
+        node: name of the node with its namespace, for diagnostics.
+
+    Raises:
+        ConfigurationError: where settings and model do not fit.
+        TransportError: where a topic cannot be opened.
+    """
+    settings, model, qp = controller.config.settings, controller.model, controller.qp
+    published = {name: qp.contacts[name] for name in settings.contacts}
+    markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
+    return ControlLoop(
+        controller,
+        Inputs(model, make_vocabulary(settings, model), topics, transport, clock),
+        Outputs(
+            model,
+            published,
+            topics,
+            transport,
+            1.0 / settings.control.diagnostics_rate,
+            MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
+            markers_period,
+            node,
+        ),
+        make_audit(settings, qp),
+        clock,
+        timer=timer,
+        observers=observers,
+    )
+
+
+def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:
+    """A simulator's clock, by the topic of it.
+
+    Args:
+        topics: of the node.
+        transport: carries the messages; those of the clock come in every mode and state of the node.
+    """
+    clock = SimulatedClock()
+    (endpoint,) = [topic for topic in topics if topic.key == "clock"]
+    transport.subscribe(endpoint, lambda payload: clock.set(nanoseconds(decode(payload, endpoint.type).clock)))
+    return clock

@@ -1,0 +1,134 @@
+"""Messages out: commands, contact wrenches, the mode, and diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.diagnostics.markers import MarkerScene
+from wbc_controller.diagnostics.status import StatusSummary
+from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
+from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.messages import encode, header, message, torques
+from wbc_controller.wire.topics import Direction, Endpoint
+
+
+class Outputs:
+    """Publishes what a cycle leads to."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        contacts: Mapping[str, Contact],
+        endpoints: Iterable[Endpoint],
+        transport: Transport,
+        diagnostics_period: float,
+        scene: MarkerScene,
+        markers_period: float,
+        node: str,
+    ) -> None:
+        """Advertise every outgoing topic.
+
+        Args:
+            model: the robot's model.
+            contacts: those whose forces are published, by name.
+            endpoints: of the controller's node.
+            transport: carries the messages.
+            diagnostics_period: s between two diagnostics.
+            scene: draws the markers.
+            markers_period: s between two messages of them; inf for none.
+            node: name of the node, with its namespace.
+        """
+        self._actuation = model.actuation
+        self._joints = list(model.joints)
+        self._contacts = contacts
+        self._publish: dict[tuple[str, str], Publish] = {
+            (endpoint.key, endpoint.subject): transport.advertise(endpoint)
+            for endpoint in endpoints
+            if endpoint.direction is Direction.OUT
+        }
+        self._state_said: tuple[object, object] | None = None
+        self._summary = StatusSummary(node, model.name)
+        self._diagnostics_period = diagnostics_period
+        self._diagnostics_due = -np.inf
+        self._scene = scene
+        self._markers_period = markers_period
+        self._markers_due = -np.inf if markers_period < np.inf else np.inf
+
+    def publish_command(self, report: CycleReport) -> None:
+        """Send the torques and the forces counted on: the part of a cycle that the robot waits for."""
+        command = report.command
+        if command is not None:
+            self._send("effort", torques(self._actuation.command(command.tau)))
+            self._send(
+                "joint_commands",
+                message(
+                    "sensor_msgs/msg/JointState",
+                    header=header(command.stamp),
+                    name=self._joints,
+                    position=command.q_desired,
+                    velocity=command.v_desired,
+                    effort=self._actuation.at_joints(command.tau),
+                ),
+            )
+        if report.solution is not None and report.mode is Mode.ACTIVE:
+            for name, contact in self._contacts.items():
+                force = report.solution.forces.get(name)
+                if force is not None:
+                    wrench = wrench_stamped(report.stamp, contact.wrench_frame, contact.basis @ force)
+                    self._send("contact_wrench", wrench, name)
+
+    def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
+        """Send the mode where it has changed, and diagnostics where they are due.
+
+        Args:
+            report: of the cycle.
+            now: s, on the clock of the loop.
+            wall: time of day for the headers, ns.
+        """
+        said = (report.mode, report.fault)
+        if said != self._state_said:
+            self._state_said = said
+            text = report.mode.value
+            if report.fault is not None:
+                text += f" {report.fault.code}: {report.fault.sentence}"
+            self._send("state", message("std_msgs/msg/String", data=text))
+        self._summary.add(report)
+        if now >= self._diagnostics_due or report.refused:
+            self._diagnostics_due = now + self._diagnostics_period
+            self._send("diagnostics", self._summary.message(wall))
+
+    def publish_markers(
+        self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
+    ) -> None:
+        """Send a picture of the cycle where one is due.
+
+        Args:
+            now: s, on the clock of the loop.
+            state: where the robot is, where that is known.
+            references: what is wanted, in a cycle that was solved.
+            solution: the answer, if there is one.
+        """
+        if state is not None and now >= self._markers_due:
+            self._markers_due = now + self._markers_period
+            self._send("markers", self._scene.message(state, references, solution))
+
+    def _send(self, key: str, content: object, subject: str = "") -> None:
+        self._publish[key, subject](encode(content))
+
+
+def wrench_stamped(stamp: int, frame: str, wrench: np.ndarray) -> object:
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m."""
+    fx, fy, fz, tx, ty, tz = (float(value) for value in wrench)
+    return message(
+        "geometry_msgs/msg/WrenchStamped",
+        header=header(stamp, frame),
+        wrench=message(
+            "geometry_msgs/msg/Wrench",
+            force=message("geometry_msgs/msg/Vector3", x=fx, y=fy, z=fz),
+            torque=message("geometry_msgs/msg/Vector3", x=tx, y=ty, z=tz),
+        ),
+    )

@@ -1,0 +1,61 @@
+"""The table of topics, and the names that messages may use, for one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from wbc_controller import settings as schema
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.wire.decoding import Vocabulary
+from wbc_controller.wire.topics import CONTROLLER_TOPICS, Endpoint, endpoints
+
+
+def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
+    """Collect the names that messages are checked against."""
+    kinds = {name: task.type for name, task in settings.tasks.items()}
+    joints = {
+        name: tuple(task.joints) or model.driven_joints
+        for name, task in settings.tasks.items()
+        if isinstance(task, schema.PostureTask | schema.TorqueTask)
+    }
+    reference_frames = {
+        name: task.reference_frame for name, task in settings.tasks.items() if isinstance(task, schema.RelativePoseTask)
+    }
+    for name, task in settings.tasks.items():
+        if isinstance(task, schema.ContactWrenchTask):
+            contact = settings.contacts[task.contact]
+            whole = isinstance(contact, schema.SurfaceContact | schema.FixedContact)
+            frame = contact.frame if whole else contact.against  # the forces of others on the world are in its axes
+            if frame is not None:
+                reference_frames[name] = frame
+    return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), reference_frames)
+
+
+def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
+    """Frames on which external wrenches are accepted: the base, and every frame that a task or contact names."""
+    named = [task.frame for task in settings.tasks.values() if hasattr(task, "frame")]
+    named += [contact.frame for contact in settings.contacts.values()]
+    return tuple(dict.fromkeys([model.base_link, *named]))
+
+
+def controller_endpoints(
+    settings: Settings,
+    model: RobotModel,
+    *,
+    node: str = NODE_NAME,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> list[Endpoint]:
+    """Expand the controller's topic table for one robot."""
+    return list(
+        endpoints(
+            CONTROLLER_TOPICS,
+            node,
+            task_kinds={name: task.type for name, task in settings.tasks.items()},
+            contacts=settings.contacts,
+            frames=wrench_frames(settings, model),
+            namespace=namespace,
+            remappings=remappings,
+        )
+    )

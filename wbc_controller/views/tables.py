@@ -1,0 +1,55 @@
+"""Tables for people, in a terminal and in a notebook."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of texts.
+
+    Attributes:
+        columns: headings; the first column is aligned to the left, the others to the right.
+        rows: cells, each as long as `columns`.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def as_text(heading: str, tables: Sequence[Table]) -> str:
+    """Write a heading and tables for a terminal; tables without rows are left out."""
+    out = io.StringIO()
+    console = Console(file=out, width=110, color_system=None, soft_wrap=True)
+    console.print(heading, markup=False, highlight=False)
+    for table in tables:
+        if table.rows:
+            made = RichTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+            for i, column in enumerate(table.columns):
+                made.add_column(column, justify="right" if i else "left", overflow="fold")
+            for row in table.rows:
+                made.add_row(*row)
+            console.print()
+            console.print(made, markup=False, highlight=False)
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+def as_html(heading: str, tables: Sequence[Table]) -> str:
+    """Write the same for a notebook."""
+    parts = [f"<p>{html.escape(heading)}</p>"]
+    for table in tables:
+        if table.rows:
+            head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
+            body = "".join(
+                "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows
+            )
+            parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
+    return "".join(parts)

@@ -1,0 +1,318 @@
+"""From one message to what it means: the conversions at the border, and every refusal."""
+
+from __future__ import annotations
+
+import itertools
+import reprlib
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import yaml
+
+from wbc_controller.core.references.changes import (
+    Change,
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.core.references.trajectories import Knot
+from wbc_controller.core.tasks import AxisAlignmentTask, FrameOrientationTask, FramePoseTask, GazeTask, RelativePoseTask
+from wbc_controller.core.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
+from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.records import Array, ChangeSettings
+from wbc_controller.wire.joint_order import no_duplicates
+from wbc_controller.wire.messages import nanoseconds
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """The names and sizes that messages are checked against.
+
+    Attributes:
+        kinds: kind of each task, such as ``frame_pose``, by its name.
+        joints: of each task on joints, its joints.
+        contacts: names of the contacts.
+        frames: names of the frames on which external wrenches are accepted.
+        reference_frames: of each task whose references are not given in the world, the frame that they are given in.
+    """
+
+    kinds: Mapping[str, str]
+    joints: Mapping[str, tuple[str, ...]]
+    contacts: tuple[str, ...]
+    frames: tuple[str, ...]
+    reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+
+#: Form of the references of each other kind of task.
+_FORMS: Mapping[str, ReferenceForm] = {
+    "com": ReferenceForm(),
+    "frame_position": ReferenceForm(),
+    "frame_orientation": FrameOrientationTask.form,
+    "frame_pose": FramePoseTask.form,
+    "relative_pose": RelativePoseTask.form,
+    "axis_alignment": AxisAlignmentTask.form,
+    "gaze": GazeTask.form,
+    "linear_momentum": ReferenceForm(),
+    "angular_momentum": ReferenceForm(),
+    "capture_point": ReferenceForm(vector=2),
+    "contact_wrench": ReferenceForm(vector=6),
+}
+
+#: Kinds of task whose references are joints by name, and the field of a JointState that has them.
+_JOINT_FIELDS: Mapping[str, str] = {"posture": "position", "torque": "effort"}
+
+
+def stamp_of(content: Any) -> int:
+    """Time in a message's header, ns."""
+    return nanoseconds(content.header.stamp)
+
+
+def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
+    """Read a nav_msgs/Odometry.
+
+    Returns:
+        Base position and quaternion (7,), in the world; base twist (6,), in the base frame.
+
+    Raises:
+        InputRefused: where the child frame is another link, or a value cannot be used.
+    """
+    if content.child_frame_id not in ("", base_link):
+        raise InputRefused(f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {base_link!r}")
+    pose, twist = content.pose.pose, content.twist.twist
+    q = finite([pose.position.x, pose.position.y, pose.position.z, *_quaternion(pose.orientation)], "the pose")
+    v = finite([*_xyz(twist.linear), *_xyz(twist.angular)], "the twist")
+    return q, v
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _quaternion(quaternion: Any) -> Array:
+    values = finite([quaternion.x, quaternion.y, quaternion.z, quaternion.w], "the orientation")
+    return unit_quaternion(values, "the orientation ")
+
+
+#: Names under which the world frame is accepted in headers.
+WORLD_FRAMES = ("", "world", "odom", "map")
+
+
+def _in_world(content: Any) -> None:
+    frame = content.header.frame_id
+    if frame not in WORLD_FRAMES:
+        raise InputRefused(f"frame_id is {frame!r}; references are given in the world: {', '.join(WORLD_FRAMES[1:])}")
+
+
+def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
+    """Refuse references that are given in another frame than the task's."""
+    wanted = vocabulary.reference_frames.get(task)
+    if wanted is None:
+        _in_world(content)
+    elif content.header.frame_id != wanted:
+        raise InputRefused(
+            f"frame_id is {content.header.frame_id!r}; references of task {task!r} are given in its reference frame "
+            f"{wanted!r}"
+        )
+
+
+def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+    kind = vocabulary.kinds[task]
+    if kind in _JOINT_FIELDS:
+        what = _JOINT_FIELDS[kind]
+        return (SetSetpoint(task, _joint_values(vocabulary.joints[task], content.name, getattr(content, what), what)),)
+    _in_frame_of(vocabulary, task, content)
+    if kind == "contact_wrench":
+        return (SetSetpoint(task, _wrench(content)),)
+    form = _FORMS[kind]
+    if form.oriented:
+        return (SetSetpoint(task, _position(form, content.pose.position, content.pose.orientation)),)
+    what = "point" if hasattr(content, "point") else "vector"
+    return (SetSetpoint(task, _position(form, getattr(content, what), None, f"the {what}")),)
+
+
+def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
+    """Read a position in the form of its kind; what the form does not have is not looked at."""
+    values = finite(_xyz(vector)[: form.vector], what)
+    if form.direction:
+        values = unit_vector(values, what)
+    return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
+
+
+def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
+    """Values of the task's joints by name; all of them must be there."""
+    if len(values) != len(names):
+        raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+    for name in names:
+        if name not in joints:
+            raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
+    no_duplicates(names)
+    given = dict(zip(names, values, strict=True))
+    missing = [name for name in joints if name not in given]
+    if missing:
+        raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
+    return finite([given[name] for name in joints], what)
+
+
+def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+    if not content.points:
+        raise InputRefused("the trajectory has no points")
+    kind = vocabulary.kinds[task]
+    if kind == "posture":
+        knots = [_joint_knot(vocabulary.joints[task], content.joint_names, point) for point in content.points]
+    else:
+        _in_frame_of(vocabulary, task, content)
+        if len(content.joint_names) > 1:
+            raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; this task takes one frame")
+        knots = [_frame_knot(_FORMS[kind], point) for point in content.points]
+    times = [knot.time for knot in knots]
+    if any(not (a < b) for a, b in itertools.pairwise(times)) or times[0] < 0.0:
+        raise InputRefused(f"time_from_start must rise from 0: {shortened(np.array(times))} s")
+    stamp = stamp_of(content)
+    return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
+
+
+def _joint_knot(joints: Sequence[str], names: Sequence[str], point: Any) -> Knot:
+    arrays = [_joint_values(joints, names, point.positions, "positions")]
+    for what in ("velocities", "accelerations"):
+        values = getattr(point, what)
+        arrays.append(_joint_values(joints, names, values, what) if len(values) else np.zeros(len(joints)))
+    return Knot(nanoseconds(point.time_from_start) * 1.0e-9, *arrays)
+
+
+def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
+    if len(point.transforms) != 1:
+        raise InputRefused(f"a point has {len(point.transforms)} transforms; this task takes one")
+    transform = point.transforms[0]
+    position = _position(form, transform.translation, transform.rotation)
+    derivatives = []
+    for what in ("velocities", "accelerations"):
+        twists = getattr(point, what)
+        if len(twists) > 1:
+            raise InputRefused(f"a point has {len(twists)} {what}; this task takes one")
+        six = [*_xyz(twists[0].linear), *_xyz(twists[0].angular)] if twists else np.zeros(6)
+        derivatives.append(finite(six, what)[form.twist])
+    return Knot(nanoseconds(point.time_from_start) * 1.0e-9, position, *derivatives)
+
+
+def _weight(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputRefused(f"a weight is a number, not {reprlib.repr(value)}")
+    if not (0.0 <= value <= 1.0e6):
+        raise InputRefused(f"a weight must be from 0 to 1e6, not {reprlib.repr(value)}")
+    return float(value)
+
+
+def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
+    _in_world(content)
+    return (SetExternalWrench(frame, _wrench(content)),)
+
+
+def _wrench(content: Any) -> Array:
+    return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
+
+
+#: Letters of an update: it is read within a control cycle.
+_LONGEST_UPDATE = 4096
+#: The one written in C, where it is installed: five times as fast.
+_YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+_UPDATE_FORM = (
+    "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
+    "contacts: {left_foot: {enabled: false}}}"
+)
+#: By section, the keys of an update that set references, and those that change the settings.
+_UPDATE_KEYS = {
+    "tasks": (("enabled", "weight", "setpoint"), ("stiffness", "damping", "gain", "setpoint_duration")),
+    "contacts": (("enabled",), ("ramp",)),
+}
+#: Sections of an update that change the settings as they stand.
+_UPDATE_SETTINGS = ("control", "limits", "safety")
+
+
+def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
+    """Read several changes; one that is refused refuses all."""
+    if len(content.data) > _LONGEST_UPDATE:
+        raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
+    try:
+        update = yaml.load(content.data, Loader=_YAML_LOADER)  # noqa: S506  # a safe loader
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        # The last three are what impossible dates and numbers, keys that are lists, and deep nesting end in.
+        raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
+    if not isinstance(update, dict) or not update:
+        raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
+    changes: list[Change] = []
+    settings: dict[str, Any] = {}
+    for section, entries in update.items():
+        if section in _UPDATE_SETTINGS and isinstance(entries, dict):
+            settings[section] = entries
+            continue
+        if section not in _UPDATE_KEYS:
+            choices = (*_UPDATE_KEYS, *_UPDATE_SETTINGS)
+            raise InputRefused(f"unknown key {section!r}; {valid_choices(str(section), choices)}")
+        known = vocabulary.kinds if section == "tasks" else vocabulary.contacts
+        if not isinstance(entries, dict):
+            raise InputRefused(f"{section} is not a mapping; {_UPDATE_FORM}")
+        for name, fields in entries.items():
+            if name not in known:
+                raise InputRefused(f"unknown {section[:-1]} {name!r}; {valid_choices(str(name), known)}")
+            if not isinstance(fields, dict):
+                raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
+            for key, value in fields.items():
+                if key in _UPDATE_KEYS[section][1]:
+                    settings.setdefault(section, {}).setdefault(name, {})[key] = value
+                else:
+                    changes.append(_update_field(vocabulary, section, name, key, value))
+    if not changes and not settings:
+        raise InputRefused(f"{reprlib.repr(content.data)} changes nothing; {_UPDATE_FORM}")
+    return (*changes, *([ChangeSettings(settings)] if settings else []))
+
+
+def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any) -> Change:
+    keys, settings = _UPDATE_KEYS[section]
+    if key not in keys:
+        raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), (*keys, *settings))}")
+    if key == "weight":
+        return SetWeight(name, _weight(value))
+    if key == "setpoint":
+        return SetSetpoint(name, _setpoint_values(vocabulary, name, value))
+    if not isinstance(value, bool):
+        raise InputRefused(f"{section}.{name}.enabled is true or false, not {reprlib.repr(value)}")
+    return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value of YAML is a number that a double can hold."""
+    return isinstance(value, float) or (
+        isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
+
+
+def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
+    kind = vocabulary.kinds[task]
+    form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in _JOINT_FIELDS else _FORMS[kind]
+    where = f"tasks.{task}.setpoint"
+    if not isinstance(value, list) or not all(_is_number(number) for number in value):
+        raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")
+    if len(value) != form.size:
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise InputRefused(f"{where} has {len(value)} values; {article} {kind} task takes {form.size}")
+    return form.position(value, where)
+
+
+#: How to read each row of the topic table that changes references.
+READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSettings, ...]]] = {
+    "setpoint": _read_setpoint,
+    "trajectory": _read_trajectory,
+    "weight": lambda vocabulary, task, content: (SetWeight(task, _weight(float(content.data))),),
+    "task_enable": lambda vocabulary, task, content: (EnableTask(task, bool(content.data)),),
+    "contact_enable": lambda vocabulary, contact, content: (EnableContact(contact, bool(content.data)),),
+    "external_wrench": _read_external_wrench,
+    "update": _read_update,
+}
