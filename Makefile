@@ -13,8 +13,9 @@ help:  ## say what there is to make
 demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be shoved: make demo ROBOT=talos
 	$(BIN)/wbc demo $(ROBOT)
 
-test: $(VENV)/dev.installed  ## run all tests
-	$(BIN)/python -m pytest
+test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that need the processors to themselves
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "not live"
+	$(BIN)/python -m pytest -m live
 
 lint: $(VENV)/dev.installed  ## ruff and mypy
 	$(BIN)/ruff check .

@@ -37,6 +37,7 @@ setup(
         "pydantic>=2.7,<3",
         "pyyaml>=6,<7",
         "qpsolvers>=4.8,<5",
+        "rich>=13,<16",
         "rosbags>=0.10.6,<0.12",
         "scipy>=1.11,<2",
     ],
@@ -47,7 +48,8 @@ setup(
             "mujoco>=3.3,<4; python_version < '3.11'",
         ],
         "test": ["pytest>=7.4"],  # by this, colcon test knows that the tests are pytest's
-        "demo": ["wbc_controller[robots,mock]", "plotly>=7.1,<8", "rich>=13"],
+        "plots": ["plotly>=7.1,<8"],
+        "demo": ["wbc_controller[robots,mock,plots]"],
     },
     entry_points={
         "console_scripts": [

@@ -9,11 +9,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.assembly.preflight import check
-from wbc_controller.core.references.changes import SetTrajectory
-from wbc_controller.core.references.trajectories import Knot
-from wbc_controller.mock.simulation import Simulation
-from wbc_controller.settings import Settings
+import wbc_controller as wbc
 
 LEG = 0.35  # m, each of thigh and shank
 HIP = 0.10  # m, to each side
@@ -21,59 +17,54 @@ FOOT = 0.06  # m, from the ankle to the sole
 HEIGHT, STRIDE = 0.62, 0.15  # m: hip above the ankles; each foot ahead of the hip, or behind it
 SQUAT = 0.10  # m
 STIFFNESS, DAMPING = 25.0, 0.5  # N·m/rad, N·m·s/rad
-#: Of each leg: joint, axis, link that it moves, origin in the link before, mass, and where its centre of mass is.
+ANKLES = ["left_ankle_pitch", "right_ankle_pitch"]
+#: Of each leg: joint, axis, link that it moves, height of the joint in the link before, m, mass, and height of its
+#: centre of mass.
 CHAIN = (
-    ("hip_yaw", "0 0 1", "hip", (0.0, 0.0, 0.0), 0.6, -0.02),
-    ("hip_roll", "1 0 0", "fork", (0.0, 0.0, 0.0), 0.6, -0.02),
-    ("hip_pitch", "0 1 0", "thigh", (0.0, 0.0, 0.0), 2.5, -LEG / 2),
-    ("knee", "0 1 0", "shank", (0.0, 0.0, -LEG), 1.8, -LEG / 2),
-    ("ankle_pitch", "0 1 0", "ankle", (0.0, 0.0, -LEG), 0.3, -0.01),
-    ("ankle_roll", "1 0 0", "foot", (0.0, 0.0, 0.0), 0.7, -FOOT / 2),
+    ("hip_yaw", "0 0 1", "hip", 0.0, 0.6, -0.02),
+    ("hip_roll", "1 0 0", "fork", 0.0, 0.6, -0.02),
+    ("hip_pitch", "0 1 0", "thigh", 0.0, 2.5, -LEG / 2),
+    ("knee", "0 1 0", "shank", -LEG, 1.8, -LEG / 2),
+    ("ankle_pitch", "0 1 0", "ankle", -LEG, 0.3, -0.01),
+    ("ankle_roll", "1 0 0", "foot", 0.0, 0.7, -FOOT / 2),
 )
-LINK = """<link name="{name}"><inertial><origin xyz="0 0 {z}"/><mass value="{mass}"/>
-<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>
-<axis xyz="{axis}"/><limit lower="-2.4" upper="2.4" effort="{effort}" velocity="15"/></joint>"""
+LINK = """<link name="{0}"><inertial><origin xyz="0 0 {1}"/><mass value="{2}"/>
+<inertia ixx="{3}" iyy="{3}" izz="{3}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0 {3} {4}"/>
+<axis xyz="{5}"/><limit lower="-2.4" upper="2.4" effort="{6}" velocity="15"/></joint>"""
 
 
 def legs() -> str:
     """The robot as URDF. The effort limit of the sprung joints is 0: nothing looks at it."""
-    parts = [LINK.format(name="pelvis", z=0.15, mass=14.0, i=0.25)]
+    urdf = '<robot name="sprung_legs">' + LINK.format("pelvis", 0.15, 14.0, 0.25)
     for side, y in (("left", HIP), ("right", -HIP)):
         parent = "pelvis"
-        for joint, axis, link, (x, own, z), mass, centre in CHAIN:
-            child, at = f"{side}_{link}", f"{x} {own + y if parent == 'pelvis' else own} {z}"
-            effort = 0 if joint == "ankle_pitch" else 120
-            parts.append(LINK.format(name=child, z=centre, mass=mass, i=0.005 + mass * LEG**2 / 60.0))
-            parts.append(
-                JOINT.format(name=f"{side}_{joint}", parent=parent, child=child, xyz=at, axis=axis, effort=effort)
-            )
-            parent = child
-    return f'<robot name="sprung_legs">{"".join(parts)}</robot>'
+        for joint, axis, link, z, mass, centre in CHAIN:
+            name, child = f"{side}_{joint}", f"{side}_{link}"
+            urdf += LINK.format(child, centre, mass, 0.005 + mass * LEG**2 / 60.0)
+            urdf += JOINT.format(name, parent, child, y, z, axis, 0 if name in ANKLES else 120)
+            parent, y = child, 0.0
+    return urdf + "</robot>"
 
 
 def bent(ahead: float) -> list[float]:
     """Angles of a leg whose ankle is that far ahead of the hip, m, with the foot level."""
-    length = np.hypot(ahead, HEIGHT)
-    half = np.arccos(length / (2.0 * LEG))
+    half = np.arccos(np.hypot(ahead, HEIGHT) / (2.0 * LEG))
     hip = -np.arctan2(ahead, HEIGHT) - half
     return [0.0, 0.0, hip, 2.0 * half, -hip - 2.0 * half, 0.0]
 
 
-def configuration() -> Settings:
+def configuration() -> wbc.Config:
     """The legs in a stride, left foot ahead, with the springs at rest."""
-    joints = [f"{side}_{joint}" for side in ("left", "right") for joint, *_ in CHAIN]
-    posture = [*bent(STRIDE), *bent(-STRIDE)]
-    rest = dict(zip(joints, posture, strict=True))
+    posture = {f"left_{joint}": angle for (joint, *_), angle in zip(CHAIN, bent(STRIDE), strict=True)}
+    posture |= {f"right_{joint}": angle for (joint, *_), angle in zip(CHAIN, bent(-STRIDE), strict=True)}
+    spring = {"stiffness": STIFFNESS, "damping": DAMPING}
     sole = {"type": "surface", "translation": [0.03, 0.0, -FOOT], "half_length": 0.1, "half_width": 0.04}
     values = {
         "robot": {
-            "joints": joints,
-            "posture": posture,
-            "passive_joints": {
-                name: {"stiffness": STIFFNESS, "damping": DAMPING, "rest": rest[name]}
-                for name in ("left_ankle_pitch", "right_ankle_pitch")
-            },
+            "joints": list(posture),
+            "posture": list(posture.values()),
+            "passive_joints": {name: spring | {"rest": posture[name]} for name in ANKLES},
             "armature": 0.01,
         },
         "tasks": {
@@ -81,53 +72,46 @@ def configuration() -> Settings:
             "pelvis": {"type": "frame_orientation", "frame": "pelvis", "weight": 10.0},
             "posture": {"type": "posture", "weight": 0.001, "stiffness": 20.0},
         },
-        "contacts": {
-            f"{side}_foot": sole | {"frame": f"{side}_foot", "max_normal_force": 500.0} for side in ("left", "right")
-        },
+        "contacts": {name: sole | {"frame": name, "max_normal_force": 500.0} for name in ("left_foot", "right_foot")},
     }
-    return Settings.model_validate(values)
+    return wbc.load(values, urdf=legs())
 
 
 def main() -> int:
     """Squat and come up in two seconds; 0 where all targets are met."""
-    settings, urdf = configuration(), legs()
-    for finding in check(settings, urdf):
+    config = configuration()
+    for finding in wbc.check(config):
         print(f"{finding.subject}: {finding.text}")
-    robot = Simulation(settings, urdf)
-    model, dynamics = robot.controller.model, robot.controller.dynamics
+    robot = wbc.Simulation(config)
+    model, dynamics, contacts = robot.controller.model, robot.controller.dynamics, robot.controller.contacts
     data = model.pinocchio.createData()
-    ankles = [model.joints.index(f"{side}_ankle_pitch") for side in ("left", "right")]
-    start, still = np.array(dynamics.com), np.zeros(3)
-    off, tilt, bend, wrong, forecast = [], [], [], [], []
+    ankles = [model.joints.index(name) for name in ANKLES]
+    start, bend, wrong, forecast = np.array(dynamics.com), [], [], []
 
-    def look(robot: Simulation) -> None:
-        off.append(np.linalg.norm(dynamics.com - robot.board.sample(robot.time).tasks["com"].position))
-        tilt.append(np.linalg.norm(pin.log3(pin.XYZQUATToSE3(np.array(dynamics.q[:7])).rotation)))
+    def look(robot: wbc.Simulation) -> None:
         robot.plant.forward()
         wrenches = robot.plant.contact_wrenches()
         q, v = robot.plant.state()
         # What MuJoCo's motion and contact forces say of the torque at the ankles, by inverse dynamics.
         force = pin.rnea(model.pinocchio, data, q, v, robot.plant.acceleration())
-        for name, wrench in wrenches.items():
-            force -= robot.controller.contacts[name].jacobian(dynamics).T @ wrench
-        angle, speed = q[model.q_index][ankles], v[model.v_index][ankles]
-        spring = STIFFNESS * (model.posture[ankles] - angle) - DAMPING * speed
-        bend.append(np.max(np.abs(angle - model.posture[ankles])))
+        force -= sum(contacts[name].jacobian(dynamics).T @ wrench for name, wrench in wrenches.items())
+        turned = q[model.q_index][ankles] - model.posture[ankles]
+        spring = -STIFFNESS * turned - DAMPING * v[model.v_index][ankles]
+        bend.append(np.max(np.abs(turned)))
         wrong.append(np.max(np.abs(force[model.v_index][ankles] - spring)))
-        expected = np.concatenate([robot.solution.forces[name] for name in wrenches])
-        forecast.append(np.linalg.norm(expected - np.concatenate(list(wrenches.values()))))
+        forecast.append(np.linalg.norm([robot.result.forces[name] - wrench for name, wrench in wrenches.items()]))
 
     robot.run(0.3)  # until the soles have settled
-    down = start - [0.0, 0.0, SQUAT]
-    robot.apply(SetTrajectory("com", None, (Knot(1.0, down, still, still), Knot(2.0, start, still, still))))
-    robot.run(2.2, look)
+    robot.controller.follow("com", [1.0, 2.0], [start - [0.0, 0.0, SQUAT], start])
+    results = robot.run(2.2, look)
+    off = [result.task_errors["com"] for result in results]
     targets = [
         ("centre of mass off its reference", 1e3 * max(off), 1.0, "mm"),
         ("centre of mass at the end", 1e3 * off[-1], 0.2, "mm"),
-        ("pelvis tilted", max(tilt), 0.002, "rad"),
+        ("pelvis tilted", max(result.task_errors["pelvis"] for result in results), 0.002, "rad"),
         ("torque of the ankles, MuJoCo's against the springs'", max(wrong), 1.0e-6, "N·m"),
         ("contact forces, QP against MuJoCo, of the weight", max(forecast) / (model.mass * model.gravity), 0.02, ""),
-        ("motors", float(len(robot.solution.tau)), 10.0, ""),
+        ("motors", float(len(robot.result.tau)), 10.0, ""),
         ("fallen", float(robot.plant.fallen), 0.5, ""),
     ]
     for what, value, most, unit in targets:

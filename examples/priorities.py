@@ -8,52 +8,43 @@ import sys
 
 import numpy as np
 
-from wbc_controller.core.references.changes import EnableTask, SetSetpoint
-from wbc_controller.mock.simulation import Simulation
-from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
+import wbc_controller as wbc
 
 TOLERANCE = 0.03  # m, forward and sideways
 FAR = 0.45  # m, ahead of where the hand is
+#: G1 with a hand that is to reach. The tasks that settle what is left open need weight: with a weak posture below a
+#: strict hand, the arms and legs swing.
+WEIGHTED = wbc.load("g1").replace({
+    "tasks.com": {"stiffness": 40.0, "damping": None},
+    "tasks.left_hand": {"type": "frame_position", "weight": 50.0, "stiffness": 40.0},
+    "tasks.pelvis.weight": 0.5, "tasks.torso.weight": 0.5, "tasks.posture.weight": 0.1,
+})  # fmt: skip
+#: The same tasks and weights on three levels.
+STRICT = WEIGHTED.replace({
+    "tasks.com.tolerance": [TOLERANCE, TOLERANCE, 0.2],
+    "tasks.left_hand.level": 1,
+    **{f"tasks.{name}.level": 2 for name in ("pelvis", "torso", "posture", "right_hand")},
+})  # fmt: skip
 
 
-def configuration(*, strict: bool) -> Settings:
-    """G1 with three levels, or with the same tasks and weights on one."""
-    values = load_settings(find_configuration("g1")).model_dump()
-    tasks = values["tasks"]
-    tasks["left_hand"] = {
-        "type": "frame_position", "frame": "left_rubber_hand", "weight": 50.0, "stiffness": 40.0, "enabled": False,
-    }  # fmt: skip
-    tasks["com"] |= {"stiffness": 40.0, "damping": None}
-    # What settles the rest has to settle it well: with a weak posture below a strict hand, the arms and legs swing.
-    for name, weight in {"pelvis": 0.5, "torso": 0.5, "posture": 0.1}.items():
-        tasks[name]["weight"] = weight
-    if strict:
-        tasks["com"] |= {"tolerance": [TOLERANCE, TOLERANCE, 0.2]}
-        tasks["left_hand"]["level"] = 1
-        for name in ("pelvis", "torso", "posture", "right_hand"):
-            tasks[name]["level"] = 2
-    return Settings.model_validate(values)
-
-
-def reach(seconds: float, *, strict: bool) -> tuple[float, float, Simulation]:
+def reach(config: wbc.Config, seconds: float) -> tuple[float, float, wbc.Simulation]:
     """Reach for a while; gives how far hand and centre of mass went ahead, m."""
-    robot = Simulation(configuration(strict=strict))
-    dynamics = robot.controller.dynamics
-    hand = robot.controller.tasks["left_hand"]
+    robot = wbc.Simulation(config)
+    dynamics, hand = robot.controller.dynamics, robot.controller.tasks["left_hand"]
     robot.run(0.1)
     start, com = hand.position(dynamics), np.array(dynamics.com)
-    robot.apply(EnableTask("left_hand", True), SetSetpoint("left_hand", start + np.array([FAR, 0.0, 0.0])))
+    robot.controller.enable("left_hand")
+    robot.controller.set("left_hand", start + np.array([FAR, 0.0, 0.0]))
     robot.run(seconds)
-    return float((hand.position(dynamics) - start)[0]), float((dynamics.com - com)[0]), robot
+    return (hand.position(dynamics) - start)[0], (dynamics.com - com)[0], robot
 
 
 def main() -> int:
     """Reach with priorities and without; 0 where all targets are met."""
-    hand, com, robot = reach(2.0, strict=True)
-    for level in robot.solution.levels:
+    hand, com, robot = reach(STRICT, 2.0)
+    for level in robot.result.solution.levels:
         print(f"{', '.join(level.tasks)}: cost {level.cost:.3g}, {level.iterations} iterations")
-    _, weighted_com, _ = reach(1.5, strict=False)
+    _, weighted_com, _ = reach(WEIGHTED, 1.5)
     targets = [
         ("centre of mass ahead, with levels", 1e3 * com, 0.0, 1e3 * TOLERANCE + 2.0, "mm"),
         ("hand ahead, with levels", 1e3 * hand, 1e3 * FAR - 5.0, 1e3 * FAR + 5.0, "mm"),

@@ -7,63 +7,50 @@ import sys
 
 import numpy as np
 
-from wbc_controller.assembly.preflight import check
-from wbc_controller.core.limits import SelfCollisionLimit
-from wbc_controller.core.references.changes import SetSetpoint
-from wbc_controller.mock.simulation import Simulation
-from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
+import wbc_controller as wbc
 
 MARGIN = 0.02  # m
 HANDS = ("left_hand", "right_hand")
 
 
-def configuration() -> Settings:
+def configuration() -> wbc.Config:
     """G1 with its hands' tasks on, and its links kept apart."""
-    values = load_settings(find_configuration("g1")).model_dump()
-    values["limits"]["self_collision"] = {
-        "enabled": True,
-        "margin": MARGIN,
-        "visual": ["left_rubber_hand", "right_rubber_hand"],  # they have no collision elements
-    }
-    for hand in HANDS:
-        values["tasks"][hand] |= {"enabled": True, "setpoint_duration": 0.3}
-    return Settings.model_validate(values)
+    visual = ["left_rubber_hand", "right_rubber_hand"]  # they have no collision elements
+    return wbc.load("g1").replace(
+        {"limits.self_collision": {"enabled": True, "margin": MARGIN, "visual": visual}}
+        | {f"tasks.{hand}": {"enabled": True, "setpoint_duration": 0.3} for hand in HANDS}
+    )
 
 
 def main() -> int:
     """Command what is not possible, then what is; 0 where all targets are met."""
-    settings = configuration()
-    for finding in check(settings):
+    config = configuration()
+    for finding in wbc.check(config):
         print(f"{finding.subject}: {finding.text}")
-    robot = Simulation(settings)
-    dynamics, tasks = robot.controller.dynamics, robot.controller.tasks
-    (limit,) = robot.controller.formulation.row_limits
-    if not isinstance(limit, SelfCollisionLimit):
-        raise TypeError(f"the limit is a {type(limit).__name__}")
-    start = {hand: tasks[hand].rest(dynamics).position for hand in HANDS}
-    least, held, blocked, errors = [], set(), [], []
+    robot = wbc.Simulation(config)
+    dynamics, tasks = robot.controller.dynamics, [robot.controller.tasks[hand] for hand in HANDS]
+    (limit,) = robot.controller.qp.formulation.row_limits
+    start = [task.position(dynamics) for task in tasks]
+    nearest, held = [], set()
 
-    def look(robot: Simulation) -> None:
-        held.update(name for name in robot.solution.binding if name.startswith("self_collision:"))
-        if round(robot.time / robot.controller.formulation.period) % 10 == 0:
-            distances = limit.distances(dynamics)
-            least.append(min((distance, name) for name, distance in distances.items()))
-
-    def command(seconds: float, **goals: np.ndarray) -> float:
+    def command(seconds: float, *goals: np.ndarray) -> float:
         """Send both hands somewhere; how far the farther one is from there in the end, m."""
-        robot.apply(*(SetSetpoint(hand, np.concatenate([at, start[hand][3:]])) for hand, at in goals.items()))
-        robot.run(seconds, look)
-        return max(float(np.linalg.norm(tasks[hand].rest(dynamics).position[:3] - at)) for hand, at in goals.items())
+        for task, at, pose in zip(tasks, goals, start, strict=True):
+            robot.controller.set(task.name, [*at, *pose[3:]])
+        for _ in range(round(seconds / 0.02)):
+            results = robot.run(0.02)
+            held.update(name for each in results for name in each.binding if name.startswith("self_collision:"))
+            nearest.append(min((distance, name) for name, distance in limit.distances(dynamics).items()))
+        return max(np.linalg.norm(task.position(dynamics)[:3] - at) for task, at in zip(tasks, goals, strict=True))
 
-    left, right = (start[hand][:3] for hand in HANDS)
-    inside, up = np.array([-0.1, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])
-    blocked.append(command(0.4, left_hand=right * [0, 0, 1] + inside + up, right_hand=left * [0, 0, 1] + inside + up))
-    errors.append(command(0.7, left_hand=left, right_hand=right))
-    blocked.append(command(0.4, left_hand=right, right_hand=left))
-    errors.append(command(0.7, left_hand=left + up, right_hand=right + up))
+    left, right = (pose[:3] for pose in start)
+    inside, up = np.array([-0.1, 0.0, left[2] + 0.1]), np.array([0.0, 0.0, 0.1])
+    blocked = [command(0.4, inside, inside)]
+    errors = [command(0.7, left, right)]
+    blocked.append(command(0.4, right, left))
+    errors.append(command(0.7, left + up, right + up))
 
-    distance, name = min(least)
+    distance, name = min(nearest)
     print(f"nearest: {name.partition(':')[2]}; {len(held)} pairs were held")
     targets = [
         ("distance below the margin", max(0.0, 1e3 * (MARGIN - distance)), 0.0, "mm"),

@@ -8,49 +8,39 @@ import sys
 
 import numpy as np
 
-from wbc_controller.assembly.preflight import check
-from wbc_controller.core.references.changes import SetSetpoint
-from wbc_controller.mock.simulation import Simulation
-from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
+import wbc_controller as wbc
 
 SLOPE = np.radians(20.0)
 SWAY = 0.03  # m
 FRICTION = 0.7
 
 
-def configuration() -> Settings:
+def configuration() -> wbc.Config:
     """G1 with bent ankles, leaning into a floor that rises ahead of it."""
-    values = load_settings(find_configuration("g1")).model_dump()
-    robot = values["robot"]
-    for joint, angle in (("hip_pitch", -0.07), ("knee", 0.0), ("ankle_pitch", 0.07 - SLOPE)):
-        for side in ("left", "right"):
-            robot["posture"][robot["joints"].index(f"{side}_{joint}_joint")] += angle
-    values["mock"]["floor_normal"] = [-np.sin(SLOPE), 0.0, np.cos(SLOPE)]
-    values["tasks"]["com"]["setpoint_duration"] = 0.5
-    return Settings.model_validate(values)
+    bent = {"hip_pitch": -0.3398, "knee": 0.6, "ankle_pitch": -0.2602 - SLOPE}  # the base upright, the soles along it
+    changes = {f"robot.posture.{side}_{joint}_joint": bent[joint] for side in ("left", "right") for joint in bent}
+    floor = {"mock.floor_normal": [-np.sin(SLOPE), 0.0, np.cos(SLOPE)]}
+    return wbc.load("g1").replace(changes | floor | {"tasks.com.setpoint_duration": 0.5})
 
 
 def main() -> int:
     """Sway to both sides and up the slope; 0 where all targets are met."""
-    settings = configuration()
-    for finding in check(settings):
+    config = configuration()
+    for finding in wbc.check(config):
         print(f"{finding.subject}: {finding.text}")
-    robot = Simulation(settings)
+    robot = wbc.Simulation(config)
     dynamics, contacts = robot.controller.dynamics, robot.controller.contacts
-    start = np.array(dynamics.com)
+    start, slide, used, errors = np.array(dynamics.com), [], [], []
+    robot.run(0.2)  # until the soles have settled
     feet = {name: contact.points(dynamics) for name, contact in contacts.items()}
-    slide, used, errors = [], [], []
 
-    def look(robot: Simulation) -> None:
-        slide.append(max(np.abs(contacts[name].points(dynamics) - at).max() for name, at in feet.items()))
+    def look(robot: wbc.Simulation) -> None:
+        slide.extend(np.abs(contacts[name].points(dynamics) - at).max() for name, at in feet.items())
         for fx, fy, fz, *_ in robot.plant.contact_wrenches().values():
             used.append(np.hypot(fx, fy) / (FRICTION * fz))
 
-    robot.run(0.2)  # until the soles have settled
-    feet = {name: contact.points(dynamics) for name, contact in contacts.items()}
     for way in ([0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.3 * SWAY, 0.0, -SWAY]):
-        robot.apply(SetSetpoint("com", start + way))
+        robot.controller.set("com", start + way)
         robot.run(0.6, look)
         errors.append(np.linalg.norm(dynamics.com - start - way))
     targets = [

@@ -45,7 +45,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         (*CORE, "core/program", "core/solvers", "core/whole_body_qp", "safety", "settings"),
         ("numpy", "scipy", "pinocchio", "coal"),
     ),
-    "control": ((*CORE, "core/whole_body_qp", "safety", "settings", "views", "assembly"), ("numpy", "pydantic")),
+    "control": (
+        (*CORE, "core/whole_body_qp", "safety", "settings", "views", "assembly"),
+        ("numpy", "pydantic", "pinocchio"),
+    ),
     "wire": (("core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
     "diagnostics": (("core/robot", "core/contacts", "core/tasks", "mechanics", "views", "wire"), ("numpy",)),

@@ -1,9 +1,46 @@
 """Public names are few, and exported on purpose: a change of them is a change of this file."""
 
+import ast
 import importlib
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+import wbc_controller as wbc
+
+FRONT_DOOR = {
+    "AnchoredContact",
+    "Config",
+    "ConfigurationError",
+    "Contact",
+    "Controller",
+    "CycleResult",
+    "Dynamics",
+    "EffortTask",
+    "Fault",
+    "Finding",
+    "InputRefused",
+    "JointCommand",
+    "Mode",
+    "MotionTask",
+    "MujocoInterface",
+    "NoSolution",
+    "RateTask",
+    "Reference",
+    "RobotModel",
+    "RowLimit",
+    "Simulation",
+    "Solution",
+    "Task",
+    "UnilateralContact",
+    "WbcError",
+    "check",
+    "load",
+    "plot",
+    "state_from_joints",
+}
 EXPORTED = {
     "wbc_controller.core.tasks": {
         "AccelerationTask",
@@ -49,6 +86,31 @@ EXPORTED = {
     },
     "wbc_controller.core.solvers": {"Answer", "Solver", "available_solvers", "make_solver"},
 }
+
+
+def test_the_front_door_exports_these_names():
+    assert set(wbc.__all__) == set(wbc._PUBLIC) == FRONT_DOOR
+    assert list(wbc.__all__) == sorted(wbc.__all__)
+    for name in wbc.__all__:
+        assert getattr(wbc, name).__name__ == name
+        assert getattr(wbc, name).__doc__
+    assert set(wbc.__all__) <= set(dir(wbc))
+    with pytest.raises(AttributeError, match="has no attribute 'make_model'"):
+        wbc.make_model  # noqa: B018  # the attribute is what is tested
+
+
+def test_type_checkers_see_the_same_names_from_the_same_places():
+    tree = ast.parse(Path(wbc.__file__).read_text(encoding="utf-8"))
+    (checking,) = [node for node in tree.body if isinstance(node, ast.If)]
+    seen = {alias.name: node.module for node in checking.body for alias in node.names}
+    assert seen == {name: f"wbc_controller.{module}" for name, module in wbc._PUBLIC.items()}
+
+
+def test_the_front_door_imports_nothing_before_it_is_used():
+    code = (
+        "import sys, wbc_controller; print([name for name in ('numpy', 'pinocchio', 'mujoco') if name in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 @pytest.mark.parametrize("module", EXPORTED)

@@ -135,11 +135,8 @@ def check(config: str) -> None:
     """Check a configuration before the robot moves, and say what was found."""
     from wbc_controller.assembly.preflight import check as find
 
-    path = find_configuration(config)
-    settings = load_settings(path)
-    with _naming(config):
-        findings = find(settings)
-    click.echo(f"{path}")
+    findings = find(config)
+    click.echo(f"{find_configuration(config)}")
     for finding in findings:
         click.echo(f"  {finding.subject:16} {finding.text}")
     click.echo("ok")

@@ -8,6 +8,8 @@ import time
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.live
+
 #: Time by which a shared machine of two cores may be late with a cycle, s. The age in the sentence is measured by the
 #: controller's own clock, so that it holds only its own lateness, not that of this test.
 SLACK = 0.1

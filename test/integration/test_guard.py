@@ -11,6 +11,8 @@ from wbc_controller.service.guard_service import NODE_NAME
 from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import GUARD_TOPICS, endpoints
 
+pytestmark = pytest.mark.live
+
 #: Time from the first missed command to damping torque on the topic, s, on a machine that is never late itself.
 WITHIN = 0.02
 

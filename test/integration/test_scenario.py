@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+
+pytestmark = pytest.mark.live
 
 
 def test_stand_move_and_change_by_topics(user, make):

@@ -18,6 +18,8 @@ import pytest
 import yaml
 from network import Network, NotPermitted
 
+pytestmark = pytest.mark.live
+
 #: Patient, and slow: what is tested here is the network, not how late a shared machine may be.
 CHANGES = {
     "control": {"rate": 200.0},

@@ -27,6 +27,8 @@ pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.settings.files import find_configuration, load_settings
 
+pytestmark = pytest.mark.live
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -30,6 +30,8 @@ from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
+pytestmark = pytest.mark.live
+
 DOMAIN = own_domain()
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 

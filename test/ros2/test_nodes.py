@@ -24,6 +24,8 @@ except ImportError as error:
 
 from wbc_controller.ros2.security_policy import CLOCK, security_policy
 
+pytestmark = pytest.mark.live
+
 #: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
 DOMAIN = own_domain()
 NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}

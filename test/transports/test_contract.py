@@ -24,6 +24,8 @@ from wbc_controller.wire.topics import (
     endpoints,
 )
 
+pytestmark = pytest.mark.live
+
 STRING = "std_msgs/msg/String"
 
 

@@ -36,6 +36,8 @@ from wbc_controller.transports.dds import DdsTransport
 from wbc_controller.transports.dds_domain import DiscoveryRange, DomainSettings, configuration, domain_settings
 from wbc_controller.transports.dds_types import dds_type_name, idl_type, type_hash
 
+pytestmark = pytest.mark.live
+
 STRING = "std_msgs/msg/String"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 

@@ -19,6 +19,8 @@ from wbc_controller.wire.topics import (
     endpoints,
 )
 
+pytestmark = pytest.mark.live
+
 
 @pytest.fixture
 def pair(monkeypatch):

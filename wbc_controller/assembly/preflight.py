@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -23,6 +25,7 @@ from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config, load
 
 #: Contacts whose heights differ by more, with the base upright, do not stand on one floor, m.
 _LEVEL = 0.01
@@ -79,12 +82,12 @@ def _on_the_floor(controller: WholeBodyQP, made: Iterable[str], normal: Array) -
     return found
 
 
-def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
+def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
     """Build everything that a configuration asks for, and see whether the robot can stand as configured.
 
     Args:
-        settings: the robot's settings.
-        urdf: the URDF's text, where it did not come from the settings.
+        config: the configuration, or what `load` takes.
+        urdf: the URDF's text, where ``robot.urdf`` names no file.
 
     Returns:
         What was found.
@@ -92,12 +95,17 @@ def check(settings: Settings, urdf: str | None = None) -> list[Finding]:
     Raises:
         ConfigurationError: where the robot cannot be controlled, or cannot stand still in its nominal posture.
     """
-    qp = make_qp(settings, make_model(settings, urdf))
-    return check_controller(settings, qp, make_board(settings, qp))
+    config = load(config, urdf=urdf)
+    settings = config.settings
+    try:
+        qp = make_qp(settings, make_model(settings, config.urdf))
+        return check_controller(settings, qp, make_board(settings, qp))
+    except ConfigurationError as error:
+        raise ConfigurationError(config.named(str(error))) from error
 
 
 def check_controller(settings: Settings, controller: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
-    """The same with everything built already; the board's references are reset.
+    """See whether a robot whose quadratic program is built can stand as configured; resets the board's references.
 
     Args:
         settings: the robot's settings.

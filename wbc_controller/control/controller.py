@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
+from wbc_controller.assembly.preflight import stance
 from wbc_controller.control.cycle import ControlCycle, seconds
 from wbc_controller.control.result import CycleResult
 from wbc_controller.core.references.changes import (
@@ -69,12 +71,17 @@ class Controller(ControlCycle):
         finite(state.q, "q"), finite(state.v, "v")
         self._time = seconds(state)
         self.qp.forget()
-        self._streamed.clear()
+        self._commands, self._streamed = [], {}
         self._failure, self._explained = None, -np.inf
         self.supervisor = Supervisor(self.model, self._parts.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
         self.supervisor.request("activate", self._time, None)
+
+    def stance(self) -> Array:
+        """The nominal posture with the base upright and the lowest contact on the floor z = 0, q (nq,): a start."""
+        active = [name for name, contact in self.board.contact_plans.items() if contact.enabled]
+        return stance(self.model, self.qp, active)
 
     def step(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> CycleResult:
         """Run one control cycle.
@@ -98,7 +105,14 @@ class Controller(ControlCycle):
             if not np.isfinite(values).all():
                 problem = Fault("BAD_STATE", f"{name} holds a value that is not finite: {shortened(values)}")
         self._time = seconds(state)
-        result = self.cycle(self._time, state, state.v[self.model.v_places], problem=problem)
+        commands, self._commands = self._commands, []
+        result = self.cycle(
+            self._time,
+            state,
+            state.v[self.model.v_places],
+            problem=problem,
+            changes=[(change,) for change in commands],
+        )
         self.explain_failure(self._time)
         return result
 
@@ -108,45 +122,46 @@ class Controller(ControlCycle):
         position: Any,
         velocity: npt.ArrayLike | None = None,
         acceleration: npt.ArrayLike | None = None,
+        *,
+        duration: float | None = None,
     ) -> None:
         """Give a task a reference.
 
-        With a position alone the task goes there along a quintic, in the ``setpoint_duration`` of its settings. With a
-        velocity or acceleration the reference is streamed: it counts as it is in the next step, and a reference that is
-        not set again stays at the position.
+        With a position alone the reference moves there along a quintic. With a velocity or acceleration it is streamed:
+        the next step takes it as it is, and where no other follows it stays at the position.
 
         Args:
             task: its name.
             position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). For tasks on
-                joints it may be a dictionary of some of them.
+                joints it may be a dictionary of some of them, for poses a `pinocchio.SE3`.
             velocity: feed-forward, with as many values as the task has axes; world axes, linear part first.
-            acceleration: likewise.
+            acceleration: feed-forward, in the same form.
+            duration: time in which the position is reached, s; the task's ``setpoint_duration`` where it is not given.
 
         Raises:
             InputRefused: where there is no such task, or a value cannot be used.
         """
-        known = self._task(task)
-        where = f"the position of task {task!r}"
-        if isinstance(position, Mapping):
-            position = self._joint_positions(task, position)
-        values = known.form.position(position, where)
-        if velocity is None and acceleration is None:
-            self._apply(SetSetpoint(task, values))
+        values = self._position(task, position, f"the position of task {task!r}")
+        streamed = velocity is not None or acceleration is not None
+        if duration is not None and (streamed or not (0.0 <= duration < np.inf)):
+            why = "a streamed reference has none" if streamed else "it must be finite and not negative"
+            raise InputRefused(f"duration = {duration!r} s of task {task!r}: {why}")
+        if not streamed:
+            self._command(SetSetpoint(task, values, duration))
             return
         size = len(self.board.present(task, self._now()).velocity)
         rates = [
             _finite(given, size, f"the {what} of task {task!r}")
             for what, given in (("velocity", velocity), ("acceleration", acceleration))
         ]
-        still = np.zeros(size)
-        self._apply(SetTrajectory(task, self._now(), (Knot(self._now(), values, still, still),)))
+        self._command(SetSetpoint(task, values, 0.0))
         self._streamed[task] = Reference(frozen(values), *map(frozen, rates))
 
     def follow(
         self,
         task: str,
         times: npt.ArrayLike,
-        positions: npt.ArrayLike,
+        positions: Any,
         velocities: npt.ArrayLike | None = None,
         accelerations: npt.ArrayLike | None = None,
     ) -> None:
@@ -155,18 +170,18 @@ class Controller(ControlCycle):
         Args:
             task: its name.
             times: of the points, counted from now, rising, (n,) in s.
-            positions: (n, k), as in `set`.
+            positions: n of them, each as in `set`.
             velocities: at the points, (n, m); zero where they are not given.
             accelerations: likewise.
 
         Raises:
             InputRefused: where there is no such task, or a value cannot be used.
         """
-        known = self._task(task)
+        self._task(task)
         seconds = finite(times, "times")
         if seconds.ndim != 1 or not len(seconds) or not (seconds[0] >= 0.0) or not (np.diff(seconds) > 0.0).all():
             raise InputRefused(f"times of task {task!r} must rise from 0 or more, not {np.asarray(times)!r}")
-        points = [known.form.position(each, f"a position of task {task!r}") for each in _rows(positions, seconds)]
+        points = [self._position(task, each, f"a position of task {task!r}") for each in _rows(positions, seconds)]
         size = len(self.board.present(task, self._now()).velocity)
         still = np.zeros((len(seconds), size))
         rates = [
@@ -177,7 +192,7 @@ class Controller(ControlCycle):
             )
         ]
         knots = tuple(Knot(*each) for each in zip(seconds.tolist(), points, *rates, strict=True))
-        self._apply(SetTrajectory(task, None, knots))
+        self._command(SetTrajectory(task, None, knots))
 
     def enable(self, name: str, enabled: bool = True) -> None:
         """Switch a task or contact on, along a ramp: a weight rises, a contact is loaded.
@@ -200,7 +215,7 @@ class Controller(ControlCycle):
             raise InputRefused(f"{name!r} is no task and no contact; {valid_choices(name, names)}")
         if len(found) > 1:
             raise InputRefused(f"{name!r} is a task and a contact: say tasks.{name} or contacts.{name}")
-        self._apply(found[0](inner, enabled))
+        self._command(found[0](inner, enabled))
 
     def disable(self, name: str) -> None:
         """Switch a task or contact off, along a ramp; as `enable`."""
@@ -215,7 +230,7 @@ class Controller(ControlCycle):
         self._task(task)
         if not (0.0 <= weight <= 1.0e6):
             raise InputRefused(f"the weight of task {task!r} must be from 0 to 1e6, not {weight!r}")
-        self._apply(SetWeight(task, float(weight)))
+        self._command(SetWeight(task, float(weight)))
 
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
         """State a known external wrench; it stays until it is replaced.
@@ -231,7 +246,7 @@ class Controller(ControlCycle):
             self.model.frame_id(frame, "frame")
         except ConfigurationError as error:
             raise InputRefused(str(error)) from error
-        self._apply(SetExternalWrench(frame, frozen(_finite(wrench, 6, f"the wrench at {frame!r}"))))
+        self._command(SetExternalWrench(frame, frozen(_finite(wrench, 6, f"the wrench at {frame!r}"))))
 
     def update(self, changes: Mapping[str, Any]) -> None:
         """Change settings that may change while the controller runs: gains, limits, weights, times of ramps.
@@ -279,11 +294,21 @@ class Controller(ControlCycle):
             raise InputRefused("the controller has no state yet; call reset(q, v, t) first")
         return self._time
 
-    def _apply(self, change: Change) -> None:
-        """Apply one change, from the time of the last step on."""
-        self.board.apply([change], self.qp.dynamics, self._now())
+    def _command(self, change: Change) -> None:
+        """Have a change applied in the next cycle, as one that comes by topic."""
+        self._now()
+        self._commands.append(change)
         if isinstance(change, SetSetpoint | SetTrajectory):
             self._streamed.pop(change.task, None)
+
+    def _position(self, task: str, position: Any, what: str) -> Array:
+        """Read a position in the form of its task."""
+        form = self._task(task).form
+        if isinstance(position, Mapping):
+            position = self._joint_positions(task, position)
+        elif isinstance(position, pin.SE3):
+            position = pin.SE3ToXYZQUAT(position)
+        return form.position(position, what)
 
     def _task(self, name: str) -> Task:
         if name not in self.qp.tasks:
@@ -299,6 +324,9 @@ class Controller(ControlCycle):
             if name not in joints:
                 raise InputRefused(f"{name!r} is not a joint of task {task!r}; {valid_choices(name, joints)}")
         present = self.board.present(task, self._now()).position
+        for change in self._commands:
+            if isinstance(change, SetSetpoint) and change.task == task:
+                present = change.position
         return np.array([given.get(name, value) for name, value in zip(joints, present.tolist(), strict=True)])
 
 
@@ -315,8 +343,9 @@ def _finite(values: npt.ArrayLike | None, size: int, what: str) -> Array:
     return finite(_sized(np.zeros(size) if values is None else values, size, what), what)
 
 
-def _rows(values: npt.ArrayLike, times: Array) -> Sequence[Any]:
-    rows = np.atleast_2d(np.asarray(values, dtype=np.float64))
+def _rows(values: Any, times: Array) -> Sequence[Any]:
+    """One entry for each time."""
+    rows = list(values)
     if len(rows) != len(times):
         raise InputRefused(f"there are {len(rows)} points for {len(times)} times")
-    return list(rows)
+    return rows

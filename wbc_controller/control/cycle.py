@@ -99,7 +99,8 @@ class ControlCycle:
         self.board = ReferenceBoard(self._parts.board)
         self.supervisor = Supervisor(model, self._parts.supervisor)
         self._timer = timer
-        self._streamed: dict[str, Reference] = {}
+        self._commands: list[Change] = []  # by call, for the next cycle
+        self._streamed: dict[str, Reference] = {}  # references that count as they are, in the next cycle
         # It takes several periods to explain a failure: another thread does, and the commands go on.
         self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
         self._explanation: Future[NoSolution] | None = None
@@ -113,7 +114,10 @@ class ControlCycle:
 
     @property
     def dynamics(self) -> Dynamics:
-        """The terms of the equations of motion at the state of the last cycle; the next one overwrites them."""
+        """The terms of the equations of motion at the state of the last cycle; the next one overwrites them.
+
+        Before the first one they are those of the nominal posture, with the base in the world's origin.
+        """
         return self.qp.dynamics
 
     @property
@@ -125,6 +129,11 @@ class ControlCycle:
     def contacts(self) -> Mapping[str, Contact]:
         """The contacts, by name."""
         return self.qp.contacts
+
+    @property
+    def limits(self) -> Mapping[str, RowLimit]:
+        """The limits on combinations of accelerations, by kind: ``self_collision`` and a user's own."""
+        return {limit.kind: limit for limit in self.qp.formulation.row_limits}
 
     @property
     def mode(self) -> Mode:

@@ -20,6 +20,8 @@ from wbc_controller.views.tables import Table, as_html, as_text
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 #: Actuators in the table: those with the largest torques, as shares of their limits.
 _MOST = 5
+#: Normal force below which a contact counts as not loaded, in weights of the robot.
+_LOADED = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -70,8 +72,13 @@ class CycleResult:
 
     @property
     def forces(self) -> Mapping[str, Array]:
-        """Force (3,) in N, or wrench (6,) in N and N·m, of each active contact, in the axes of the contact."""
+        """What each active contact bears, in its own coordinates, (k,) in N and N·m: 3 of a point, 6 of a surface."""
         return _NOTHING if self.solution is None else self.solution.forces
+
+    @property
+    def wrenches(self) -> dict[str, Array]:
+        """The same as wrenches, (6,) in N and N·m, force first, in the axes in which they are published."""
+        return {name: self.qp.contacts[name].basis @ force for name, force in self.forces.items()}
 
     @property
     def task_errors(self) -> Mapping[str, float]:
@@ -123,14 +130,17 @@ class CycleResult:
         return plot_cycle(self.shapes, shares, self._heading(), self.binding)
 
     def friction_used(self) -> dict[str, float]:
-        """Of each active contact with a friction cone the tangential force, as a share of what friction allows."""
-        used = {}
+        """Of each active contact with a friction cone the tangential force, as a share of what friction allows.
+
+        NaN where a contact bears next to nothing.
+        """
+        used, least = {}, _LOADED * self.qp.model.mass * self.qp.model.gravity
         for name, force in self.forces.items():
             contact = self.qp.contacts[name]
             if isinstance(contact, UnilateralContact):
                 tangential = math.hypot(*(float(force[i]) for i in range(3) if i != contact.normal))
                 allowed = contact.friction * float(force[contact.normal])
-                used[name] = tangential / allowed if allowed > 0.0 else math.nan
+                used[name] = tangential / allowed if force[contact.normal] > least else math.nan
         return used
 
     def __repr__(self) -> str:
@@ -164,7 +174,7 @@ class CycleResult:
         for name, force in self.forces.items():
             contact = self.qp.contacts[name]
             if isinstance(contact, UnilateralContact):
-                share = f"{100.0 * used[name]:.0f} % of µ = {contact.friction:g}"
+                share = f"{100.0 * used[name]:.0f} % of µ = {contact.friction:g}" if used[name] >= 0.0 else "not loaded"
                 rows.append((name, f"{force[contact.normal]:.1f} N", share))
             else:
                 rows.append((name, f"‖f‖ = {math.sqrt(float(force @ force)):.1f}", ""))

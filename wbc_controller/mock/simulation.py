@@ -56,12 +56,16 @@ class Simulation:
         """
         config = load(config).replace({"safety.activation_ramp": 0.0})
         self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
-        self.plant = Plant(self.controller.model, config.settings)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew at time 0, in the nominal posture; settings that were changed by `Controller.update` stay."""
+        settings = self.controller.config.settings
+        self.plant = Plant(self.controller.model, settings)
         self.plant.hold(False, ramp=0.0)
         self.controller.reset(*self.plant.state())
-        most = round(1.0 / (config.settings.limits.torque_rate * self.controller.period)) + 2
-        for _ in range(most):  # each cycle comes nearer by a step of the torque rate
-            self._cycle()
+        for _ in range(round(1.0 / (settings.limits.torque_rate * self.controller.period)) + 2):
+            self._cycle()  # each comes nearer to the solution's torques by a step of the torque rate
 
     @property
     def time(self) -> float:

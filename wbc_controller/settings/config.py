@@ -100,7 +100,8 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
 
     Args:
         source: the name of a robot that is shipped (``"g1"``, ``"talos"``, ``"go2"``), the path of a .yaml file, or
-            the values as a dictionary, nested or with dotted keys, in place of a file.
+            the values as a dictionary, nested or with dotted keys, in place of a file. In a dictionary the posture may
+            be given by joint.
         urdf: the URDF's text, where ``robot.urdf`` names no file.
 
     Raises:
@@ -110,11 +111,27 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
     if isinstance(source, Config):
         return source if urdf is None else replace(source, urdf=urdf)
     if isinstance(source, Settings):
-        return Config(source, urdf=urdf)
+        return Config(source, "", urdf)
     if isinstance(source, Mapping):
-        return Config(parse_settings(nested(source), "a dictionary"), urdf=urdf)
+        tree = nested(source)
+        robot = tree.get("robot")
+        if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
+            robot["posture"] = _whole_posture(robot.get("joints"), robot["posture"])
+        return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
     path = find_configuration(str(source))
     return Config(load_settings(path), str(path), urdf)
+
+
+def _whole_posture(joints: Any, posture: Mapping[str, Any]) -> list[Any]:
+    """A posture by joint, in the order of the joints."""
+    names = list(joints) if isinstance(joints, list) else list(posture)
+    for name in (*names, *posture):
+        if name not in posture or name not in names:
+            what = "has no value for" if name in names else "has a value for"
+            raise ConfigurationError(
+                f"a dictionary: robot.posture {what} {name!r}; it takes one for each of: {', '.join(names)}"
+            )
+    return [posture[name] for name in names]
 
 
 def _posed(settings: Settings, changes: Mapping[str, Any]) -> list[Any]:

@@ -19,16 +19,30 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
         ConfigurationError: where one key has both a value and keys below it.
     """
     tree: dict[str, Any] = {}
-    for name, value in sorted(values.items()):
-        *sections, key = name.split(".")
-        branch = tree
-        for depth, section in enumerate(sections):
-            branch = branch.setdefault(section, {})
-            if not isinstance(branch, dict):
-                upper = ".".join(sections[: depth + 1])
-                raise ConfigurationError(f"parameter {upper} = {values[upper]!r}: there is a parameter {name} too")
-        branch[key] = _plain(value)
+    for name, value in values.items():
+        plain, *sections = _plain(value), *reversed(name.split("."))
+        for section in sections:
+            plain = {section: plain}
+        _graft(tree, plain, name)
     return tree
+
+
+def _graft(tree: dict[str, Any], branch: Mapping[str, Any], name: str, above: str = "") -> None:
+    """Put a branch into a tree where nothing stands yet; the order is that in which keys come first."""
+    for key, value in branch.items():
+        there = tree.get(key)
+        if key not in tree:
+            tree[key] = value
+        elif isinstance(there, dict) and isinstance(value, Mapping):
+            _graft(there, value, name, f"{above}{key}.")
+        else:
+            raise ConfigurationError(
+                f"parameter {above}{key} = {_shown(there, value)!r}: there is a parameter {name} too"
+            )
+
+
+def _shown(there: Any, value: Any) -> Any:
+    return value if isinstance(there, dict) else there
 
 
 def _plain(value: Any) -> Any:

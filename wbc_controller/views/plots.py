@@ -15,6 +15,7 @@ from wbc_controller.views.scene import ARROW, COLORS, LINE_LIST, SPHERE_LIST, Sh
 _MOST = 12
 #: Length of an arrow's head, as a share of its length.
 _HEAD = 0.2
+_LINE_COLORS = ("#2980b9", "#c0392b", "#27ae60", "#8e44ad", "#f39c12", "#16a085", "#7f8c8d", "#d35400")
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:
@@ -58,9 +59,16 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
     said = ", ".join(f"{name} ({value:.2g})" for name, value in binding.items()) or "none"
     figure.update_layout(
         title={"text": f"{title}<br><sup>binding constraints: {said}</sup>"},
-        scene={"aspectmode": "data", "xaxis_title": "x, m", "yaxis_title": "y, m", "zaxis_title": "z, m"},
-        legend={"orientation": "h", "y": -0.05},
-        height=560,
+        template="plotly_white",
+        scene={
+            "aspectmode": "data",
+            "xaxis_title": "x, m",
+            "yaxis_title": "y, m",
+            "zaxis_title": "z, m",
+            "camera": {"eye": {"x": 2.6, "y": 1.6, "z": 1.0}},
+        },
+        legend={"orientation": "h", "y": -0.15},
+        height=640,
     )
     figure.update_xaxes(title="torque, % of its limit", range=[0, 100], row=1, col=2)
     return figure
@@ -83,23 +91,42 @@ def plot_series(time: Array, panels: Mapping[str, Mapping[str, Array]], marks: M
     """
     go, make_subplots = _plotly()
     rows = len(panels) + bool(marks)
-    figure = make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.06, subplot_titles=[*panels])
+    figure = make_subplots(
+        rows=rows,
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.06,
+        subplot_titles=[*panels, "binding constraints"][:rows],
+    )
+    names = list(dict.fromkeys(name for series in panels.values() for name in series))
     for row, (heading, series) in enumerate(panels.items(), 1):
         for name, values in series.items():
+            color = _LINE_COLORS[names.index(name) % len(_LINE_COLORS)]  # one name has one colour in all panels
             figure.add_trace(
-                go.Scatter(x=time, y=values, name=name, legendgroup=heading, legendgrouptitle={"text": heading}),
+                go.Scatter(
+                    x=time,
+                    y=values,
+                    name=name,
+                    line={"color": color},
+                    legendgroup=heading,
+                    legendgrouptitle={"text": heading},
+                ),
                 row=row,
                 col=1,
             )
     for name, times in marks.items():
         figure.add_trace(
             go.Scatter(
-                x=times, y=[name] * len(times), mode="markers", marker={"symbol": "line-ns-open"}, showlegend=False
+                x=times,
+                y=[name] * len(times),
+                mode="markers",
+                marker={"symbol": "line-ns-open", "color": "#c0392b"},
+                showlegend=False,
             ),
             row=rows,
             col=1,
         )
-    figure.update_layout(title=title, height=180 * rows + 120)
+    figure.update_layout(title=title, template="plotly_white", height=180 * rows + 120)
     figure.update_xaxes(title="time, s", row=rows, col=1)
     return figure
 

@@ -28,7 +28,7 @@ class Table:
 def as_text(heading: str, tables: Sequence[Table]) -> str:
     """Write a heading and tables for a terminal; tables without rows are left out."""
     out = io.StringIO()
-    console = Console(file=out, width=110, color_system=None, soft_wrap=True)
+    console = Console(file=out, width=110, color_system=None, soft_wrap=True, force_jupyter=False)
     console.print(heading, markup=False, highlight=False)
     for table in tables:
         if table.rows:
@@ -47,9 +47,15 @@ def as_html(heading: str, tables: Sequence[Table]) -> str:
     parts = [f"<p>{html.escape(heading)}</p>"]
     for table in tables:
         if table.rows:
-            head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
+            head = "".join(f"<th{_side(i)}>{html.escape(column)}</th>" for i, column in enumerate(table.columns))
             body = "".join(
-                "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows
+                "<tr>" + "".join(f"<td{_side(i)}>{html.escape(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
+                for row in table.rows
             )
             parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
     return "".join(parts)
+
+
+def _side(column: int) -> str:
+    """Alignment of a column: text to the left, numbers to the right."""
+    return f' style="text-align:{"right" if column else "left"}"'

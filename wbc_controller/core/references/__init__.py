@@ -1,1 +1,1 @@
-"""What is wanted of the robot: changes by command, trajectories and ramps, and their values at any time."""
+"""The references of tasks and contacts: changes by command, trajectories, ramps, and their values at any time."""

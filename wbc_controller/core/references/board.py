@@ -1,4 +1,4 @@
-"""What the commands have set so far, and its value at any time."""
+"""The reference board: stores what commands have set, and samples it at any time."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from wbc_controller.records import Array, Reference, References, Tuning, frozen_
 
 @dataclass(frozen=True, slots=True)
 class TaskPlan:
-    """How one task's references move.
+    """Initial state and timing of one task's references.
 
     Attributes:
         task: the task.
-        weight: weight when it is enabled.
-        enabled: whether it is on at activation.
+        weight: weight while the task is enabled.
+        enabled: whether the task is on when the controller is activated.
         setpoint_duration: time in which a new setpoint is reached, s.
     """
 
@@ -43,12 +43,12 @@ class TaskPlan:
 
 @dataclass(frozen=True, slots=True)
 class ContactPlan:
-    """How one contact is made and broken.
+    """How one contact is activated and deactivated.
 
     Attributes:
-        enabled: whether it is made at activation.
-        ramp: time in which it is loaded or unloaded, s.
-        anchored: the contact, where it goes back to where it was made.
+        enabled: whether the contact is active when the controller is activated.
+        ramp: time in which the contact is loaded or unloaded, s.
+        anchored: the contact, if it has an anchor; None otherwise.
     """
 
     enabled: bool
@@ -58,7 +58,7 @@ class ContactPlan:
 
 @dataclass(frozen=True, slots=True)
 class BoardPlan:
-    """How everything on a board moves.
+    """Plans of all tasks and contacts on a board.
 
     Attributes:
         tasks: by name.
@@ -74,13 +74,13 @@ class BoardPlan:
 
 
 class ReferenceBoard:
-    """Holds trajectories and ramps; changes are applied between cycles, all of a set or none of it."""
+    """Holds trajectories and ramps; sets of changes are applied between cycles, each set completely or not at all."""
 
     def __init__(self, plan: BoardPlan) -> None:
         """Make a board.
 
         Args:
-            plan: how everything on it moves.
+            plan: plans of all tasks and contacts.
         """
         self.plans = plan.tasks
         self.contact_plans = plan.contacts
@@ -92,12 +92,12 @@ class ReferenceBoard:
         self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
         self._anchors: Mapping[str, Array] = {}
         self._trajectories: dict[str, Trajectory] = {}
-        # What tasks that are switched off should do when they are switched on.
+        # Goals of tasks that are off, to be followed when they are switched on.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
-        """Start from the present state: references and contacts are where the robot is, contacts as configured."""
+        """Start at the present state: references hold it, and contacts are as configured, anchored where they are."""
         for name, plan in self.plans.items():
             self._enabled[name] = plan.enabled
             self._weights[name] = plan.weight
@@ -112,12 +112,13 @@ class ReferenceBoard:
         self._tuning = TuningRamp.at(self._tuning.after)
 
     def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
-        """Go over to another plan for the same tasks and contacts: to what is new in it along ramps.
+        """Change to another plan for the same tasks and contacts, with ramps to its new values.
 
         Args:
             plan: the new plan.
             dynamics: as in `apply`.
-            time: s, on the clock of the states; None while the references are not followed.
+            time: s, on the clock of the states; None while the controller does not follow the references, so that no
+                ramp is needed.
         """
         before, contacts_before = self.plans, self.contact_plans
         self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
@@ -139,12 +140,12 @@ class ReferenceBoard:
 
         Args:
             changes: validated changes.
-            dynamics: the snapshot of the last cycle, from which a task that is switched on starts, and where contacts
-                are made.
+            dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, and the anchor
+                of contacts that are activated.
             time: s, on the clock of the states.
 
         Raises:
-            InputRefused: where a trajectory cannot be followed; then nothing has been applied.
+            InputRefused: where a trajectory cannot be followed; no change of the set has then been applied.
         """
         changes = tuple(changes)
         for change in changes:
@@ -179,13 +180,13 @@ class ReferenceBoard:
             self._wrenches[change.frame] = change.wrench
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
-        """From now on a contact goes back to where it is now; references that were sampled keep theirs."""
+        """Set the anchor of a contact to its present pose; references sampled before keep their anchors."""
         contact = self.contact_plans[name].anchored
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: contact.anchor(dynamics)})
 
     def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
-        """Follow a setpoint or trajectory; a task that is off also keeps it for when it is switched on."""
+        """Follow a setpoint or trajectory; a task that is off also stores it until it is switched on."""
         if isinstance(change, SetTrajectory) and change.start is None:
             change = replace(change, start=time)
         if not self._enabled[change.task]:
@@ -195,7 +196,7 @@ class ReferenceBoard:
         self._trajectories[change.task] = self._joining(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
-        """Switch a task on or off; one that was asleep starts where the robot is, towards its goal if it has one."""
+        """Switch a task on or off; one that was fully off starts at the present state and moves to its stored goal."""
         if enabled:
             goal = self._goals.pop(task, None)
             if self._asleep(task, time):
@@ -206,28 +207,28 @@ class ReferenceBoard:
         self._ramp_weight(task, time)
 
     def _asleep(self, task: str, time: float) -> bool:
-        """Whether a task is off, and has not been followed: its reference means nothing."""
+        """Whether a task is off with weight zero, so that its reference is out of date."""
         return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
 
     def _ramp_weight(self, task: str, time: float) -> None:
         target = self._weights[task] if self._enabled[task] else 0.0
         self._weight_ramps[task] = self._weight_ramps[task].towards(target, time, self._weight_ramp)
 
-    def _towards(self, task: str, position: Array, time: float) -> Trajectory:
+    def _towards(self, task: str, position: Array, time: float, duration: float | None = None) -> Trajectory:
         still = np.zeros(len(self._trajectories[task].knots[0].velocity))
-        duration = self.plans[task].setpoint_duration
+        duration = self.plans[task].setpoint_duration if duration is None else duration
         if duration <= 0.0:
             return Trajectory([Knot(time, position, still, still)])
         return Trajectory([self.present(task, time), Knot(time + duration, position, still, still)])
 
     def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
-        """From the present reference to a setpoint, or to what is still ahead of a trajectory, at least its end.
+        """Join the present reference to a setpoint, or to the future points of a trajectory, at least its last point.
 
-        Points that are past, or at the present time, are not jumped to. Who follows the same trajectory already does
-        not notice: part of a quintic is the quintic between its ends.
+        Points at or before the present time are skipped, so that the reference does not jump. Sending a trajectory
+        again while it is followed changes nothing: part of a quintic is the quintic between its ends.
         """
         if isinstance(goal, SetSetpoint):
-            return self._towards(goal.task, goal.position, time)
+            return self._towards(goal.task, goal.position, time, goal.duration)
         ahead = [knot for knot in _knots(goal, time) if knot.time > time]
         if not ahead:
             return self._towards(goal.task, goal.points[-1].position, time)
@@ -239,7 +240,7 @@ class ReferenceBoard:
         return Knot(time, reference.position, reference.velocity, reference.acceleration)
 
     def sample(self, time: float) -> References:
-        """Everything at one time, in s."""
+        """All references at one time, in s."""
         return References(
             tasks={name: trajectory.sample(time) for name, trajectory in self._trajectories.items()},
             weights={name: ramp.sample(time) for name, ramp in self._weight_ramps.items()},
@@ -251,7 +252,7 @@ class ReferenceBoard:
 
 
 def _knots(change: SetTrajectory, time: float) -> list[Knot]:
-    """Points of a trajectory on the clock of the states."""
+    """Knots of a trajectory, with times on the clock of the states."""
     start = time if change.start is None else change.start
     return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
 

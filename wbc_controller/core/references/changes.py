@@ -1,4 +1,4 @@
-"""What a command changes: one record per kind of change, applied by the board between two cycles."""
+"""The changes that commands can make: one record per kind, applied by the board between two cycles."""
 
 from __future__ import annotations
 
@@ -10,15 +10,22 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class SetSetpoint:
-    """Go to a position and stay there."""
+    """Move a task's reference to a position and keep it there.
+
+    Attributes:
+        task: name of the task.
+        position: in the form of the task's references.
+        duration: time in which it is reached, s; None for the task's own ``setpoint_duration``.
+    """
 
     task: str
     position: Array
+    duration: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class SetTrajectory:
-    """Follow timed points, whose times count from `start`: s on the clock of the states; None means now."""
+    """Follow points whose times count from `start`, in s on the clock of the states; None means now."""
 
     task: str
     start: float | None
@@ -27,7 +34,7 @@ class SetTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class SetWeight:
-    """Give a task another weight."""
+    """Change the weight of a task."""
 
     task: str
     weight: float
@@ -43,7 +50,7 @@ class EnableTask:
 
 @dataclass(frozen=True, slots=True)
 class EnableContact:
-    """Make or break a contact."""
+    """Activate or deactivate a contact."""
 
     contact: str
     enabled: bool
@@ -51,7 +58,7 @@ class EnableContact:
 
 @dataclass(frozen=True, slots=True)
 class SetExternalWrench:
-    """State a known external wrench at a frame, (6,) in N and N·m, world axes."""
+    """Set the known external wrench at a frame, (6,) in N and N·m, world axes."""
 
     frame: str
     wrench: Array

@@ -1,4 +1,4 @@
-"""References over time: quintic interpolation of vectors, orientations and poses."""
+"""Trajectories and ramps of references: quintic interpolation of vectors, orientations and poses."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Knot:
 
 
 def rest(position: Array, size: int) -> Reference:
-    """Reference that stays at a position and cannot change; the velocity has the given size."""
+    """Read-only reference at rest at a position; its velocity has the given size."""
     still = frozen(np.zeros(size))
     return Reference(frozen(position), still, still)
 
@@ -38,23 +38,23 @@ def rest(position: Array, size: int) -> Reference:
 class Trajectory:
     """Knots joined by quintics: continuous in position, velocity and acceleration; at rest before and after.
 
-    Orientations are interpolated by their rotation vector from each knot to the next, which is a geodesic between knots
-    at rest.
+    Orientations are interpolated by the rotation vector relative to the knot where the segment starts, which gives a
+    geodesic between knots at rest.
     """
 
     def __init__(self, knots: Sequence[Knot]) -> None:
         self.knots = tuple(knots)
         size = len(knots[0].velocity)
-        # Of a position's components the first are a vector; four more, where there are any, are a quaternion.
+        # A position is a vector, followed by a quaternion if it has four more components than the vector.
         self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
         self._segments = [
             _quintic(self._chart(a, b), b.time - a.time) for a, b in zip(self.knots, self.knots[1:], strict=False)
         ]
-        # Always the same, so that who follows it need not compute anew what depends on it alone.
+        # Always the same objects, so that tasks can cache what depends on the reference alone.
         self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
     def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Ends of a segment in coordinates that start with the rotation vector 0."""
+        """End points of a segment, with orientations as rotation vectors relative to its start."""
         n = self._linear
         if n == len(a.position):
             return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
@@ -108,7 +108,7 @@ def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Arra
 
 
 def _jacobian_dot(turn: Array, rate: Array) -> Array:
-    """d/dt Jexp3, (3, 3), by a central difference along the rate; times the rate it vanishes along a geodesic."""
+    """d/dt Jexp3, (3, 3), by a central difference along the rate; along a geodesic its product with the rate is 0."""
     step = 1.0e-5
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
@@ -135,11 +135,11 @@ _Ramp = TypeVar("_Ramp", bound="Ramp")
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A number that goes from one value to another along a straight line.
+    """A number that changes linearly from one value to another.
 
     Attributes:
-        start: time at which it leaves the first value, s.
-        duration: time it takes, s.
+        start: start time, s.
+        duration: duration, s.
         before: value until the start.
         after: value from the end on.
     """
@@ -157,15 +157,15 @@ class Ramp:
         return self.before + share * (self.after - self.before)
 
     def towards(self: _Ramp, target: float, time: float, duration: float) -> _Ramp:
-        """A ramp from where this one is to a new target."""
+        """A ramp from the present value of this one to a new target."""
         return type(self)(time, duration, self.sample(time), target)
 
 
 class SoftRamp(Ramp):
-    """A ramp of a number that is not negative, along a straight line in its cube root.
+    """A ramp of a non-negative number whose cube root changes linearly.
 
-    Along a straight line the last step to zero would be a jump: a weight of 5 that falls by 0.02 in a cycle still
-    outweighs one of 0.002 in the cycle before the last. So would be a force bound of 1000 N that falls by 10 N.
+    With a linear ramp the last step to zero would act as a jump: a weight of 5 that falls by 0.02 per cycle still
+    outweighs a weight of 0.002 in the last cycle but one. A force bound of 1000 N that falls by 10 N would jump too.
     """
 
     __slots__ = ()

@@ -1,4 +1,4 @@
-"""From one set of gains and limits to another."""
+"""Ramps from one set of gains and limits to another."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _SCALARS = ("position_margin", "position_horizon", "velocity_scale", "accelerati
 
 @dataclass(frozen=True, slots=True)
 class TuningRamp:
-    """A tuning that goes from one to another along straight lines, each number by the same share.
+    """A linear ramp from one tuning to another, with the same share for every number.
 
-    Between two critically damped laws the damping is a little below critical, as a mean of square roots is below the
-    root of the mean: by 6 % at most on the way to a stiffness four times as large.
+    Between two critically damped tunings the damping is a little below critical, as the mean of square roots is below
+    the root of the mean: by at most 6 % on the way to a stiffness four times as large.
 
     Attributes:
-        share: of `after`, from 0 to 1.
+        share: ramp of the share of `after`, from 0 to 1.
         before: tuning until the start.
         after: tuning from the end on.
     """
@@ -29,7 +29,7 @@ class TuningRamp:
 
     @classmethod
     def at(cls, tuning: Tuning) -> TuningRamp:
-        """One that stays where it is."""
+        """A ramp that stays at one tuning."""
         return cls(Ramp(0.0, 0.0, 1.0, 1.0), tuning, tuning)
 
     def sample(self, time: float) -> Tuning:
@@ -38,7 +38,7 @@ class TuningRamp:
         return self.after if share >= 1.0 else _between(self.before, self.after, share)
 
     def towards(self, target: Tuning, time: float, duration: float) -> TuningRamp:
-        """A ramp from where this one is to a new target."""
+        """A ramp from the present tuning of this one to a new target."""
         return TuningRamp(Ramp(time, duration, 0.0, 1.0), self.sample(time), target)
 
 

@@ -1,4 +1,4 @@
-"""The form in which the reference of a task is written: a vector, a direction, an orientation, or a pose."""
+"""The form of a task reference: a vector, a direction, an orientation or a pose."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
 
-#: Quaternions whose norm differs from 1 by more are refused.
+#: Quaternions whose norm differs from 1 by more than this are refused.
 _QUATERNION_TOLERANCE = 1.0e-2
-#: Directions of a smaller length are refused.
+#: Directions shorter than this are refused.
 _SHORTEST_DIRECTION = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceForm:
-    """How the position of a reference is written.
+    """Form of the position of a reference: a vector, and optionally a quaternion after it.
 
     Attributes:
-        vector: number of components of its vector.
-        oriented: whether a quaternion (x, y, z, w) follows.
-        direction: whether the vector is a direction, of any length but zero.
+        vector: number of components of the vector.
+        oriented: whether a quaternion (x, y, z, w) follows the vector.
+        direction: whether the vector is a direction, of any non-zero length.
     """
 
     vector: int = 3
@@ -32,26 +32,28 @@ class ReferenceForm:
 
     @property
     def size(self) -> int:
-        """Number of values of a position."""
+        """Number of values in a position."""
         return self.vector + (4 if self.oriented else 0)
 
     @property
     def twist(self) -> slice:
-        """Components of a twist (linear, angular) that are the reference's velocity."""
+        """Components of a twist (linear, angular) that form the reference's velocity."""
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
 
     def position(self, values: Any, what: str) -> Array:
-        """Read a position: its directions and quaternions become unit ones.
+        """Read a position, and normalize its direction or quaternion.
 
         Args:
-            values: (size,).
-            what: what they are, for the error.
+            values: (size,); a number too, where the size is 1.
+            what: name of the values, for the error message.
 
         Raises:
-            InputRefused: where there are more values or less, one is not finite, a quaternion is not a unit quaternion,
-                or a direction has no length.
+            InputRefused: where the number of values is not `size`, a value is not finite, a quaternion is not a unit
+                quaternion, or a direction has no length.
         """
         array = np.array(finite(values, what))
+        if self.size == 1 and array.shape == ():
+            array = array.reshape(1)
         if array.shape != (self.size,):
             raise InputRefused(f"{what} has the shape {array.shape}; it takes ({self.size},)")
         if self.direction:
@@ -62,10 +64,10 @@ class ReferenceForm:
 
 
 def finite(values: Any, what: str) -> Array:
-    """Read numbers, all finite.
+    """Read an array of finite numbers.
 
     Raises:
-        InputRefused: where one is not, or is no number.
+        InputRefused: where a value is not a number, or not finite.
     """
     try:
         array = np.asarray(values, dtype=np.float64)
@@ -77,14 +79,14 @@ def finite(values: Any, what: str) -> Array:
 
 
 def shortened(array: Array) -> str:
-    """The first values of an array, for an error."""
+    """The first values of an array, for an error message."""
     flat = array.reshape(-1)
     shown = ", ".join(f"{value:g}" for value in flat[:8])
     return f"[{shown}{', …' if flat.size > 8 else ''}]"
 
 
 def unit_quaternion(values: Array, what: str) -> Array:
-    """Normalize a quaternion that is one but for rounding.
+    """Normalize a quaternion whose norm is 1 within tolerance.
 
     Raises:
         InputRefused: where its norm is not 1.

@@ -1,0 +1,113 @@
+"""What a cycle says of itself: values, tables for a terminal and a notebook, and plots."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import wbc_controller as wbc
+
+
+@pytest.fixture(scope="module")
+def results():
+    """A push, so that constraints bind and one foot is hardly loaded."""
+    robot = wbc.Simulation("g1")
+    robot.run(0.1)
+    robot.plant.push("pelvis", [0.0, 60.0, 0.0, 0.0, 0.0, 0.0], 0.2)
+    return robot.run(0.6)
+
+
+@pytest.fixture(scope="module")
+def binding(results):
+    return max(results, key=lambda each: len(each.binding))
+
+
+def test_its_values_are_those_of_the_solution_and_the_command(binding):
+    assert binding.tau is binding.command.tau
+    assert list(binding.torques) == list(binding.qp.model.actuators)
+    assert list(binding.torques.values()) == binding.tau.tolist()
+    assert binding.v_dot is binding.solution.v_dot
+    assert set(binding.forces) == {"left_foot", "right_foot"}
+    assert max(binding.residuals.values()) < 1e-5
+
+
+def test_friction_used_is_the_share_of_the_pyramid_of_forces(binding):
+    used = binding.friction_used()
+    for name, force in binding.forces.items():
+        contact = binding.qp.contacts[name]
+        if force[2] > 1.0:
+            assert used[name] == pytest.approx(np.hypot(*force[:2]) / (contact.friction * force[2]))
+        else:
+            assert np.isnan(used[name])
+
+
+def test_the_table_names_what_binds_and_what_is_asked(binding):
+    said = repr(binding)
+    lines = said.splitlines()
+    assert lines[0] == f"active at {binding.time:.3f} s"
+    for name, value in {**binding.task_errors}.items():
+        assert re.search(rf"^{name} +{re.escape(f'{value:.3g}')}\b", said, flags=re.MULTILINE), name
+    for name in binding.binding:
+        assert re.search(rf"^{name} +\S+$", said, flags=re.MULTILINE), name
+    largest = binding.qp.model.actuators[int(np.argmax(np.abs(binding.tau) / binding.qp.model.effort_limits))]
+    assert re.search(rf"^{largest} +\S+ N·m +\d+ %$", said, flags=re.MULTILINE)
+    assert "array(" not in said
+    assert max(map(len, lines)) <= 110
+
+
+def test_the_notebook_shows_the_same_cells(binding):
+    page = binding._repr_html_()
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", page)
+    assert set(binding.binding) | set(binding.task_errors) | set(binding.forces) <= set(cells)
+    assert page.count("<table>") == 4
+
+
+def test_a_cycle_without_a_solution_says_so():
+    controller = wbc.Controller("go2", preflight=False)
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    controller.request("estop")
+    result = controller.step(controller.stance(), np.zeros(controller.model.nv), 0.0)
+    assert repr(result) == "fault at 0.000 s: ESTOP: emergency stop by command"
+    assert (dict(result.forces), dict(result.binding), result.relaxed) == ({}, {}, ())
+    assert np.isnan(result.v_dot).all()
+    assert not result.tau.any()
+
+
+def test_the_picture_of_a_cycle_is_of_its_own_state(binding):
+    """Forces start at the soles where they were, though the robot has moved on."""
+    shapes = {shape.group: shape.points for shape in binding.shapes}
+    assert {"contact_forces", "friction_cones", "support", "com", "capture_point"} <= set(shapes)
+    figure = binding.plot()
+    drawn = {trace.name: trace for trace in figure.data if trace.name}
+    com = drawn["com"]
+    dynamics = wbc.Dynamics(binding.qp.model)
+    dynamics.update(binding.state.q, binding.state.v)
+    np.testing.assert_allclose([com.x[0], com.y[0], com.z[0]], dynamics.com)
+    (bars,) = [trace for trace in figure.data if trace.type == "bar"]
+    shares = 100.0 * np.abs(binding.tau) / binding.qp.model.effort_limits
+    assert bars.x[-1] == pytest.approx(shares.max())
+    assert all(name in figure.layout.title.text for name in binding.binding)
+
+
+def test_the_plot_of_a_run_has_every_cycle(results):
+    figure = wbc.plot(results)
+    traces = {(trace.legendgroup, trace.name): trace for trace in figure.data}
+    times = [each.time for each in results]
+    np.testing.assert_array_equal(traces["task errors", "com"].x, times)
+    np.testing.assert_array_equal(traces["task errors", "com"].y, [each.task_errors["com"] for each in results])
+    np.testing.assert_array_equal(
+        traces["normal forces, N", "left_foot"].y, [each.forces["left_foot"][2] for each in results]
+    )
+    marks = {trace.y[0]: len(trace.x) for trace in figure.data if trace.mode == "markers"}
+    bound = [name for each in results for name in each.binding]
+    assert marks == {name: bound.count(name) for name in set(bound)}
+    with pytest.raises(ValueError, match="no results"):
+        wbc.plot([])
+
+
+def test_without_plotly_the_error_says_what_to_install(binding, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "plotly.graph_objects", None)
+    with pytest.raises(wbc.ConfigurationError, match=r"pip install 'wbc_controller\[plots\]'"):
+        binding.plot()
