@@ -1,14 +1,14 @@
-"""Every exception that this package raises on purpose.
+"""The exceptions of this package.
 
 ::
 
     WbcError
     ├── ConfigurationError      a robot file, model or command line that cannot be used (exit status 2)
-    ├── InputRefused            one message or command was not accepted; everything else goes on
-    ├── NoSolution              the quadratic program has no usable answer; carries the problem, and why
+    ├── InputRefused            one message or command was not accepted; the controller keeps running
+    ├── NoSolution              the quadratic program has no usable solution; carries the problem and the reason
     └── TransportError          the middleware could not be started, or a topic could not be opened
 
-Errors of other libraries are translated where they enter.
+Exceptions of other libraries are translated where they are caught.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ class ConfigurationError(WbcError):
 
 
 class InputRefused(WbcError):
-    """A message that was not accepted. ``str()`` is one sentence for a person to read."""
+    """A message or command that was not accepted; ``str()`` is one readable sentence."""
 
 
 class NoSolution(WbcError):
-    """The quadratic program has no usable answer.
+    """The quadratic program has no usable solution.
 
     Attributes:
-        status: what the solver said.
-        problem: the problem as it was given to the solver (`core.problem.QuadraticProgram`).
-        infeasibility: which constraints conflict (`records.Infeasibility`); None where that was not asked, or where
-            they do not.
+        status: status that the solver returned.
+        problem: the problem as it was given to the solver (`core.program.problem.QuadraticProgram`).
+        infeasibility: the conflicting constraints (`records.Infeasibility`); None if they have not been searched for,
+            or if none conflict.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class NoSolution(WbcError):
         infeasibility: Any = None,
         search: Callable[[], Any] | None = None,
     ) -> None:
-        """Say what failed.
+        """Make the exception.
 
         Args:
-            message: for a person to read.
-            status: what the solver said.
+            message: the failure in words.
+            status: status that the solver returned.
             problem: the problem as it was given to the solver.
-            infeasibility: which constraints conflict, where that is known.
-            search: finds that out, where it is not.
+            infeasibility: the conflicting constraints, if already known.
+            search: finds the conflicting constraints, if they are not known yet.
         """
         super().__init__(message)
         self.status = status
@@ -67,7 +67,7 @@ class NoSolution(WbcError):
         self._search = search
 
     def explained(self) -> NoSolution:
-        """Find out which constraints conflict, and say it. It takes several periods, and any thread may do it."""
+        """Return this error with the conflicting constraints named; takes several periods, callable from any thread."""
         if self._search is None:
             return self
         why = self._search()
@@ -80,7 +80,7 @@ class TransportError(WbcError):
 
 
 def valid_choices(value: str, choices: Iterable[str]) -> str:
-    """Say which values are valid, and which one was probably meant.
+    """List the valid values, and the one that was probably meant.
 
     Args:
         value: the value that was refused.

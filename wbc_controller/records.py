@@ -1,8 +1,8 @@
 """The frozen records that pass between the stages of one control cycle.
 
-Conventions, everywhere in this package: SI units; quaternions are (x, y, z, w); twists and wrenches have the linear
-part first. For a floating base ``q = [base position in world, base quaternion, joints]`` and
-``v = [base linear velocity, base angular velocity, joint velocities]``, the base's velocities expressed in the base
+Conventions of the whole package: SI units; quaternions are (x, y, z, w); twists and wrenches have the linear part
+first. For a floating base ``q = [base position in world, base quaternion, joints]`` and
+``v = [base linear velocity, base angular velocity, joint velocities]``, with the base velocities expressed in the base
 frame (Pinocchio's free flyer, and the twist of nav_msgs/Odometry after REP 105).
 """
 
@@ -28,7 +28,7 @@ def frozen(values: npt.ArrayLike) -> Array:
 
 
 def freeze(array: Array) -> Array:
-    """Make an array that nobody else writes to read-only, without a copy."""
+    """Make an array read-only without copying it; the caller guarantees that no other reference writes to it."""
     array.setflags(write=False)
     return array
 
@@ -40,7 +40,7 @@ def frozen_mapping(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """One state of the robot, as latched at the start of a cycle.
+    """The robot's state, latched at the start of a cycle.
 
     Attributes:
         stamp: source time of the joint state, in nanoseconds.
@@ -55,10 +55,10 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What one task should follow at one instant.
+    """The reference of one task at one instant.
 
     Attributes:
-        position: (k,) for vectors; (7,) position and quaternion for a frame's pose.
+        position: (k,) for vectors; (7,), position and quaternion, for the pose of a frame.
         velocity: (m,) feed-forward velocity, m = 6 for a pose.
         acceleration: (m,) feed-forward acceleration.
     """
@@ -70,16 +70,16 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """The numbers of the controller that can be changed while it runs.
+    """Gains and limits that can be changed while the controller runs.
 
     Attributes:
-        gains: of each task its gains by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or
-            ``gain`` in 1/s.
-        position_margin: distance kept from the joints' position limits, rad.
-        position_horizon: time over which these look ahead, s.
+        gains: gains by task and by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or ``gain``
+            in 1/s.
+        position_margin: distance kept from the joint position limits, rad.
+        position_horizon: look-ahead time of the joint position limits, s.
         velocity_scale: share of the velocity limits that may be used.
         acceleration: largest joint acceleration, rad/s².
-        torque_rate: largest torque change, in effort limits per second.
+        torque_rate: torque rate limit, in effort limits per second.
     """
 
     gains: Mapping[str, Mapping[str, Array]]
@@ -92,15 +92,16 @@ class Tuning:
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """Everything that commands set, sampled at one cycle's time.
+    """Everything that commands can set, sampled at the time of one cycle.
 
     Attributes:
         tasks: reference of each task.
         weights: weight of each task, ramps applied; 0 switches a task off.
-        contacts: activation of each contact, from 0 (broken) to 1 (made), ramps applied.
+        contacts: activation of each contact, from 0 (inactive) to 1 (fully active), ramps applied.
         external_wrenches: known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
-        tuning: gains and limits, ramps applied; None for those that the controller was made with.
-        anchors: where each contact with a stiffness was made, (7,): position in m and quaternion in what it touches.
+        tuning: gains and limits, ramps applied; None keeps those that the controller was made with.
+        anchors: anchor of each contact with a stiffness, (7,): its position in m and quaternion when it was activated,
+            relative to the world or to the link that it touches.
     """
 
     tasks: Mapping[str, Reference]
@@ -113,13 +114,13 @@ class References:
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """One quadratic program of a cycle: that of one priority.
+    """The quadratic program of one priority level, as solved in one cycle.
 
     Attributes:
-        tasks: names of its tasks that took part.
-        cost: of the tasks and the regularization at the answer, ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ….
+        tasks: names of the tasks that took part in it.
+        cost: cost of tasks and regularization at the solution, ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ….
         iterations: the solver's own count.
-        seconds: time that it took, s.
+        seconds: solve time, s.
     """
 
     tasks: tuple[str, ...]
@@ -130,25 +131,25 @@ class LevelReport:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The answer of the quadratic program, with the residual of every equality.
+    """The solution of the quadratic program, with the residuals of its constraints.
 
-    Its mappings may be made when they are first read: they cost nothing where nobody does.
+    Its mappings may be computed lazily, on first access.
 
     Attributes:
         v_dot: generalized acceleration, (nv,).
         tau: torques of the actuators in the order of the command, (na,) in N·m.
-        forces: per made contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
+        forces: per active contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
         residuals: largest absolute violation of each group of constraints, by name.
-        task_errors: Euclidean norm of each task's error, in the unit of its reference: m, rad, kg·m/s, N·m·s, N or N·m.
-        binding: the constraints that hold with equality, such as ``torque:left_knee_joint:upper``, and what each
-            costs: its multiplier, by which the cost would fall per unit of the bound, in N⁻¹ for contacts, (N·m)⁻¹ for
-            torques, (rad/s²)⁻¹ for joint motion.
-        relaxed: groups of constraints that had to be relaxed for a solution to exist, and levels below the first whose
+        task_errors: Euclidean norm of each task error, in the unit of the reference: m, rad, kg·m/s, N·m·s, N or N·m.
+        binding: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: the cost would fall by
+            this much per unit by which the bound is relaxed; in N⁻¹ for contacts, (N·m)⁻¹ for torques, (rad/s²)⁻¹ for
+            joint motion.
+        relaxed: groups of constraints that had to be relaxed for a solution to exist, and lower priority levels whose
             solver failed; normally empty.
         iterations: the solver's own count.
-        levels: the quadratic programs that were solved, by falling priority.
+        levels: the quadratic programs that were solved, highest priority first.
         stage_seconds: time spent in each stage of the computation, in s.
-        external_wrenches: the known external wrenches that were counted on, as in `References`.
+        external_wrenches: the known external wrenches that the solution accounts for, as in `References`.
     """
 
     v_dot: Array
@@ -166,7 +167,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class ChangeSettings:
-    """Change settings: a part of a configuration, nested as in its file."""
+    """A change of settings: part of a configuration, nested as in the file."""
 
     settings: Mapping[str, Any]
 
@@ -184,15 +185,15 @@ class Mode(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Infeasibility:
-    """Why a quadratic program has no answer.
+    """Why a quadratic program is infeasible.
 
     Attributes:
         conflict: names of the constraints that cannot hold together, as in `Solution.binding`.
-        smallest: those of them that give in the smallest reconciliation; the others are what would have to give
-            instead.
-        slack: by how much each of the conflict gives, on its side.
+        smallest: the constraints of the conflict whose relaxation needs the least total slack; relaxing the others
+            would be the alternative.
+        slack: slack that each constraint of the conflict needs, in the relaxation that it belongs to.
         units: unit of each slack.
-        sentence: the same for a person to read.
+        sentence: the conflict in words.
     """
 
     conflict: tuple[str, ...]
@@ -208,8 +209,8 @@ class Fault:
 
     Attributes:
         code: a short upper-case name, such as ``STALE_INPUT``.
-        sentence: the reason, for a person to read.
-        infeasibility: which constraints conflict, where that is the reason and is known.
+        sentence: the reason in words.
+        infeasibility: the conflicting constraints, if the program was infeasible and they are known.
     """
 
     code: str
@@ -219,13 +220,13 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """What goes to the joints. Only `safety.supervisor.Supervisor` makes one.
+    """The command to the joints; only `safety.supervisor.Supervisor` makes one.
 
     Attributes:
-        stamp: source time of the state that this command answers, in nanoseconds.
-        tau: torques of the actuators, in their order, (na,) in N·m.
-        q_desired: joint positions that the torques lead to, (nj,) in rad; NaN where there is none.
-        v_desired: joint velocities that the torques lead to, (nj,) in rad/s; NaN where there is none.
+        stamp: source time of the state that this command was computed from, in nanoseconds.
+        tau: torques of the actuators, in the order of the command, (na,) in N·m.
+        q_desired: predicted joint positions one period ahead, (nj,) in rad; NaN where no solution predicts them.
+        v_desired: predicted joint velocities one period ahead, (nj,) in rad/s; NaN where no solution predicts them.
     """
 
     stamp: int
@@ -236,14 +237,14 @@ class JointCommand:
 
 @dataclass(frozen=True, slots=True)
 class AuditReport:
-    """Whether the model accounts for the motion: residuals between the last states, filtered.
+    """Whether the model explains the measured motion: filtered residuals between the last states.
 
     Attributes:
-        energy: power that no torque accounts for, W.
-        throughput: sum of the absolute powers of the joints, W: what the energy residual is to be measured against.
+        energy: energy residual: power that no torque accounts for, W.
+        throughput: sum of the absolute powers of the joints, W: the scale for the energy residual.
         force: force on the centre of mass that the model does not account for, world axes, (3,) in N.
-        joint_torques: the same for each joint, (nj,) in N·m.
-        warnings: a sentence for each residual that has been too large for too long.
+        joint_torques: torque at each joint that the model does not account for, (nj,) in N·m.
+        warnings: one sentence for each residual that has been too large for too long.
     """
 
     energy: float
@@ -261,14 +262,14 @@ class CycleReport:
         cycle: running number of the cycle.
         stamp: source time of the state, in nanoseconds; 0 where none has arrived.
         mode: mode after the cycle.
-        fault: the fault that is in force, if any.
+        fault: the latched fault, if any.
         command: the command that was sent, if any.
-        solution: the answer of the quadratic program, if one was computed.
+        solution: the solution of the quadratic program, if one was computed.
         ages: age of each input at the start of the cycle, in s; infinite where none has arrived.
-        refused: sentences about the inputs that were refused since the last cycle.
+        refused: one sentence for each input that was refused since the last cycle.
         stage_seconds: time spent in each stage, in s.
         deadlines_missed: count of missed deadlines since the start.
-        audit: whether the model accounts for the motion, where that can be told.
+        audit: whether the model explains the measured motion, if that could be evaluated.
     """
 
     cycle: int

@@ -1,4 +1,4 @@
-"""The controller proper: model, dynamics, tasks, contacts, limits, the quadratic program.
+"""The controller itself: model, dynamics, tasks, contacts, limits and the quadratic program.
 
-It knows no ROS, no DDS, no simulator, no YAML and no clock.
+It depends on no ROS, no DDS, no simulator, no YAML and no clock.
 """

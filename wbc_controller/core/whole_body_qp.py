@@ -22,17 +22,17 @@ from wbc_controller.records import Array, Infeasibility, LevelReport, References
 
 
 class WholeBodyQP:
-    """Solves one quadratic program per cycle (S10 as equality constraints, S12), or one per level of priority.
+    """Solves one quadratic program per cycle (S10 as equality constraints, S12), or one per priority level.
 
     Minimize, over v̇, τ and f,
 
         ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖²
 
-    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the motion of contacts and closed loops
-    J v̇ + J̇v = -D J v + K e (e leads back to where the contact was made, or to the closed loop), the contacts' wrench
-    cones, and the limits of the joints. Here q̈ are the joints' accelerations and ḣ_G is the rate of the momentum
-    about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on which link the
-    coordinates take for the base (S2). Building the problem (`formulation`) is apart from solving it.
+    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the motion constraints of active contacts and
+    closed loops J v̇ + J̇v = -D J v + K e (e is the displacement to the anchor of the contact, or to the closed loop),
+    the friction and wrench cones of the contacts, and the limits. Here q̈ are the joint accelerations and ḣ_G is the
+    rate of the momentum about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on the
+    choice of the base link (S2). Building the problem (`formulation`) is separate from solving it.
 
     Attributes:
         formulation: builds the problem.
@@ -46,7 +46,7 @@ class WholeBodyQP:
         Args:
             formulation: builds the problem.
             solver: name of the solver.
-            timer: gives seconds, for the stage times; by default no time passes.
+            timer: returns the time in s, for the stage times; by default they are all 0.
 
         Raises:
             ConfigurationError: where the solver is not installed, or not accurate enough for the tasks' priorities.
@@ -84,18 +84,18 @@ class WholeBodyQP:
         return self.formulation.contacts
 
     def forget(self) -> None:
-        """Forget the warm starts: the next answer is what a new program would give."""
+        """Discard all warm starts: the next solution is that of a new program."""
         self._solvers.clear()
         self._hierarchies.clear()
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """The solver for one set of made contacts; each keeps its warm start."""
+        """The solver for one set of active contacts; each keeps its own warm start."""
         if layout.key not in self._solvers:
             self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         return self._solvers[layout.key]
 
     def _solve(self, layout: Layout) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...]]:
-        """One quadratic program, or one per level; what each cost, and which levels below the first failed."""
+        """Solve one quadratic program, or one per level; also gives level reports and the lower levels that failed."""
         if self.formulation.has_priorities:
             if layout.key not in self._hierarchies:
                 self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
@@ -119,17 +119,17 @@ class WholeBodyQP:
         tau_before: Array | None = None,
         explained: bool = True,
     ) -> Solution:
-        """Compute one answer.
+        """Compute the solution of one cycle.
 
-        Where the limits on combinations of accelerations leave no solution they are relaxed, then those of joint
-        motion, then the torque rate; the solution says so.
+        If the problem is infeasible, constraints are relaxed in this order until it is feasible: limits on combinations
+        of accelerations, joint motion limits, the torque rate limit. `Solution.relaxed` names them.
 
         Args:
-            state: where the robot is.
-            references: what is wanted.
-            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
-            explained: find out at once which constraints conflict where there is no solution. It takes several periods;
-                `NoSolution.explained` does it later.
+            state: the latched state of the robot.
+            references: task references, weights and contact activations.
+            tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
+            explained: search at once for the conflicting constraints if there is no solution. This takes several
+                periods; `NoSolution.explained` does it later.
 
         Raises:
             NoSolution: where the equations of motion, contacts and torque limits cannot be met together, or where a
@@ -184,14 +184,14 @@ class WholeBodyQP:
     def explain(
         self, state: RobotState, references: References, tau_before: Array | None = None
     ) -> Infeasibility | None:
-        """Say which constraints conflict, with those among them that `solve` would relax.
+        """Find the constraints that conflict, including those that `solve` would relax.
 
-        It is no part of a cycle: it takes several periods.
+        This takes several periods, and is not part of a control cycle.
 
         Args:
-            state: where the robot is.
-            references: what is wanted.
-            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
+            state: the latched state of the robot.
+            references: task references, weights and contact activations.
+            tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
 
         Returns:
             The conflict; None where the constraints can be met together, or a value is not finite.
@@ -203,7 +203,7 @@ class WholeBodyQP:
 
 
 def _usable(answer: Answer, problem: QuadraticProgram, tolerance: float) -> Residuals | None:
-    """Residuals of an answer; None where it is none: not there, not finite, or beyond tolerance of a constraint."""
+    """Residuals of an answer; None if it has no x, is not finite, or violates a constraint beyond the tolerance."""
     if answer.x is None:
         return None
     residuals = answer.residuals or problem.residuals(answer.x)

@@ -1,8 +1,8 @@
-"""The note's physics as plain functions: what each equation says, computed.
+"""The physics of the note as plain functions that evaluate its equations.
 
-Nathan Ratliff, "Analytical Dynamics and Contact Analysis": S1 to S11 of the design are the equations that are here.
-Every function takes Pinocchio models and NumPy arrays and returns new arrays; nothing here knows of the controller.
-Conventions are those of `wbc_controller.records`; ``docs/mechanics.md`` walks through the equations.
+The note is Nathan Ratliff, "Analytical Dynamics and Contact Analysis"; this package holds the equations S1 to S11 of
+the design. Every function takes Pinocchio models and NumPy arrays and returns new arrays; none depends on the
+controller. Conventions are those of `wbc_controller.records`; ``docs/mechanics.md`` walks through the equations.
 """
 
 from wbc_controller.mechanics.constraints import (

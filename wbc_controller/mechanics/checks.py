@@ -1,4 +1,4 @@
-"""What every function of this package asks of its arguments, said once."""
+"""Argument checks shared by the functions of this package."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from wbc_controller.records import Array
 
 
 def as_array(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return an array of the wanted shape with finite values.
+    """Return an array of the expected shape with finite values.
 
     Args:
-        name: what the values are, for the error.
+        name: name of the values, for the error message.
         values: the values.
-        shape: the wanted shape.
+        shape: the expected shape.
 
     Raises:
-        InputRefused: where the shape is another one, or a value is not finite.
+        InputRefused: where the shape differs, or a value is not finite.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:
@@ -59,7 +59,7 @@ def single_joint(model: pin.Model, name: str) -> Any:
     """Look up a joint with one degree of freedom in one coordinate.
 
     Raises:
-        ConfigurationError: where there is none of this name.
+        ConfigurationError: where the model has no such joint, or it has more or less than one degree of freedom.
     """
     joint = model.joints[joint_index(model, name)]
     if joint.nq != 1 or joint.nv != 1:

@@ -2,12 +2,12 @@
 
 Contacts, couplings of joints, closed loops, rolling without slipping, moving supports.
 
-A constraint says what must stay zero: positions g(q, t) (holonomic), or velocities γ(q, v, t) that are not the rate of
-any position (non-holonomic). One class per kind; the base class makes A and b of it, once for all.
+A constraint keeps a quantity at zero: a position g(q, t) (holonomic), or a velocity γ(q, v, t) that is not the rate of
+any position (non-holonomic). There is one class per kind; the base class computes A and b for all of them.
 
-Differentiating to the level of accelerations loses the positions, and rounding drifts away from them. Baumgarte
+A constraint on accelerations does not correct position errors, so that numerical errors drift. Baumgarte
 ("Stabilization of constraints and integrals of motion in dynamical systems", 1972) adds a spring and damper: with the
-time constant T, errors go as g̈ + (2/T) ġ + g/T² = 0 (critically damped) and γ̇ + γ/T = 0.
+time constant T, errors decay as g̈ + (2/T) ġ + g/T² = 0 (critically damped) and γ̇ + γ/T = 0.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from wbc_controller.records import Array
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product a × b; NumPy's own takes ten times as long for one pair."""
+    """Cross product a × b; much faster than `numpy.cross` for one pair."""
     return np.asarray(pin.skew(a) @ b)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a rigid support is, and how it moves, at one instant.
+    """Placement and motion of a rigid support at one instant.
 
     Attributes:
         placement: support in the world.
@@ -52,7 +52,7 @@ Support = Callable[[float], Motion]
 
 
 def ground(t: float) -> Motion:
-    """The support of equation (30) that does not move: the world.
+    """The world as the support of a constraint (30): it does not move.
 
     Args:
         t: time, s.
@@ -64,10 +64,10 @@ def ground(t: float) -> Motion:
 
 
 def shaken(direction: Array, amplitude: float, angular_frequency: float) -> Support:
-    """A support that makes (30) depend on time: it shakes along a direction, x = amplitude · sin(ω t).
+    """A support that shakes along a direction, x = amplitude · sin(ω t), so that (30) depends on time.
 
     Args:
-        direction: unit vector in the world, (3,); or unit twist (6,) whose angular part then turns the support.
+        direction: unit vector in the world, (3,); or unit twist (6,), whose angular part rotates the support.
         amplitude: m, or rad.
         angular_frequency: ω, rad/s.
 
@@ -90,9 +90,9 @@ def shaken(direction: Array, amplitude: float, angular_frequency: float) -> Supp
 
 
 class Kinematics:
-    """Positions, velocities and drifts of one state, computed once and read by every constraint (the q, v, t of (30)).
+    """Positions, velocities and drifts at one state, computed once for all constraints (the q, v, t of (30)).
 
-    A drift is what is left of an acceleration at v̇ = 0, the J̇v of the note.
+    A drift is the value of an acceleration at v̇ = 0, the J̇v of the note.
 
     Attributes:
         model: the mechanism.
@@ -113,7 +113,7 @@ class Kinematics:
         return self._data.oMf[frame_index(self.model, frame)]
 
     def point(self, frame: str, offset: Array) -> tuple[Array, Array, Array, Array]:
-        """Motion of a point that is fixed to a link, in world axes.
+        """Motion of a point fixed to a link, in world axes.
 
         Args:
             frame: frame of the link.
@@ -137,7 +137,7 @@ class Kinematics:
         )
 
     def angular(self, frame: str) -> tuple[Array, Array, Array]:
-        """Turning of a link, in world axes: angular velocity (3,), its Jacobian (3, nv), its drift (3,)."""
+        """Rotation of a link, in world axes: angular velocity (3,), its Jacobian (3, nv), its drift (3,)."""
         index = frame_index(self.model, frame)
         axes = pin.LOCAL_WORLD_ALIGNED
         J = pin.getFrameJacobian(self.model, self._data, index, axes)[3:]
@@ -145,11 +145,11 @@ class Kinematics:
         return J @ self.v, J, np.array(drift)
 
     def body(self, frame: str, offset: pin.SE3) -> tuple[pin.SE3, Array, Array, Array]:
-        """Motion of a frame that is fixed to a link, in its own axes.
+        """Motion of a frame fixed to a link, in its own axes.
 
         Args:
             frame: frame of the link.
-            offset: placement of the wanted frame in that one.
+            offset: placement of the fixed frame in the link's frame.
 
         Returns:
             Placement in the world, twist (6,), Jacobian (6, nv), drift of the twist (6,).
@@ -167,10 +167,10 @@ class ConstraintTerms:
 
     Attributes:
         jacobian: A, (k, nv).
-        drift: what is left of d/dt(velocity) at v̇ = 0, (k,); with A v̇ it makes the constraint's acceleration.
-        velocity: ġ or γ, (k,); zero where the velocity agrees with the constraint.
-        position: g, (k,); zero where the position agrees, and in rows that have none.
-        holonomic: which rows have a position, (k,).
+        drift: d/dt(velocity) at v̇ = 0, (k,); the constraint's acceleration is A v̇ plus the drift.
+        velocity: ġ or γ, (k,); zero if the velocity satisfies the constraint.
+        position: g, (k,); zero if the position satisfies the constraint, and in non-holonomic rows.
+        holonomic: whether each row has a position, (k,).
     """
 
     jacobian: Array
@@ -185,7 +185,7 @@ class Constraint(ABC):
     """One constraint of the form (30).
 
     Attributes:
-        time_constant: T of Baumgarte's stabilisation, s; infinite for none. It should be several integration steps.
+        time_constant: T of Baumgarte's stabilization, s; infinite for none. It should be several integration steps.
 
     Raises:
         ConfigurationError: where the time constant is not positive.
@@ -199,14 +199,14 @@ class Constraint(ABC):
 
     @abstractmethod
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """What the constraint is at one state.
+        """Evaluate the constraint at one state.
 
         Raises:
             ConfigurationError: where the model has no such frame or joint.
         """
 
     def equation(self, kinematics: Kinematics) -> tuple[Array, Array]:
-        """A, (k, nv), and b, (k,), of equation (30): b = -drift less the stabilisation.
+        """A, (k, nv), and b, (k,), of equation (30): b = -drift less the stabilization.
 
         Raises:
             ConfigurationError: where the model has no such frame or joint.
@@ -215,7 +215,7 @@ class Constraint(ABC):
         return terms.jacobian, self.right_side(terms)
 
     def right_side(self, terms: ConstraintTerms) -> Array:
-        """Make b, (k,), of the terms: what takes the errors out with the time constant."""
+        """The right-hand side b, (k,): -drift less the stabilization, which removes errors with the time constant."""
         rate = 1.0 / self.time_constant
         damping = np.where(terms.holonomic, 2.0 * rate, rate)
         return np.asarray(-terms.drift - damping * terms.velocity - rate**2 * terms.position)
@@ -227,7 +227,7 @@ def _holonomic(jacobian: Array, drift: Array, velocity: Array, position: Array) 
 
 @dataclass(frozen=True, kw_only=True)
 class PointContact(Constraint):
-    """A point of a link that stays at a point of a support (three rows, world axes; (30), holonomic).
+    """A point of a link held at a point of a support (three rows, world axes; (30), holonomic).
 
     λ is the force of the support on the link, in N, world axes.
 
@@ -235,7 +235,7 @@ class PointContact(Constraint):
         frame: frame of the link.
         offset: the point in that frame, (3,) in m.
         target: the point in the support's frame, (3,) in m.
-        support: what it stands on.
+        support: motion of the support.
     """
 
     frame: str
@@ -244,28 +244,28 @@ class PointContact(Constraint):
     support: Support = ground
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The point's motion less the support's."""
+        """The motion of the point relative to the support."""
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
         motion = self.support(kinematics.t)
         R, target = motion.placement.rotation, np.asarray(self.target)
         linear, angular = motion.twist[:3], motion.twist[3:]
         speed = linear + _cross(angular, target)
-        # The support's twist is in its own, turning axes.
+        # The support's twist is in its own axes, which rotate.
         change = motion.acceleration[:3] + _cross(motion.acceleration[3:], target) + _cross(angular, speed)
         return _holonomic(jacobian, drift - R @ change, velocity - R @ speed, position - motion.placement.act(target))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceContact(Constraint):
-    """A frame of a link that neither moves nor turns against a support (six rows; (30), holonomic).
+    """A frame of a link that neither translates nor rotates relative to a support (six rows; (30), holonomic).
 
     Rows and λ are in the axes of the contact frame: λ is the wrench of the support on the link about its origin.
 
     Attributes:
         frame: frame of the link.
         placement: contact frame in that frame.
-        target: where the contact frame belongs, in the support's frame.
-        support: what it stands on.
+        target: placement at which the contact frame is held, in the support's frame.
+        support: motion of the support.
     """
 
     frame: str
@@ -274,7 +274,7 @@ class SurfaceContact(Constraint):
     support: Support = ground
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The frame's motion less the support's."""
+        """The motion of the contact frame relative to the support."""
         body = kinematics.body(self.frame, self.placement)
         motion = self.support(kinematics.t)
         to_target = self.target.inverse().action
@@ -297,10 +297,10 @@ def _weld(first: _Body, second: _Body) -> ConstraintTerms:
     change = between.inverse().action
     carried = change @ second[1]
     relative = first[1] - carried
-    # The axes turn with the first frame: d/dt of the change is -(relative ×) change.
+    # The axes rotate with the first frame: d/dt of the change is -(relative ×) change.
     turning = np.array(pin.Motion(relative).cross(pin.Motion(carried)).vector)
     drift = first[3] - change @ second[3] + turning
-    # ġ is the relative twist only to first order in the error g, which is what stabilisation is for.
+    # ġ equals the relative twist only to first order in the error g; that is enough for the stabilization.
     return _holonomic(first[2] - change @ second[2], drift, relative, np.array(pin.log6(between).vector))
 
 
@@ -312,7 +312,7 @@ class JointCoupling(Constraint):
 
     Attributes:
         coefficients: cᵢ by joint; each joint with one degree of freedom.
-        offset: right side, in the units of c q.
+        offset: right-hand side, in the units of c q.
     """
 
     coefficients: Mapping[str, float]
@@ -337,7 +337,7 @@ class JointCoupling(Constraint):
 class PinnedFrames(Constraint):
     """Two points of two links held together, such as a ball joint that closes a loop (three rows, world axes; (30)).
 
-    λ is the force of the second link on the first, in N, world axes; the second feels the opposite.
+    λ is the force of the second link on the first, in N, world axes; the opposite force acts on the second.
 
     Attributes:
         first: frame of the first link.
@@ -352,7 +352,7 @@ class PinnedFrames(Constraint):
     second_offset: Array = field(default_factory=lambda: np.zeros(3))
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The distance of the two points."""
+        """The motion of the first point relative to the second."""
         a = kinematics.point(self.first, self.first_offset)
         b = kinematics.point(self.second, self.second_offset)
         return _holonomic(a[2] - b[2], a[3] - b[3], a[1] - b[1], a[0] - b[0])
@@ -395,11 +395,11 @@ def _unit(name: str, vector: Array) -> Array:
 class Rolling(Constraint):
     """A ball or wheel that rolls on a plane without slipping (three rows, world axes; (30)).
 
-    The point of the link that touches has no velocity, ṗ + ω × r = 0, where r goes from the centre to it. Along the
-    plane that is non-holonomic: no function of q is kept. Across the plane it keeps the height. λ is the force of the
-    plane on the link, in N.
+    The contact point of the link has no velocity, ṗ + ω × r = 0, where r leads from the centre to the contact point.
+    Along the plane this is non-holonomic: no function of q stays constant. Along the normal it is holonomic and keeps
+    the height. λ is the force of the plane on the link, in N.
 
-    Rows are rotated so that the last is along the normal: the first two span the plane.
+    Rows are rotated so that the last is along the normal, and the first two span the plane.
 
     Attributes:
         frame: frame of the link.
@@ -418,10 +418,10 @@ class Rolling(Constraint):
     height: float = 0.0
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The velocity of the point that touches, and its height.
+        """The velocity of the contact point, and its height.
 
         Raises:
-            ConfigurationError: where normal or axis are zero, or the wheel lies flat on the plane.
+            ConfigurationError: where the normal or the axis is zero, or the wheel lies flat on the plane.
         """
         normal = _unit("normal", self.normal)
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.centre)
@@ -443,7 +443,7 @@ class Rolling(Constraint):
             return -self.radius * normal, np.zeros(3)
         axle = R @ _unit("axis", self.axis)
         turning = _cross(omega, axle)
-        # The lowest point of a disc lies along the normal's part in the plane of the disc.
+        # The lowest point of a disc lies along the projection of the normal onto the plane of the disc.
         up = normal - (normal @ axle) * axle
         length = float(np.linalg.norm(up))
         if not length > 1.0e-6:
@@ -454,7 +454,7 @@ class Rolling(Constraint):
 
 
 def _axes_with_normal(normal: Array) -> Array:
-    """Two directions of the plane and its normal, as rows, (3, 3); the world's axes for a level plane."""
+    """Two directions in the plane and its normal, as rows, (3, 3); the world axes for a horizontal plane."""
     if normal[2] > 1.0 - 1.0e-12:
         return np.eye(3)
     first = _cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
@@ -466,7 +466,7 @@ def _axes_with_normal(normal: Array) -> Array:
 class PlaneContact(Constraint):
     """A point of a link on a frictionless plane (one row; (30), holonomic).
 
-    Meant for the one-sided form, where the plane only pushes: λ ≥ 0 is the normal force, in N.
+    Meant for the unilateral form, in which the plane can only push: λ ≥ 0 is the normal force, in N.
 
     Attributes:
         frame: frame of the link.
@@ -481,7 +481,7 @@ class PlaneContact(Constraint):
     height: float = 0.0
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The point's height over the plane.
+        """The point's height above the plane.
 
         Raises:
             ConfigurationError: where the normal is zero.
@@ -498,13 +498,13 @@ class PlaneContact(Constraint):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintEquation:
-    """Several constraints as one equation (30).
+    """Several constraints stacked to one equation (30).
 
     Attributes:
         A: (k, nv).
         b: (k,).
-        position: all g, (k,).
-        velocity: all ġ and γ, (k,).
+        position: g of all constraints, (k,).
+        velocity: ġ and γ of all constraints, (k,).
         rows: rows of each constraint, in order.
     """
 
@@ -519,11 +519,11 @@ def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematic
     """Stack constraints to one equation A v̇ = b (30).
 
     Args:
-        constraints: any number, redundant ones too.
+        constraints: any number of constraints, also redundant ones.
         kinematics: the state, with nv velocities.
 
     Returns:
-        A (k, nv), b (k,) in m/s² and rad/s², the errors, and which rows belong to which constraint.
+        A (k, nv), b (k,) in m/s² and rad/s², position and velocity errors, and the rows of each constraint.
 
     Raises:
         ConfigurationError: where the model has no such frame or joint.

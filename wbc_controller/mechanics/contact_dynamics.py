@@ -1,6 +1,6 @@
 """Floating-base dynamics under constraints, M v̇ + h = Sᵀτ + Aᵀλ and A v̇ = b (section 4.2.2; S10).
 
-Forward, given the torques; and as the equality constraints of a quadratic program that chooses them.
+As forward dynamics for given torques, and as the equality constraints of a quadratic program that chooses the torques.
 """
 
 from __future__ import annotations
@@ -28,20 +28,19 @@ def constrained_dynamics(
     t: float = 0.0,
     data: pin.Data | None = None,
 ) -> ConstrainedMotion:
-    """Motion under constraints, given the applied forces (section 4.2.2 by way of (31) and (32); S10).
+    """Acceleration under constraints, given the applied forces (section 4.2.2, through (31) and (32); S10).
 
-    With v̇ᵤ = M⁻¹(f - h), where f = Sᵀτ + Jᵀw.
+    The unconstrained acceleration is v̇ᵤ = M⁻¹(f - h), with f = Sᵀτ + Jᵀw.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         force: applied generalized force, (nv,) in N and N·m.
-        constraints: two-sided constraints; they may repeat each other.
-        pushing: constraints whose λ may not be negative, such as contacts that touch; those of them whose λ would be
-            negative let go.
+        constraints: bilateral constraints; they may be redundant.
+        pushing: unilateral constraints, with λ ≥ 0, such as contacts; those whose λ would be negative detach.
         t: time, s, for constraints that depend on it.
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         Acceleration, multipliers (in the order of the constraints) and constraint force f_c = Aᵀλ.
@@ -64,14 +63,14 @@ def constrained_dynamics(
 
 
 def contact_dynamics_equations(M: Array, h: Array, S: Array, A: Array, b: Array) -> tuple[Array, Array]:
-    """Equality constraints of a program that chooses the torques: section 4.2.2 as E x = e with x = [v̇, τ, λ] (S10).
+    """Section 4.2.2 as equality constraints E x = e with x = [v̇, τ, λ], for a program that chooses the torques (S10).
 
     Args:
         M: mass matrix, (nv, nv).
         h: bias force less external generalized forces, (nv,).
         S: actuation matrix, (na, nv); the generalized force of the torques is Sᵀτ (34).
         A: constraint matrix, (k, nv).
-        b: right side of (30), (k,) in m/s² and rad/s².
+        b: right-hand side of (30), (k,) in m/s² and rad/s².
 
     Returns:
         E, (nv + k, nv + na + k), and e, (nv + k,): rows of forces in N and N·m, then rows of accelerations.

@@ -16,15 +16,15 @@ from wbc_controller.records import Array, RobotState
 
 
 def kinetic_energy(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Kinetic energy T = ½ vᵀM v of equation (5) in generalized coordinates, rotors included.
+    """Kinetic energy T = ½ vᵀM v of equation (5) in generalized coordinates, including the rotors.
 
-    Not `pinocchio.computeKineticEnergy`: that of 4.1 leaves the rotors of joints with a slanted axis out.
+    `pinocchio.computeKineticEnergy` is not used: in 4.1 it omits the rotors of joints with a slanted axis.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         T, J.
@@ -38,7 +38,7 @@ def potential_energy(model: pin.Model, q: Array, *, data: pin.Data | None = None
     Args:
         model: the mechanism; ``model.gravity`` points down, so the sign is the opposite of the note's g.
         q: configuration, (nq,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         V, J.
@@ -47,13 +47,13 @@ def potential_energy(model: pin.Model, q: Array, *, data: pin.Data | None = None
 
 
 def lagrangian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Lagrangian L = T - V of equation (6), of which (7) makes the equations of motion.
+    """Lagrangian L = T - V of equation (6), from which (7) derives the equations of motion.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         L, J.
@@ -68,7 +68,7 @@ def hamiltonian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None =
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         H, J.
@@ -84,7 +84,7 @@ def hamiltonian_rate(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         v_dot: generalized acceleration, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         dH/dt, W.
@@ -95,8 +95,8 @@ def hamiltonian_rate(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data
 def power(v: Array, force: Array) -> float:
     """Power of a generalized force, fᵀv; for the joint torques τᵀS v (section 3.2; S6).
 
-    Where nothing else acts, dH/dt of equation (29) equals this: constraint forces do no work (equation (19)) unless the
-    constraint itself moves.
+    If no other force acts, dH/dt of equation (29) equals this power: constraint forces do no work (equation (19)),
+    unless the constraint itself moves.
 
     Args:
         v: generalized velocity, (nv,).
@@ -110,12 +110,12 @@ def power(v: Array, force: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class EnergyBalance:
-    """What became of the energy between two states (equation (29)).
+    """Energy balance between two states (equation (29)).
 
     Attributes:
         rate: mean dH/dt, W.
         supplied: mean power of the torques and of the external wrenches, W.
-        throughput: mean of the absolute powers of every torque and wrench, W: what to measure the residual against.
+        throughput: sum of the absolute mean powers of all torques and wrenches, W: the scale for the residual.
     """
 
     rate: float
@@ -124,12 +124,12 @@ class EnergyBalance:
 
     @property
     def residual(self) -> float:
-        """Power that no known force accounts for, W; zero where model and measurements agree."""
+        """Power that no known force accounts for, W; zero if model and measurements agree."""
         return self.rate - self.supplied
 
 
 def duration(before: RobotState, after: RobotState) -> float:
-    """Time between two states, s, over which the balances of equations (26) and (29) are taken.
+    """Time between two states, s, for the balances of equations (26) and (29).
 
     Raises:
         InputRefused: where the second state is not later than the first.
@@ -151,19 +151,19 @@ def energy_residual(
 ) -> EnergyBalance:
     """Check dH/dt = τᵀS v + external power (equation (29), S6) between two consecutive states.
 
-    The work of torques that are constant in between is exact, f · (q₁ ⊖ q₀); that of the wrenches, constant in their
-    own axes, is right to second order in the time between the states.
+    For torques that are constant between the states their work, f · (q₁ ⊖ q₀), is exact. For wrenches that are constant
+    in their own axes the work is accurate to second order in the time between the states.
 
     Args:
         model: the mechanism.
         before: first state.
         after: second state.
-        force: generalized force Sᵀτ that acted in between, (nv,) in N and N·m.
-        wrenches: all other forces that acted in between, contacts included; one that does no work may be left out.
-        data: memory to compute in.
+        force: generalized force Sᵀτ between the states, (nv,) in N and N·m.
+        wrenches: all other forces between the states, contacts included; forces that do no work may be omitted.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
-        The balance; its `residual` is the power that is missing.
+        The balance; its `residual` is the unexplained power.
 
     Raises:
         InputRefused: where the second state is not later, or the force has another shape or is not finite.

@@ -1,7 +1,7 @@
-"""The equations of motion M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ, term by term and as functions (S1, S11).
+"""The equations of motion M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ: their terms, and forward and inverse dynamics (S1, S11).
 
-Each function takes a `pinocchio.Model`, so that it serves robots and mechanisms that the controller does not know. All
-of them compute in ``data`` where it is given, which saves allocating it, and return arrays of their own.
+Each function takes a `pinocchio.Model`, so that it also works for mechanisms outside the controller. All of them
+compute in ``data`` if it is given, which saves its allocation, and return new arrays.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from wbc_controller.records import Array
 def mass_matrix(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> Array:
     """Mass matrix M of equations (7), (22) and (34), by the composite rigid body algorithm.
 
-    The kinetic energy is T = ½ vᵀM v. Reflected rotor inertias (``model.armature``) are part of it.
+    The kinetic energy is T = ½ vᵀM v. M includes reflected rotor inertias (``model.armature``).
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
-        M, (nv, nv), symmetric positive definite; kg, kg·m and kg·m² as the coordinates have it.
+        M, (nv, nv), symmetric positive definite; in kg, kg·m and kg·m², depending on the coordinates.
     """
     # Pinocchio's algorithm fills the upper triangle; its Python binding completes the matrix.
     return np.array(pin.crba(model, data if data is not None else model.createData(), q))
 
 
 def bias_force(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Bias force h of equation (34): what it takes to have v̇ = 0 — Coriolis, centrifugal and gravity terms.
+    """Bias force h of equation (34): the Coriolis, centrifugal and gravity terms, equal to the force at v̇ = 0.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         h, (nv,), in N and N·m.
@@ -54,7 +54,7 @@ def generalized_gravity(model: pin.Model, q: Array, *, data: pin.Data | None = N
     Args:
         model: the mechanism.
         q: configuration, (nq,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (nv,), in N and N·m; the force of gravity is its negative.
@@ -65,15 +65,15 @@ def generalized_gravity(model: pin.Model, q: Array, *, data: pin.Data | None = N
 def inverse_dynamics(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None) -> Array:
     """Generalized force that causes an acceleration, M v̇ + h (section 1.2, equation (22); S11).
 
-    The recursive Newton–Euler algorithm (Luh, Walker, Paul, "On-line computational scheme for mechanical manipulators",
-    1980), as Pinocchio has it: one call, without M.
+    Pinocchio's recursive Newton–Euler algorithm (Luh, Walker, Paul, "On-line computational scheme for mechanical
+    manipulators", 1980), which does not form M.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         v_dot: generalized acceleration, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (nv,), in N and N·m; Sᵀτ plus all external and constraint forces.
@@ -84,14 +84,14 @@ def inverse_dynamics(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data
 def forward_dynamics(model: pin.Model, q: Array, v: Array, force: Array, *, data: pin.Data | None = None) -> Array:
     """Unconstrained acceleration v̇ᵤ = M⁻¹(f - h) of section 4.2.2, with f = Sᵀτ + Jᵀw (S11).
 
-    The articulated body algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008), as Pinocchio has it.
+    Pinocchio's articulated body algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008).
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         force: generalized force f, (nv,) in N and N·m.
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (nv,), in m/s² and rad/s².
@@ -100,19 +100,19 @@ def forward_dynamics(model: pin.Model, q: Array, v: Array, force: Array, *, data
 
 
 def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
-    """Actuation matrix S of equation (34), which distributes the joint torques: the generalized force is Sᵀτ.
+    """Actuation matrix S of equation (34): the generalized force of the joint torques is Sᵀτ.
 
-    The note writes Sτ with the transpose of this matrix.
+    The note writes Sτ, with the transpose of this matrix.
 
     Args:
         model: the mechanism.
         joints: actuated joints with one degree of freedom, in the order of τ.
 
     Returns:
-        S, (na, nv), of zeros and ones, without units: τ in N·m (N for a slide).
+        S, (na, nv), of zeros and ones, without units: τ in N·m (N for a prismatic joint).
 
     Raises:
-        ConfigurationError: where a joint is unknown or has not one degree of freedom.
+        ConfigurationError: where a joint is unknown, or has more or less than one degree of freedom.
     """
     S = np.zeros((len(joints), model.nv))
     for row, name in enumerate(joints):
@@ -123,7 +123,7 @@ def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
 def equations_of_motion_residual(
     M: Array, h: Array, v_dot: Array, force: npt.ArrayLike, constraint_force: npt.ArrayLike
 ) -> Array:
-    """How far a motion is from section 4.2.2: M v̇ + h - Sᵀτ - Aᵀλ.
+    """Residual of a motion in the equations of section 4.2.2: M v̇ + h - Sᵀτ - Aᵀλ.
 
     Args:
         M: mass matrix, (nv, nv).
@@ -133,7 +133,7 @@ def equations_of_motion_residual(
         constraint_force: f_c = Aᵀλ, (nv,) in N and N·m.
 
     Returns:
-        (nv,), in N and N·m; zero where the motion is physical.
+        (nv,), in N and N·m; zero for a physical motion.
 
     Raises:
         InputRefused: where a force has another shape, or is not finite.

@@ -1,4 +1,4 @@
-"""External wrenches in any frame, and how they become generalized forces (section 2.2, equations (20)–(22); S4)."""
+"""External wrenches in any frame, and their generalized forces (section 2.2, equations (20)–(22); S4)."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class ExternalWrench:
         wrench: force in N, then torque in N·m about the point of application, (6,).
         axes: ``LOCAL``: in the frame's axes, at the frame's origin; ``LOCAL_WORLD_ALIGNED``: in world axes, at the
             frame's origin; ``WORLD``: in world axes, at the world's origin. As `pinocchio.ReferenceFrame`.
-        point: where the force acts instead, measured from that origin and in those axes, (3,) in m.
+        point: point of application, measured from that origin and in those axes, (3,) in m; by default the origin.
 
     Raises:
-        ConfigurationError: where the axes are none of these.
+        ConfigurationError: where `axes` has another value.
         InputRefused: where the wrench or the point has another shape, or is not finite.
     """
 
@@ -49,7 +49,7 @@ class ExternalWrench:
 
     @property
     def at_origin(self) -> Array:
-        """The same wrench moved to the origin, (6,): the torque gains point × force."""
+        """The wrench about the origin, (6,): point × force is added to the torque."""
         wrench = np.array(self.wrench, dtype=np.float64)
         wrench[3:] += np.cross(self.point, wrench[:3])
         return wrench
@@ -58,15 +58,15 @@ class ExternalWrench:
 def generalized_force(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Generalized force Σ Jᵀw of external wrenches (equation (22)), J being the Jacobian in the wrench's own axes.
+    """Generalized force Σ Jᵀw of external wrenches (equation (22)), with J the Jacobian in the axes of each wrench.
 
-    It does the same work in all coordinates, (Jᵀw)ᵀv = wᵀ(J v), which is what equation (21) asks for.
+    The work is the same in all coordinates, (Jᵀw)ᵀv = wᵀ(J v), as equation (21) requires.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
-        wrenches: what acts.
-        data: memory to compute in.
+        wrenches: the external wrenches.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (nv,), in N and N·m.
@@ -89,13 +89,13 @@ def generalized_force(
 def world_wrench(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Sum of external wrenches about the world's origin (equation (22) before it meets the coordinates).
+    """Sum of external wrenches about the world's origin (equation (22) before the transformation to coordinates).
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
-        wrenches: what acts.
-        data: memory to compute in.
+        wrenches: the external wrenches.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         Force in N and torque in N·m, (6,), in world axes.

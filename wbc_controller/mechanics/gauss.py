@@ -1,7 +1,7 @@
 """Gauss's principle of least constraint (section 4.1, equations (30)–(32); S3, S8), for any M, A and b.
 
-Plain linear algebra: what a row of A means is said in `constraints`, and what a mechanism does under it in
-`contact_dynamics`.
+This module is plain linear algebra: `constraints` makes A and b, and `contact_dynamics` applies the result to
+mechanisms.
 """
 
 from __future__ import annotations
@@ -16,27 +16,28 @@ from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.mechanics.checks import as_array
 from wbc_controller.records import Array
 
-#: Singular values of A below this share of the largest count as zero: such rows repeat others.
+#: Singular values of A below this share of the largest count as zero: the rows are then redundant.
 RANK_TOLERANCE = 1.0e-10
-#: And below this, in SI units: such rows are the rounding of a constraint that no motion enters (a link on itself).
+#: Singular values of A below this, in SI units, count as zero too: rounding of a constraint that does not depend on
+#: the motion (a link on itself).
 ZERO = 1.0e-12
-#: Largest part of b that may lie outside what A can reach, relative to b's size.
+#: Largest part of b outside the range of A, relative to the size of b.
 CONSISTENCY_TOLERANCE = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class ConstrainedMotion:
-    """The answer to Gauss's problem (31).
+    """The solution of Gauss's problem (31).
 
     Attributes:
         v_dot: constrained acceleration v̇*, (nv,).
-        multipliers: λ of (32), (k,); for a contact the force of the environment on the robot, in N or N·m. Of all that
-            give the same motion, the one of least norm.
+        multipliers: λ of (32), (k,); for a contact the force of the environment on the robot, in N or N·m. If λ is not
+            unique, the one of least norm.
         constraint_force: f_c = Aᵀλ, (nv,) in N and N·m.
-        push: multipliers of the inequalities, (m,), none negative; empty where there are none.
-        push_force: their generalized force Cᵀμ, (nv,) in N and N·m.
+        push: multipliers μ of the inequalities, (m,), all ≥ 0; empty where there are none.
+        push_force: generalized force Cᵀμ of the inequalities, (nv,) in N and N·m.
         rank: number of independent rows of A.
-        condition: of A without its redundancy: largest singular value by smallest that counts.
+        condition: condition number of A: its largest singular value over the smallest that does not count as zero.
     """
 
     v_dot: Array
@@ -50,7 +51,7 @@ class ConstrainedMotion:
 
 @dataclass(frozen=True, slots=True)
 class _Split:
-    """A = U diag(s) Vᵀ, and N, whose columns span the directions that A admits."""
+    """A = U diag(s) Vᵀ, and N, whose columns span the null space of A."""
 
     U: Array
     s: Array
@@ -97,7 +98,7 @@ def _consistent(A: Array, b: Array, v_dot: Array) -> None:
 
 
 def _multipliers(split: _Split, force: Array) -> tuple[Array, Array]:
-    """Shortest λ with Aᵀλ = force, and Aᵀλ itself, from coordinates along V: made of λ it would carry A's condition."""
+    """Least-norm λ with Aᵀλ = force, and Aᵀλ, computed along V because a product with λ amplifies rounding errors."""
     along = split.V.T @ force
     return split.U @ (along / split.s), split.V @ along
 
@@ -105,16 +106,16 @@ def _multipliers(split: _Split, force: Array) -> tuple[Array, Array]:
 def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     """Solve Gauss's problem (31), v̇* = argmin ½‖v̇ - v̇ᵤ‖²_M subject to A v̇ = b, through its conditions (32).
 
-    Those are M(v̇ - v̇ᵤ) - Aᵀλ = 0 and A v̇ = b. Where rows of A repeat each other this system is singular in λ alone:
-    the acceleration is unique, and so is Aᵀλ. It is solved in the directions that A leaves free (N, with A N = 0),
-    which needs no inverse of anything that could be singular: v̇ = A⁺b + N z, (NᵀM N) z = NᵀM(v̇ᵤ - A⁺b), and λ is the
-    shortest solution of Aᵀλ = M(v̇ - v̇ᵤ).
+    The conditions are M(v̇ - v̇ᵤ) - Aᵀλ = 0 and A v̇ = b. With redundant rows of A this system is singular in λ only: the
+    acceleration and Aᵀλ are unique. It is solved in the null space of A (N, with A N = 0), where no matrix to be
+    inverted can be singular: v̇ = A⁺b + N z, (NᵀM N) z = NᵀM(v̇ᵤ - A⁺b), and λ is the least-norm solution of
+    Aᵀλ = M(v̇ - v̇ᵤ).
 
     Args:
         M: mass matrix, (nv, nv), symmetric positive definite.
         v_dot_u: acceleration without the constraints, (nv,) in m/s² and rad/s².
         A: constraint matrix, (k, nv), of any rank; k may be 0.
-        b: right side, (k,).
+        b: right-hand side, (k,).
 
     Returns:
         Acceleration, multipliers and constraint force.
@@ -149,14 +150,14 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
 def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
     """Explicit solution of (31) after Udwadia and Kalaba: v̇ = v̇ᵤ + M^-½ (A M^-½)⁺ (b - A v̇ᵤ).
 
-    From "Analytical Dynamics: A New Approach" (1996), to which the note refers for (32). Here for comparison: it gives
-    no multipliers, and the pseudoinverse carries the conditioning of M as well as of A.
+    From "Analytical Dynamics: A New Approach" (1996), to which the note refers for (32). It serves for comparison: it
+    gives no multipliers, and the pseudoinverse is affected by the conditioning of M as well as of A.
 
     Args:
         M: mass matrix, (nv, nv), symmetric positive definite.
         v_dot_u: acceleration without the constraints, (nv,).
         A: constraint matrix, (k, nv), of any rank.
-        b: right side, (k,).
+        b: right-hand side, (k,).
 
     Returns:
         Constrained acceleration, (nv,) in m/s² and rad/s².
@@ -174,12 +175,12 @@ def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
 
 
 def gauss_functional(M: Array, v_dot: Array, v_dot_u: Array) -> float:
-    """The constraint that Gauss's principle makes least, ½‖v̇ - v̇ᵤ‖²_M of (31).
+    """Gauss's functional ("the constraint"), ½‖v̇ - v̇ᵤ‖²_M of (31), which Gauss's principle minimizes.
 
     Args:
         M: mass matrix, (nv, nv).
-        v_dot: a motion, (nv,).
-        v_dot_u: the motion without constraints, (nv,).
+        v_dot: an acceleration, (nv,).
+        v_dot_u: the acceleration without constraints, (nv,).
 
     Returns:
         The value, W·1/s for SI coordinates.
@@ -189,7 +190,7 @@ def gauss_functional(M: Array, v_dot: Array, v_dot_u: Array) -> float:
 
 
 def admissible_directions(A: Array) -> Array:
-    """Virtual displacements that the constraints admit, A δq = 0: the tangent space of (17) and (19).
+    """Basis of the admissible virtual displacements, A δq = 0: the tangent space of (17) and (19).
 
     A constraint force does no work along any of them: f_cᵀ δq = λᵀA δq = 0 (d'Alembert; S3).
 
@@ -207,24 +208,24 @@ def admissible_directions(A: Array) -> Array:
 
 
 def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: Array) -> ConstrainedMotion:
-    """Gauss's problem (31) where some constraints only push: A v̇ = b and C v̇ ≥ d.
+    """Solve Gauss's problem (31) with unilateral constraints: A v̇ = b and C v̇ ≥ d.
 
-    The same least constraint with inequalities. Its conditions are those of (32) with Aᵀλ + Cᵀμ in place of Aᵀλ, and
-    μ ≥ 0, C v̇ ≥ d, μᵀ(C v̇ - d) = 0: a contact pushes or lifts off, never both. After Moreau, "Quadratic programming
-    in mechanics: dynamics of one-sided constraints" (1966); solved as a least-distance problem by non-negative least
+    The functional is that of `gauss`. The conditions are those of (32) with Aᵀλ + Cᵀμ in place of Aᵀλ, and μ ≥ 0,
+    C v̇ ≥ d, μᵀ(C v̇ - d) = 0: a contact pushes or lifts off, never both. After Moreau, "Quadratic programming in
+    mechanics: dynamics of one-sided constraints" (1966); solved as a least-distance problem by non-negative least
     squares (Lawson, Hanson, "Solving Least Squares Problems", 1974, chapter 23), which ends after finitely many steps.
 
     Args:
         M: mass matrix, (nv, nv), symmetric positive definite.
         v_dot_u: acceleration without the constraints, (nv,).
-        A: two-sided constraints, (k, nv); k may be 0.
-        b: their right side, (k,).
-        C: one-sided constraints, (m, nv): for a contact, the rows of its normal motion.
-        d: their right side, (m,).
+        A: bilateral constraints, (k, nv); k may be 0.
+        b: right-hand side of the bilateral constraints, (k,).
+        C: unilateral constraints, (m, nv): for a contact, the rows of its normal motion.
+        d: right-hand side of the unilateral constraints, (m,).
 
     Returns:
-        The motion. The acceleration is unique; where rows of C repeat each other, μ is one of several with the same
-        generalized force.
+        The motion. The acceleration is unique; with redundant rows of C, μ is one of several with the same generalized
+        force.
 
     Raises:
         InputRefused: where shapes do not fit, a value is not finite, or M is not positive definite.
@@ -269,7 +270,7 @@ def _least_distance(G: Array, h: Array, evidence: tuple[Array, Array]) -> Array:
     if not left > 1.0e-12:
         raise NoSolution("the one-sided constraints C v̇ ≥ d contradict each other", "inconsistent", evidence)
     mu = np.asarray(u * scale / left)
-    # The division loses digits where the distance is large: solve once more on the set that was found.
+    # The division loses digits if the distance is large: solve once more on the active set that was found.
     active = mu > 0.0
     exact = np.linalg.lstsq(G[active] @ G[active].T, h[active], rcond=None)[0]
     if (exact >= 0.0).all():

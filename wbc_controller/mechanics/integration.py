@@ -1,7 +1,7 @@
-"""Fourth-order integration of motions whose configuration is not a vector.
+"""Fourth-order integration of motions on a configuration manifold.
 
-q̇ = v holds in the coordinates of the velocity. Around a configuration q₀ the motion is q = q₀ ⊕ θ, and θ is a vector:
-θ̇ = D(θ)⁻¹ v, where D is the derivative of ⊕ with respect to θ. A Runge–Kutta step in (θ, v) is of its full order
+v is the rate of q in the tangent space. Near a configuration q₀ the motion is q = q₀ ⊕ θ with a vector θ, whose rate is
+θ̇ = D(θ)⁻¹ v, where D is the derivative of ⊕ with respect to θ. A Runge–Kutta step in (θ, v) keeps its full order
 (Munthe-Kaas, "High order Runge-Kutta methods on manifolds", 1999).
 """
 
@@ -21,7 +21,7 @@ Acceleration = Callable[[Array, Array, float], Array]
 def runge_kutta_step(
     model: pin.Model, acceleration: Acceleration, q: Array, v: Array, t: float, step: float
 ) -> tuple[Array, Array]:
-    """One step of the classical fourth-order method for the motion that (7) or (32) prescribe.
+    """One step of the classical fourth-order Runge–Kutta method for the motion given by (7) or (32).
 
     Args:
         model: the mechanism.
@@ -29,7 +29,7 @@ def runge_kutta_step(
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         t: time, s.
-        step: s.
+        step: step size, s.
 
     Returns:
         q, (nq,), and v, (nv,), one step later.
@@ -55,18 +55,18 @@ def runge_kutta_step(
 def simulate(
     model: pin.Model, acceleration: Acceleration, q: Array, v: Array, step: float, steps: int
 ) -> tuple[Array, Array]:
-    """Follow the motion that (7) or (32) prescribe.
+    """Integrate the motion given by (7) or (32).
 
     Args:
         model: the mechanism.
         acceleration: v̇(q, v, t), (nv,).
         q: configuration at t = 0, (nq,).
         v: generalized velocity at t = 0, (nv,).
-        step: s.
-        steps: their number.
+        step: step size, s.
+        steps: number of steps.
 
     Returns:
-        Configurations, (steps + 1, nq), and velocities, (steps + 1, nv), the first ones included.
+        Configurations, (steps + 1, nq), and velocities, (steps + 1, nv), including the initial ones.
     """
     qs, vs = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
     qs[0], vs[0] = q, v

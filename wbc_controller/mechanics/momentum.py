@@ -1,4 +1,4 @@
-"""Generalized and centroidal momentum, and the balance of the latter (section 3.1; S5)."""
+"""Generalized and centroidal momentum, and the balance of centroidal momentum (section 3.1; S5)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def generalized_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         p, (nv,), in N·s and N·m·s.
@@ -30,16 +30,16 @@ def generalized_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data
 
 
 def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Linear momentum, and angular momentum about the centre of mass: (28) for shifts and turns of all space.
+    """Linear momentum, and angular momentum about the centre of mass: (28) for translations and rotations of space.
 
-    After Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013). Rotor inertias (``model.armature``) have
-    no part in it: they turn with the joints alone.
+    After Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013). Rotor inertias (``model.armature``) do
+    not contribute, as they act on the relative rotation of the joints only.
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (6,) in world axes: linear in N·s, angular in N·m·s.
@@ -58,7 +58,7 @@ def centroidal_momentum_rate(
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         v_dot: generalized acceleration, (nv,).
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (6,) in world axes: N, and N·m about the centre of mass.
@@ -70,15 +70,15 @@ def centroidal_momentum_rate(
 def centroidal_wrench(
     model: pin.Model, q: Array, wrenches: Sequence[ExternalWrench] = (), *, data: pin.Data | None = None
 ) -> Array:
-    """Gravity plus external forces about the centre of mass: what `centroidal_momentum_rate` must equal (S5).
+    """Wrench of gravity and external forces about the centre of mass; equals `centroidal_momentum_rate` (S5).
 
-    Internal forces, joint torques among them, do not appear: they are the symmetric part of equation (27).
+    Internal forces, including joint torques, do not appear: they are the symmetric part of equation (27).
 
     Args:
         model: the mechanism.
         q: configuration, (nq,).
         wrenches: contacts and other external wrenches.
-        data: memory to compute in.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
         (6,) in world axes: N, and N·m about the centre of mass.
@@ -96,11 +96,11 @@ def centroidal_wrench(
 
 @dataclass(frozen=True, slots=True)
 class MomentumBalance:
-    """What became of the centroidal momentum between two states (equation (26)).
+    """Balance of centroidal momentum between two states (equation (26)).
 
     Attributes:
         rate: mean rate of change, (6,) in N and N·m, world axes.
-        supplied: mean of gravity and external wrenches about the centre of mass, (6,) in N and N·m.
+        supplied: mean wrench of gravity and external forces about the centre of mass, (6,) in N and N·m.
     """
 
     rate: Array
@@ -108,7 +108,7 @@ class MomentumBalance:
 
     @property
     def residual(self) -> Array:
-        """Wrench that no known force accounts for, (6,) in N and N·m; zero where model and measurements agree."""
+        """Wrench that no known force accounts for, (6,) in N and N·m; zero if model and measurements agree."""
         return self.rate - self.supplied
 
 
@@ -120,20 +120,20 @@ def momentum_residual(
     *,
     data: pin.Data | None = None,
 ) -> MomentumBalance:
-    """Check that centroidal momentum changes by gravity and contact forces alone (equation (26), S5).
+    """Check that only gravity and external forces change the centroidal momentum (equation (26), S5).
 
-    Joint torques are internal, so this finds wrong masses, unknown pushes and wrong contact forces, but no wrong
-    torque; `energy.energy_residual` finds that one.
+    Joint torques are internal forces, so this detects wrong masses, unknown pushes and wrong contact forces, but not
+    wrong torques; `energy.energy_residual` detects these.
 
     Args:
-        model: the mechanism, with a floating base; for a fixed one the force of the support must be among the wrenches.
+        model: the mechanism, with a floating base; for a fixed base the wrenches must include the support force.
         before: first state.
         after: second state.
-        wrenches: contacts and other external wrenches that acted in between, taken as constant in their own axes.
-        data: memory to compute in.
+        wrenches: contacts and other external wrenches between the states, assumed constant in their own axes.
+        data: Pinocchio workspace to compute in; a new one by default.
 
     Returns:
-        The balance; its `residual` is the wrench that is missing.
+        The balance; its `residual` is the unexplained wrench.
 
     Raises:
         InputRefused: where the second state is not later.

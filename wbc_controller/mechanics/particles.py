@@ -1,7 +1,7 @@
-"""Particles held together by rigid rods: the system from which generalized coordinates come (section 4.2.1; S9).
+"""Particles connected by rigid rods: the system from which the note derives generalized coordinates (4.2.1; S9).
 
-The note sees a robot as particles whose structure is a constraint A_s ẍ = b_s, and its contacts as A_c ẍ = b_c (33).
-Both can be resolved at once, or the structure first: then what is left is (31) in fewer coordinates.
+The note models a robot as particles with structural constraints A_s ẍ = b_s and contact constraints A_c ẍ = b_c (33).
+Both can be solved at once, or the structure first, which leaves (31) in fewer coordinates.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ParticleSystem:
         gravity: (3,) in m/s².
 
     Raises:
-        ConfigurationError: where a mass is not positive, a rod names no particle, or has no length.
+        ConfigurationError: where a mass is not positive, or a rod has an unknown particle or no positive length.
     """
 
     masses: Array
@@ -63,7 +63,7 @@ class ParticleSystem:
 
 
 def particle_mass_matrix(system: ParticleSystem) -> Array:
-    """Mass matrix of equation (1), and of the metric in (33): every mass three times on the diagonal.
+    """Mass matrix of equation (1) and of the metric in (33): each mass appears three times on the diagonal.
 
     Args:
         system: the particles.
@@ -77,15 +77,15 @@ def particle_mass_matrix(system: ParticleSystem) -> Array:
 def rod_constraints(
     system: ParticleSystem, x: Array, x_dot: Array, *, time_constant: float = np.inf
 ) -> ConstrainedRows:
-    """Structural constraints A_s ẍ = b_s of (33): every rod keeps g = ½(‖d‖² - length²) = 0, as (30).
+    """Structural constraints A_s ẍ = b_s of (33): each rod keeps g = ½(‖d‖² - length²) = 0, in the form (30).
 
-    With d from one end to the other, ġ = dᵀḋ and g̈ = dᵀd̈ + ḋᵀḋ.
+    With d the vector from one end to the other, ġ = dᵀḋ and g̈ = dᵀd̈ + ḋᵀḋ.
 
     Args:
         system: the particles.
         x: positions, (n, 3) in m.
         x_dot: velocities, (n, 3) in m/s.
-        time_constant: of Baumgarte's stabilisation, s.
+        time_constant: of Baumgarte's stabilization, s.
 
     Returns:
         A_s, (rods, 3n), and b_s, (rods,).
@@ -145,13 +145,13 @@ def solve_in_one_stage(
 
 @dataclass(frozen=True, slots=True)
 class ReducedProblem:
-    """What is left of (33) once the structure is resolved: (31) in d coordinates, ẍ = particular + basis · a.
+    """Problem (33) with the structure eliminated: (31) in d coordinates, with ẍ = particular + basis · a.
 
     Attributes:
-        basis: (3n, d); it plays the part of ∂φ/∂q in (15) and (17).
-        particular: (3n,), an acceleration that keeps the structure.
+        basis: (3n, d); it takes the place of ∂φ/∂q in (15) and (17).
+        particular: (3n,), an acceleration that satisfies the structural constraints.
         M: mass matrix in the reduced coordinates, (d, d).
-        a_u: their acceleration without contact, (d,).
+        a_u: acceleration without contact in the reduced coordinates, (d,).
     """
 
     basis: Array
@@ -163,23 +163,23 @@ class ReducedProblem:
 def reduce_structure(
     system: ParticleSystem, structure: ConstrainedRows, forces: Array | None = None, *, basis: Array | None = None
 ) -> ReducedProblem:
-    """First stage of section 4.2.1: resolve A_s ẍ = b_s, and (33) becomes (31) in as many coordinates as are free.
+    """First stage of section 4.2.1: eliminate A_s ẍ = b_s, so that (33) becomes (31) in the remaining coordinates.
 
-    Any basis of the directions that the structure admits will do; with ∂φ/∂q of generalized coordinates it gives
-    exactly their mass matrix, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q).
+    Any basis of the null space of A_s can be used; with ∂φ/∂q of generalized coordinates the result is exactly their
+    mass matrix, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q).
 
     Args:
         system: the particles.
         structure: A_s (k, 3n) and b_s (k,).
         forces: on each particle besides gravity, (n, 3) in N.
-        basis: (3n, d) with A_s basis = 0; an orthonormal one where none is given.
+        basis: (3n, d) with A_s basis = 0; by default an orthonormal one.
 
     Returns:
         The reduced problem.
 
     Raises:
         InputRefused: where shapes do not fit or a value is not finite.
-        ConfigurationError: where the basis breaks the structure.
+        ConfigurationError: where the basis violates the structural constraints.
         NoSolution: where the constraints contradict each other.
     """
     A, b = structure
@@ -188,7 +188,7 @@ def reduce_structure(
     elif not np.max(np.abs(A @ basis), initial=0.0) <= 1.0e-8 * max(1.0, float(np.max(np.abs(basis)))):
         raise ConfigurationError("the basis breaks the structure: A_s basis must be zero")
     M_x = particle_mass_matrix(system)
-    # Gauss with a unit metric is one way among many to an acceleration that keeps the structure.
+    # Any acceleration that satisfies the structural constraints will do; here by Gauss with a unit metric.
     particular = gauss(np.eye(len(M_x)), np.zeros(len(M_x)), A, b).v_dot
     M = basis.T @ M_x @ basis
     a_u = np.linalg.solve(M, basis.T @ M_x @ (_free_acceleration(system, forces) - particular))
@@ -198,7 +198,7 @@ def reduce_structure(
 def solve_in_two_stages(
     system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
 ) -> ConstrainedMotion:
-    """Accelerations of all particles, the structure resolved first and the contacts in what is left (section 4.2.1).
+    """Accelerations of all particles: the structure eliminated first, then the contacts resolved (section 4.2.1).
 
     Args:
         system: the particles.
@@ -207,8 +207,8 @@ def solve_in_two_stages(
         forces: on each particle besides gravity, (n, 3) in N.
 
     Returns:
-        ẍ, (3n,) in m/s², and everything else of the second stage: the contacts' multipliers, (m,), and their
-        generalized force in the reduced coordinates.
+        ẍ, (3n,) in m/s²; all other fields are those of the second stage: the multipliers of the contacts, (m,), and
+        their generalized force in the reduced coordinates.
 
     Raises:
         InputRefused: where shapes do not fit or a value is not finite.

@@ -1,7 +1,7 @@
 """The same robot in other coordinates: re-rooted at another link, joints renumbered and flipped (Lemma 1, 2.1.2; S2).
 
-Physics does not depend on the coordinates, so two models of one robot must give the same physical answers. This makes
-the second model, and the maps between the two.
+Physics does not depend on the coordinates, so two models of one robot must give the same physical results. This module
+makes the second model, and the maps between the two.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.mechanics.checks import joint_index
 from wbc_controller.records import Array
 
-#: Per degree of freedom: limits and losses that stay what they are, whatever sign the joint has.
+#: Per degree of freedom: quantities that do not depend on the sign of the joint.
 _UNSIGNED = ("armature", "rotorInertia", "rotorGearRatio")
-#: Per degree of freedom: pairs of bounds that change places when the joint is flipped.
+#: Per degree of freedom: pairs of bounds that are negated and swapped when the joint is flipped.
 _VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLimit", "upperVelocityLimit"))
 
 
 @dataclass(frozen=True)
 class Recoordinated:
-    """Another model of the same robot, and φ of Lemma 1 (equation (14)), which takes states, motions and forces there.
+    """Another model of the same robot, and the map φ of Lemma 1 (equation (14)) for states, motions and forces.
 
     Attributes:
-        original: the model as it was.
-        model: the model in the other coordinates; frames and joints have their old names.
-        root: joint of the original whose link carries the new base; 0 for a fixed base.
-        signs: of each joint by name: -1 where the new coordinate runs the other way.
+        original: the original model.
+        model: the model in the new coordinates; frames and joints keep their names.
+        root: joint of the original model whose link carries the new base; 0 for a fixed base.
+        signs: sign of each joint by name: -1 where the new coordinate has the opposite direction.
     """
 
     original: pin.Model
@@ -40,7 +40,7 @@ class Recoordinated:
     signs: dict[str, float]
 
     def configuration(self, q: Array) -> Array:
-        """Take a configuration to the new coordinates (φ).
+        """Map a configuration to the new coordinates (φ).
 
         Args:
             q: in the original model, (nq,).
@@ -61,7 +61,7 @@ class Recoordinated:
         return moved
 
     def jacobian(self, q: Array) -> Array:
-        """Derivative of the map, ∂φ/∂q of Lemma 1: the new velocity is this times the old one.
+        """Derivative of the map, T = ∂φ/∂q of Lemma 1: the new velocity is T times the old one.
 
         Args:
             q: in the original model, (nq,).
@@ -79,7 +79,7 @@ class Recoordinated:
         return T
 
     def velocity(self, q: Array, v: Array) -> Array:
-        """Take a generalized velocity to the new coordinates.
+        """Map a generalized velocity to the new coordinates.
 
         Args:
             q: in the original model, (nq,).
@@ -91,7 +91,7 @@ class Recoordinated:
         return np.asarray(self.jacobian(q) @ v)
 
     def acceleration(self, q: Array, v: Array, v_dot: Array) -> Array:
-        """Take a generalized acceleration to the new coordinates: T v̇ + Ṫ v, equation (12) being about Ṫ.
+        """Map a generalized acceleration to the new coordinates: T v̇ + Ṫ v, with Ṫ as in equation (12).
 
         Args:
             q: in the original model, (nq,).
@@ -109,7 +109,7 @@ class Recoordinated:
         return np.asarray(moved)
 
     def force(self, q: Array, force: Array) -> Array:
-        """Take a generalized force to the new coordinates: it does the same work there (equation (21)).
+        """Map a generalized force to the new coordinates, where it does the same work (equation (21)).
 
         Args:
             q: in the original model, (nq,).
@@ -133,13 +133,13 @@ def recoordinate(
     """Make another model of the same robot (section 2.1.2; S2).
 
     Args:
-        model: the robot; all joints but a floating base have one degree of freedom.
-        root: joint whose link is to carry the floating base; by default the base stays where it is.
-        flip: names of the joints whose coordinate is to run the other way.
-        shuffle: seed to renumber the joints by; by default they keep their order as far as the tree allows.
+        model: the robot; all joints except a floating base have one degree of freedom.
+        root: joint whose link carries the floating base; by default the base stays where it is.
+        flip: names of the joints whose coordinate changes direction.
+        shuffle: seed for a random order of the joints; by default they keep their order as far as the tree allows.
 
     Returns:
-        The new model (nq and nv as before), and the maps to it; units stay what they are.
+        The new model (nq and nv as before), and the maps to it; units do not change.
 
     Raises:
         ConfigurationError: where a joint is unknown or of another kind, or a fixed base should move.
@@ -164,7 +164,7 @@ def recoordinate(
     base = 0
     if floating:
         base = moved.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), names[1])
-    # Where each link has gone: its new joint, and its old frame in that joint's frame.
+    # For each link its new joint, and its old frame in that joint's frame.
     links: dict[int, tuple[int, pin.SE3]] = {new_root: (base, pin.SE3.Identity())}
     if floating:
         links[0] = (0, pin.SE3.Identity())
@@ -181,7 +181,7 @@ def recoordinate(
             other = int(model.parents[j]) if backwards else j
             if other in links:
                 continue
-            # Seen from the far side, the same joint turns the other way.
+            # A joint traversed from child to parent rotates in the opposite direction.
             axis = (-sign if backwards else sign) * axes[j]
             placement = shift if backwards else shift * model.jointPlacements[j]
             joint = moved.addJoint(at, _joint(axis, model.joints[j].nq), placement, names[j])
@@ -226,7 +226,7 @@ def _joint(axis: Array, nq: int) -> Any:
 
 
 def _copy_bounds(result: Recoordinated) -> None:
-    """Give the new joints the inertias of their rotors and their limits."""
+    """Copy rotor inertias and limits to the new joints."""
     old_model, model = result.original, result.model
     for attribute in _UNSIGNED:
         values = np.array(getattr(model, attribute))

@@ -1,4 +1,4 @@
-"""Symmetries of the Lagrangian and what each of them conserves (section 3.1, equations (23)–(28); S5)."""
+"""Symmetries of the Lagrangian and the quantities that they conserve (section 3.1, equations (23)–(28); S5)."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from wbc_controller.records import Array
 #: A field of perturbations: from q, (nq,), to δq(q), (nv,), in the coordinates of the velocity.
 Perturbation = Callable[[Array], Array]
 
-#: Step of the central differences. The error is of the order of its square, and of rounding divided by it.
+#: Step ε of the central differences, whose error is of the order of ε² plus rounding / ε.
 _STEP = 1.0e-5
 
 
 def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:
     """First-order change δL of the Lagrangian under q → q ⊕ ε δq(q), per ε: equation (24).
 
-    The velocity changes with the configuration, as (23) has it. The configuration being a manifold, that change is the
-    tangent map of q → q ⊕ ε δq(q), for which Pinocchio has the two derivatives of ⊕; in plain coordinates that is
-    d(δq)/dt.
+    As in (23), the velocity changes with the configuration. On the configuration manifold this change is the tangent
+    map of q → q ⊕ ε δq(q), computed from Pinocchio's two derivatives of ⊕; in plain coordinates it is d(δq)/dt.
 
     Args:
         model: the mechanism.
@@ -36,7 +35,7 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
         perturbation: δq as a function of q.
 
     Returns:
-        δL, in J per unit of ε; right to about 1e-8 of the energies involved.
+        δL, in J per unit of ε; accurate to about 1e-8 of the energies involved.
 
     Raises:
         InputRefused: where the perturbation has another shape than (nv,), or is not finite.
@@ -58,7 +57,7 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
 
 
 def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:
-    """The quantity pᵀδq(q) of equation (28), which motion without other forces conserves where δL = 0.
+    """The quantity pᵀδq(q) of equation (28), which is conserved without other forces if δL = 0.
 
     In general d/dt(pᵀδq) = δL + δqᵀf, with f all generalized forces that are not part of the Lagrangian.
 
@@ -69,7 +68,7 @@ def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Pertu
         perturbation: δq as a function of q.
 
     Returns:
-        pᵀδq: N·s for a shift, N·m·s for a turn.
+        pᵀδq: N·s for a translation, N·m·s for a rotation.
 
     Raises:
         InputRefused: where the perturbation has another shape than (nv,), or is not finite.
@@ -79,10 +78,10 @@ def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Pertu
 
 @dataclass(frozen=True, slots=True)
 class SymmetryReport:
-    """Whether a perturbation is a symmetry (equation (23)), and what it conserves (equation (28)).
+    """Whether a perturbation is a symmetry (equation (23)), and the quantity that it conserves (equation (28)).
 
     Attributes:
-        variation: largest |δL| over the states that were tried, relative to T + |V| + |∂L/∂q| there.
+        variation: largest |δL| over the given states, relative to the size of its terms (gravity and momentum) there.
         conserved: pᵀδq at each of the states, (k,).
         invariant: whether the variation is zero to the accuracy of the differences.
     """
@@ -99,16 +98,16 @@ def check_symmetry(
     *,
     tolerance: float = 1.0e-6,
 ) -> SymmetryReport:
-    """Find out whether the Lagrangian is invariant to first order under a perturbation (equations (23) and (27)).
+    """Check whether the Lagrangian is invariant to first order under a perturbation (equations (23) and (27)).
 
     Args:
         model: the mechanism.
-        states: pairs of configuration (nq,) and generalized velocity (nv,) to try.
+        states: pairs of configuration (nq,) and generalized velocity (nv,) at which to check.
         perturbation: δq as a function of q.
-        tolerance: largest relative |δL| that counts as none.
+        tolerance: largest relative |δL| that counts as zero.
 
     Returns:
-        The verdict, with the conserved quantity at each state, (k,) in N·s or N·m·s.
+        The report, with the conserved quantity at each state, (k,) in N·s or N·m·s.
 
     Raises:
         InputRefused: where the perturbation has another shape than (nv,), or is not finite.
@@ -117,7 +116,7 @@ def check_symmetry(
     for q, v in states:
         delta = as_array("δq(q)", perturbation(q), (model.nv,))
         p = generalized_momentum(model, q, v)
-        # δL is a sum of terms of this size; what is left of them by rounding counts as nothing.
+        # δL is a sum of terms of this size, so that a remainder within their rounding errors counts as zero.
         gravity = pin.computeGeneralizedGravity(model, model.createData(), q)
         scale = np.linalg.norm(delta) * (np.linalg.norm(gravity) + np.linalg.norm(p) * (1.0 + np.linalg.norm(v)))
         worst = max(worst, abs(lagrangian_variation(model, q, v, perturbation)) / (float(scale) + 1.0e-12))
@@ -132,14 +131,14 @@ def _require_free_flyer(model: pin.Model) -> None:
 
 
 def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
-    """Shift of the whole robot: the symmetry of (23) that conserves linear momentum along the direction.
+    """Translation of the whole robot: the symmetry of (23) that conserves linear momentum along the direction.
 
     Args:
         model: a robot with a floating base.
         direction: in the world, (3,).
 
     Returns:
-        δq(q), (nv,): the base's velocity under the shift, in base axes.
+        δq(q), (nv,): the base's velocity under the translation, in base axes.
 
     Raises:
         ConfigurationError: where the base is not floating.
@@ -157,7 +156,7 @@ def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
 
 
 def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Perturbation:
-    """Turn of the whole robot: the symmetry of (23) that conserves angular momentum about an axis in the world.
+    """Rotation of the whole robot: the symmetry of (23) that conserves angular momentum about an axis in the world.
 
     Args:
         model: a robot with a floating base.
@@ -165,11 +164,11 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
         point: on the axis, in the world, (3,) in m.
 
     Returns:
-        δq(q), (nv,): the base's twist under the turn, in base axes.
+        δq(q), (nv,): the base's twist under the rotation, in base axes.
 
     Raises:
         ConfigurationError: where the base is not floating.
-        InputRefused: where axis or point have another shape, or are not finite.
+        InputRefused: where the axis or the point has another shape, or is not finite.
     """
     _require_free_flyer(model)
     turn, through = as_array("axis", axis, (3,)), as_array("point", point, (3,))
@@ -185,7 +184,7 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
 
 
 def joint_shift(model: pin.Model, joint: str) -> Perturbation:
-    """Shift of one joint: a symmetry of (23) where nothing depends on it, such as an arm's upright first axis.
+    """Shift of one joint: a symmetry of (23) if L does not depend on its position, as for an arm's vertical first axis.
 
     Args:
         model: the mechanism.
@@ -195,7 +194,7 @@ def joint_shift(model: pin.Model, joint: str) -> Perturbation:
         δq(q), (nv,): constant.
 
     Raises:
-        ConfigurationError: where the joint is unknown or has not one degree of freedom.
+        ConfigurationError: where the joint is unknown, or has more or less than one degree of freedom.
     """
     delta = np.zeros(model.nv)
     delta[single_joint(model, joint).idx_v] = 1.0

@@ -1,1 +1,1 @@
-"""What stands between the controller and the joints: checks, and the supervisor that makes every command."""
+"""Safety between the controller and the joints: checks, the supervisor that makes every command, and the guard."""

@@ -1,4 +1,4 @@
-"""The checks, as pure functions: each gives a fault, or None where all is well.
+"""Safety checks as pure functions: each returns a fault, or None if the check passes.
 
 All comparisons are written so that NaN fails them.
 """
@@ -15,12 +15,12 @@ from wbc_controller.records import Array, Fault
 
 
 def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, str] | None = None) -> Fault | None:
-    """Name the inputs that are older than a limit.
+    """Check that no input is older than a limit.
 
     Args:
         ages: age of each input, s; infinite where none has arrived.
-        limit: s.
-        notes: for some inputs, why the last message was refused.
+        limit: largest allowed age, s.
+        notes: for inputs whose last message was refused, the reason.
     """
     parts = []
     for name, age in ages.items():
@@ -41,11 +41,12 @@ def torques_usable(
     """Check that torques are finite and within their limits.
 
     Args:
-        tau: (na,) in N·m.
-        limits: (na,) in N·m.
+        tau: torques of the actuators, (na,) in N·m.
+        limits: effort limits, (na,) in N·m.
         actuators: names, (na,).
-        tolerance: share of a limit by which a solver may miss it; the supervisor clips that much.
-        available: what the motors have at the present speeds, where that is less: lower and upper, both (na,) in N·m.
+        tolerance: share of an effort limit by which a solver may exceed a bound; the supervisor clips the excess.
+        available: lower and upper bounds of the torques available at the present speeds, both (na,) in N·m; None where
+            they are the effort limits.
     """
     if available is None:
         good = np.abs(tau) <= (1.0 + tolerance) * limits

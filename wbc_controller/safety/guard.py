@@ -1,4 +1,4 @@
-"""The guard's decisions: torques for a robot whose controller has stopped commanding it, and silence otherwise.
+"""The guard's decisions: it commands torques only while the controller has stopped commanding the robot.
 
 ::
 
@@ -6,8 +6,8 @@
       ^ <── the controller       ^                            │                          │                │
             has let go           └─────────────── a command comes, in any of these ──────┴────────────────┘
 
-Idle, watching and released send nothing. The guard never sends while the controller does: two writers on one topic
-would be a race.
+In idle, watching and released the guard sends nothing. It never sends while the controller does: two writers on one
+topic would be a race.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 
 from wbc_controller.records import Array, Mode, frozen
 
-#: Modes in which the controller may end its commands, once they are zero.
+#: Modes in which the controller may stop commanding once its torques are zero.
 _ENDED = (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)
-#: Time for which zero torques are sent before the guard is silent, s: no reader misses all of them.
+#: Time for which zero torques are sent before the guard stops sending, s: long enough that no reader misses all.
 ZEROS = 1.0
 
 
 class GuardMode(str, enum.Enum):
-    """What the guard does."""
+    """Modes of the guard."""
 
     IDLE = "idle"
     WATCHING = "watching"
@@ -38,14 +38,14 @@ class GuardMode(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GuardLimits:
-    """What the guard holds.
+    """Timing and limits of the guard.
 
     Attributes:
-        patience: time that a command may be late, s.
+        patience: time by which a command may be late, s.
         period: time between the controller's commands, s.
-        triggered: whether the controller commands in answer to a joint state, and not at a time.
-        state_timeout: oldest joint state that damping is computed from, and after which a controller that is triggered
-            commands without one, s.
+        triggered: whether the controller sends a command for each joint state, instead of periodically.
+        state_timeout: largest age of joint velocities used for damping, s; also the time after which a triggered
+            controller sends a command without a new joint state.
         damping: joint damping, N·m·s/rad.
         damping_time: time of damping before the torques are zero, s.
         damping_torque: largest damping torque, (na,) in N·m.
@@ -66,16 +66,16 @@ class GuardLimits:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What the guard has heard at one instant; times are arrivals on its own clock.
+    """The latched sample of messages that the guard has received; times are arrival times on its own clock.
 
     Attributes:
-        command_at: of the newest command, s; -inf where none has come.
-        torques: of that command, (na,) in N·m.
-        unanswered_at: of the first joint state after that command, s; inf where none has come.
-        mode: what the controller said last that it is in; None where it has not.
-        velocity: newest joint velocities as far as the actuators move the joints (`Drive.from_joints`), (na,) in rad/s;
-            None where none have come.
-        velocity_at: their arrival, s.
+        command_at: arrival of the newest command, s; -inf where none has arrived.
+        torques: torques of the newest command, (na,) in N·m.
+        unanswered_at: arrival of the first joint state after the newest command, s; inf where none has arrived.
+        mode: last mode that the controller has reported; None where it has reported none.
+        velocity: newest joint velocities, mapped to the actuators by `Drive.from_joints`, (na,) in rad/s; None where
+            none have arrived.
+        velocity_at: arrival of the newest joint velocities, s.
     """
 
     command_at: float
@@ -87,13 +87,13 @@ class Heard:
 
 
 class Guard:
-    """Decides at each instant whether the guard sends, and what.
+    """Decides at each instant whether the guard sends torques, and which.
 
     Attributes:
-        limits: what it holds.
-        mode: what it does.
-        reason: why it damps, for a person to read; empty where it does not.
-        takeovers: how often it has begun to damp.
+        limits: timing and limits.
+        mode: the present mode.
+        reason: why the guard has taken over, in words; empty before a takeover, and once the controller is back.
+        takeovers: number of times that the guard has started to damp.
     """
 
     def __init__(self, limits: GuardLimits) -> None:
@@ -102,8 +102,8 @@ class Guard:
         self.takeovers = 0
         self.limits = limits
         self._since = 0.0  # when the present mode began, s
-        self._command_at = -math.inf  # of the command that the present mode counts from, s
-        self._tau = np.zeros(len(limits.effort))  # last torques on the topic, the controller's or ours
+        self._command_at = -math.inf  # arrival of the newest command taken into account, s
+        self._tau = np.zeros(len(limits.effort))  # last torques on the topic, the controller's or the guard's
 
     @property
     def sending(self) -> bool:
@@ -111,10 +111,10 @@ class Guard:
         return self.mode in (GuardMode.DAMPING, GuardMode.ZERO)
 
     def deadline(self, heard: Heard) -> float:
-        """Time at which the next command is so late that the guard takes over, s; inf where none is expected.
+        """Time at which the guard takes over if no command arrives, s; inf where no command is expected.
 
-        A controller that is triggered owes a command to each joint state, and where none comes, one when they are
-        stale; another one owes one in each period.
+        A triggered controller has to send a command for each joint state, and also when no joint state has arrived for
+        `state_timeout`; any other controller has to send a command in each period.
         """
         limits = self.limits
         if heard.command_at == -math.inf or (heard.mode in _ENDED and not heard.torques.any()):
@@ -125,11 +125,11 @@ class Guard:
         return due + limits.patience
 
     def step(self, now: float, heard: Heard) -> Array | None:
-        """Decide.
+        """Update the mode, and compute the torques to send.
 
         Args:
             now: s.
-            heard: everything until now.
+            heard: messages received until now.
 
         Returns:
             Torques to send, (na,) in N·m; None where nothing is to be sent.
@@ -149,7 +149,7 @@ class Guard:
         return self._torques(now, heard) if self.sending else None
 
     def blind(self, now: float, heard: Heard) -> bool:
-        """Whether there are no fresh joint velocities to damp with."""
+        """Whether there are no fresh joint velocities for damping."""
         fresh = now - heard.velocity_at <= self.limits.state_timeout
         return heard.velocity is None or not fresh or not np.isfinite(heard.velocity).all()
 

@@ -2,16 +2,16 @@
 
 ::
 
-    inactive ── activate ──> active <──> holding        no solution: last torques and damping, for `hold_time`
+    inactive ── activate ──> active <──> holding        no solution: last torques plus damping, for `hold_time`
        ^ ^ <── deactivate ──   │            │
        │                       v            v
      reset               damping ──────────────> fault (or stopped, where a user asked for it)
        └─────────────── from damping, stopped and fault
 
-From every mode `estop` leads to fault, and the end of the process to stopped: both without torque at once.
+From every mode `estop` leads to fault, and the end of the process to stopped; both set the torques to zero at once.
 
-Inactive publishes nothing once the torques are zero. Damping opposes the joint velocities, and lets the torques sink to
-zero where these are not known. Stopped and fault publish zero torques. A fault is latched until `reset`.
+In inactive nothing is published once the torques are zero. Damping opposes the joint velocities; where these are not
+known, the torques ramp to zero. In stopped and fault zero torques are published. A fault is latched until `reset`.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
 @dataclass(frozen=True, slots=True)
 class SupervisorLimits:
-    """What the supervisor holds.
+    """Timing and limits of the supervisor.
 
     Attributes:
         activation_ramp: time in which the torques ramp in, s.
         hold_time: longest time without a solution before damping, s.
-        damping_time: time of damping before the torques are zero, s.
+        damping_time: time of damping before zero torque, s.
         damping: joint damping, N·m·s/rad.
-        torque_rate: largest torque change, in effort limits per second.
+        torque_rate: torque rate limit, in effort limits per second.
         period: time between cycles, s.
-        torque_speed: what the motors have at which speed; None for their effort limits at every speed.
+        torque_speed: torque-speed curve of the motors; None for their effort limits at every speed.
     """
 
     activation_ramp: float
@@ -55,12 +55,12 @@ class SupervisorLimits:
 
 
 class Supervisor:
-    """Decides in every cycle what goes to the joints.
+    """Decides in every cycle which command goes to the joints.
 
     Attributes:
         mode: the present mode.
-        fault: why the active mode was left, until `reset`.
-        limits: what it holds; may be replaced between cycles.
+        fault: why the active mode was left; latched until `reset`.
+        limits: timing and limits; may be replaced between cycles.
     """
 
     def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
@@ -69,7 +69,7 @@ class Supervisor:
         self._model = model
         self.limits = limits
         self._since = 0.0  # when the present mode began, s
-        self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # of the solution's torques that is sent: ramps in and out
+        self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # share of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
         self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._held = self._tau  # the torques at the start of holding
@@ -79,7 +79,7 @@ class Supervisor:
 
     @property
     def limits(self) -> SupervisorLimits:
-        """What it holds; may be replaced between cycles."""
+        """Timing and limits; may be replaced between cycles."""
         return self._limits
 
     @limits.setter
@@ -94,9 +94,9 @@ class Supervisor:
         return self.mode in (Mode.ACTIVE, Mode.HOLDING)
 
     def torques_before(self, now: float) -> Array | None:
-        """The torques that the joints have, to hold the torque rate; None while they ramp in or out.
+        """The present torques, for the torque rate limit of the program; None while they ramp in or out.
 
-        At first the torques may be further away than one step of the torque rate, where the ramp is short.
+        It stays None after a short ramp until the torques sent are within one rate step of the solution's.
         """
         whole = self.mode is Mode.ACTIVE and self._taken_over and self._share.sample(now) >= 1.0
         return self._tau if whole else None
@@ -107,10 +107,10 @@ class Supervisor:
         Args:
             word: one of `REQUESTS`.
             now: s.
-            problem: what is wrong with the inputs, if anything.
+            problem: fault of the inputs, if any.
 
         Returns:
-            Whether the controller starts from the present state (activation).
+            Whether this activates the controller, which then has to start from the present state.
 
         Raises:
             InputRefused: where the request is unknown, or not possible now.
@@ -135,12 +135,12 @@ class Supervisor:
         return False
 
     def explain(self, failure: NoSolution) -> None:
-        """Add to the fault in force, where it is that there is no solution, which constraints conflict."""
+        """Add the conflicting constraints to the present fault, if its code is ``NO_SOLUTION``."""
         if self.fault is not None and self.fault.code == "NO_SOLUTION":
             self.fault = Fault("NO_SOLUTION", str(failure), failure.infeasibility)
 
     def shut_down(self, now: float) -> JointCommand | None:
-        """Leave the joints without torque when the process ends; None where nothing was being sent."""
+        """Make a last command with zero torques when the process ends; None where nothing was being sent."""
         if self.mode is Mode.INACTIVE and not self._tau.any():
             return None
         self._enter(Mode.STOPPED, now, self.fault)
@@ -182,8 +182,8 @@ class Supervisor:
             now: s, on the clock of the loop.
             state: the latched state, where there is one.
             joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
-            problem: what is wrong with the inputs, if anything.
-            outcome: the solution; or why there is none.
+            problem: fault of the inputs, if any.
+            outcome: the solution, or why there is none.
 
         Returns:
             The command; None where nothing is to be sent.
@@ -211,7 +211,7 @@ class Supervisor:
         outcome: Solution | NoSolution | Fault | None,
         joint_velocity: Array | None,
     ) -> Array | None:
-        """Active or holding: the torques, or a step down the ladder."""
+        """Torques while active or holding; None on a change to another mode."""
         if problem is not None:
             self._enter(Mode.DAMPING, now, problem)
             return None
@@ -236,21 +236,21 @@ class Supervisor:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
         if now - self._since > self.limits.hold_time:
-            # Only the first failure of a row is explained.
+            # Only the first failure of a series is explained: keep its explanation.
             explained = self.fault is not None and self.fault.infeasibility is not None
             self._enter(Mode.DAMPING, now, self.fault if explained else reason)
             return None
         return self._held + self._damping(joint_velocity)
 
     def _damping(self, joint_velocity: Array | None) -> Array:
-        """Torques that damp every joint, as far as the actuators can; none where the velocities are not known."""
+        """Torques that damp every joint, as far as the actuators can; zero where the velocities are not known."""
         if joint_velocity is None:
             return np.zeros(self._model.na)
         return -self.limits.damping * self._model.actuation.from_joints(joint_velocity)
 
     def _active(self, now: float, tau: Array) -> Array | None:
         if self.mode is Mode.HOLDING:
-            self._enter(Mode.ACTIVE, now, None)  # with the ramp where it is: holding ends neither way of it
+            self._enter(Mode.ACTIVE, now, None)  # the ramp continues: holding interrupts neither ramping in nor out
         share = self._share.sample(now)
         if self._share.after <= 0.0 and share <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
@@ -277,7 +277,7 @@ class Supervisor:
         step = self._step
         tau = clipped(tau, self._tau - step, self._tau + step)
         lower, upper = self._available(joint_velocity) or self._effort_limits
-        tau = freeze(clipped(tau, lower, upper))  # last: what a motor has not got no rate can give it
+        tau = freeze(clipped(tau, lower, upper))  # last: the available torque takes precedence over the rate limit
         self._tau = tau
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:

@@ -1,4 +1,4 @@
-"""The contacts: one file per kind, on the base class of `contact`."""
+"""The contacts: one file per kind, derived from the base classes in `contact`."""
 
 from wbc_controller.core.contacts.contact import AnchoredContact, Contact, UnilateralContact
 from wbc_controller.core.contacts.fixed import FixedContact

@@ -1,4 +1,4 @@
-"""What every contact is: a motion that it forbids, and the forces that it can bear."""
+"""The base classes of contacts: each has a motion constraint, and bounds and a cone for its force."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from wbc_controller.records import Array, frozen
 class Contact(ABC):
     """A contact of a link with the environment, or with another link of the robot.
 
-    It forbids motion, J v̇ + J̇v = -D J v (equation (30) of the note; D takes out what velocity there is), and in
-    return exerts the generalized force Jᵀf (section 4.2.2), where f lies in the cone C f ≤ 0 and between bounds. For a
-    contact between two links J v is their relative velocity, so that Jᵀf is what both of them feel.
+    While active it constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps out the velocity at the
+    contact), and exerts the generalized force Jᵀf (section 4.2.2), where f lies in the cone C f ≤ 0 and between bounds.
+    For a contact between two links J v is their relative velocity, so that Jᵀf contains the forces on both links.
+
+    `enabled` and `ramp` apply to contacts that a user passes as objects; for contacts of a configuration file the
+    settings decide.
 
     Attributes:
         name: the contact's name.
-        basis: (6, k) with orthonormal columns: the wrench [force, moment] of f, as it is published, is basis f, and f
-            is basisᵀ times the wrench.
+        basis: (6, k) with orthonormal columns: the published wrench [force, moment] is basis f, and f is basisᵀ times
+            that wrench.
         wrench_frame: the link in whose contact frame the wrench is given, or ``world``.
-        cone: C, (rows, k).
+        cone: friction cone or wrench cone C, (rows, k).
         damping: D, 1/s.
-        internal: whether it is between two links of the robot: then it exerts nothing on the robot as a whole.
-        permanent: whether it is always made: no command makes or breaks it.
-        bound_groups: what is bounded: a name, and from which component of f up to which (without it) that is.
+        internal: whether it acts between two links of the robot: it then exerts no net force on the robot.
+        permanent: whether it is always active: no command activates or deactivates it.
+        bound_groups: the bounded parts of f: a name, the first component, and the one after the last.
         friction: Coulomb friction coefficient; 0 where the force has no cone.
-        min_normal_force: smallest normal force, N; -inf where the contact also pulls.
-        enabled: whether a user's own contact is active at activation; of a configured one its settings say so.
-        ramp: time in which a user's own contact is loaded or unloaded, s; likewise.
+        min_normal_force: smallest normal force, N; -inf where the contact can also pull.
+        enabled: whether the contact is active when the controller is activated.
+        ramp: time in which the contact is loaded or unloaded, s.
     """
 
     permanent = False
@@ -57,7 +60,7 @@ class Contact(ABC):
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """J, (k, nv): velocity of the contact, in the axes in which f is expressed."""
+        """J, (k, nv): J v is the velocity of the contact, in the axes in which f is expressed."""
 
     @abstractmethod
     def drift(self, dynamics: Dynamics) -> Array:
@@ -65,7 +68,7 @@ class Contact(ABC):
 
     @abstractmethod
     def points(self, dynamics: Dynamics) -> Array:
-        """Corners of the support in the world, (n, 3) in m."""
+        """Corners of the support polygon in the world, (n, 3) in m."""
 
     @abstractmethod
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
@@ -73,27 +76,28 @@ class Contact(ABC):
 
     @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of f, both (k,); to be read only.
+        """Lower and upper bounds of f, both (k,); not to be modified.
 
         Args:
-            activation: from 0 (about to break) to 1 (made); the largest forces are scaled by it.
+            activation: contact activation, from 0 (about to be deactivated) to 1 (fully active); it scales the largest
+                forces.
         """
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
-        """What J v̇ has to be where J v = 0, (k,): the contact keeps still."""
+        """The required J v̇ at J v = 0, (k,): the acceleration that keeps the contact at rest."""
         return -self.drift(dynamics)
 
 
 class AnchoredContact(Contact):
-    """A contact that is made at a place, its anchor, and goes back there where something moved it.
+    """A contact with an anchor, the pose at which it was activated, and position feedback towards it.
 
-    To the acceleration that the contact has it adds K e, where e is the displacement from where it is to its anchor
-    (`core.anchors` says how):
+    The feedback adds K e to the acceleration of the contact, where e is the displacement from the present pose to the
+    anchor (see `core.program.anchors`):
 
         J v̇ + J̇v = -D J v + K e
 
     Attributes:
-        stiffness: K, 1/s²; 0 where it has no anchor.
+        stiffness: K, 1/s²; 0 for a contact without an anchor.
     """
 
     def __init__(
@@ -112,22 +116,23 @@ class AnchoredContact(Contact):
 
     @abstractmethod
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Where the contact is, and how its link is turned, in what it touches: the world, or a link."""
+        """Position of the contact and orientation of its link, relative to the world or to the link that it touches."""
 
     def anchor(self, dynamics: Dynamics) -> Array:
-        """The anchor of a contact that is made now, (7,): position in m and quaternion of its pose."""
+        """The anchor of a contact activated at this state, (7,): position in m and quaternion of its pose."""
         return frozen(pin.SE3ToXYZQUAT(self.pose(dynamics)))
 
     @abstractmethod
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, along the axes in which f is expressed, (k,) in m and rad: what J v = e would undo in a second.
+        """e, the displacement to the anchor along the axes in which f is expressed, (k,) in m and rad.
 
-        To first order; of the axes of f along which there is no place to go back to it is 0.
+        To first order, J v = e held for one second returns to the anchor. e is 0 along axes of f in which the contact
+        has no position to return to.
         """
 
 
 class UnilateralContact(AnchoredContact):
-    """A contact that only pushes, and slides where friction does not hold it.
+    """A contact that can only push, with Coulomb friction.
 
     Attributes:
         normal: index in f of the normal force.
@@ -168,7 +173,7 @@ class UnilateralContact(AnchoredContact):
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Lower and upper bounds of f, both (k,): the activation scales the largest normal force and yaw moment.
 
-        While nothing changes they are the same arrays.
+        The same arrays are returned while the activation and the limits do not change.
         """
         largest = (activation * self.max_normal_force, activation * self.max_yaw_moment, self.min_normal_force)
         if largest == self._largest:

@@ -1,4 +1,4 @@
-"""A link that is held: forces both ways, without a cone."""
+"""Contact that holds a link: bilateral forces, without a cone."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
 class FixedContact(AnchoredContact):
-    """A bolted foot, or a hand that grips: along some axes of its frame it cannot move, and pulls as it pushes.
+    """A bolted foot or a gripping hand: it cannot move along some axes of its frame, and can push and pull.
 
-    f has one component for each axis of the contact frame that is held, forces first: along the others the link slides
-    or turns, and nothing is transmitted.
+    f has one component for each held axis of the contact frame, forces first: along the free axes the link slides or
+    rotates, and no force is transmitted.
 
     Attributes:
         max_force: largest force along each axis, N.
@@ -58,8 +58,8 @@ class FixedContact(AnchoredContact):
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: where the model has no such frame, no axis is held, or a stiffness is given and what is
-                free along the other axes gets everywhere.
+            ConfigurationError: where the model has no such frame, no axis is held, or a stiffness is given although
+                motions along the free axes can change the position along held ones (see `_reached`).
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
@@ -95,23 +95,23 @@ class FixedContact(AnchoredContact):
         return self._mount.placement(dynamics)
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of the contact frame in the world, or in the link that holds."""
+        """Placement of the contact frame in the world, or relative to the link that holds."""
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, along the axes of the contact frame that are held, (k,)."""
+        """e, along the held axes of the contact frame, (k,) in m and rad."""
         there = self._mount.seen(dynamics, anchor)
-        # How far it slid along the axes that are free is taken out in those that it had when it was made: the rail's.
+        # Remove the sliding along the free axes. These are the axes at activation, such as the direction of a rail.
         Q = there.rotation
         there.translation = Q @ (self._held * (Q.T @ there.translation))
         return opening(there, self._hinge)[self._rows]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the contact frame along the axes that are held, (k, nv)."""
+        """Jacobian of the contact frame along the held axes, (k, nv)."""
         return self._mount.jacobian(dynamics)[self._rows]
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Spatial acceleration of the contact frame at v̇ = 0 along these axes, (k,)."""
+        """Spatial acceleration of the contact frame at v̇ = 0, along the held axes, (k,)."""
         return self._mount.drift(dynamics)[self._rows]
 
     def points(self, dynamics: Dynamics) -> Array:
@@ -119,7 +119,7 @@ class FixedContact(AnchoredContact):
         return np.array(self.placement(dynamics).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The wrench, moved from the contact frame to the world's origin, (6,) in N and N·m."""
+        """The wrench, transformed from the contact frame to the world's origin and axes, (6,) in N and N·m."""
         return np.asarray(self.placement(dynamics).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
@@ -129,11 +129,11 @@ class FixedContact(AnchoredContact):
 
 
 def _reached(held: np.ndarray) -> list[str]:
-    """In words, the held axes along which the motions that are free lead all the same, one after the other.
+    """Name the held axes along which a sequence of motions along free axes can still displace the link.
 
-    As a car is parked: where the twists along the free axes do not make a Lie algebra, what holds is no holonomic
-    constraint, and leaves the whole space (Frobenius; Murray, Li and Sastry, A Mathematical Introduction to Robotic
-    Manipulation, 1994, section 7.2).
+    A car parks sideways in this way. Where the twists along the free axes do not form a Lie algebra, the constraint is
+    not holonomic and does not restrict the position (Frobenius; Murray, Li and Sastry, A Mathematical Introduction to
+    Robotic Manipulation, 1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

@@ -1,4 +1,4 @@
-"""A closed kinematic loop: two links that a joint the tree does not have holds together."""
+"""Closure of a kinematic loop: a joint between two links that is not part of the kinematic tree."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from wbc_controller.records import Array
 
 
 class LoopClosure(Contact):
-    """Holds a frame B of one link at a frame A of another, along some axes of A; always made.
+    """Holds a frame B of one link at a frame A of another, along some axes of A; always active.
 
     The pose of B in A is r = R_Aᵀ (p_B - p_A) and Q = R_Aᵀ R_B, and has the velocity
 
         γ = [ṙ, R_Aᵀ (ω_B - ω_A)] = Q ν                    ν: twist of B as seen from A, in the axes of B
-        γ̇ = Q (ν̇ + ω × ν)                                  ω: the angular part of ν; each half of ν by itself
+        γ̇ = Q (ν̇ + ω × ν)                                  ω: angular part of ν; Q and ω × act on each half of ν
 
-    where a closed loop has r = 0 and Q = 1 along the axes that are held. What is open closes as a spring and damper
-    (Baumgarte, "Stabilization of constraints and integrals of motion in dynamical systems", 1972):
+    where a closed loop has r = 0 and Q = 1 along the held axes. An opening is closed by a spring and damper (Baumgarte,
+    "Stabilization of constraints and integrals of motion in dynamical systems", 1972):
 
         γ̇ = -D γ - K e,    e = [r, log Q],    D = 2 √K
 
     Where one rotation is free, as in a hinge, the angular part of e is the rotation between the two axes of the hinge.
 
-    f is the force of A on B at its origin, in the axes of A; A feels the opposite.
+    f is the force that A exerts on B at the origin of B, in the axes of A; the opposite force acts on A.
 
     Attributes:
         stiffness: K, 1/s².
@@ -55,7 +55,7 @@ class LoopClosure(Contact):
             name: the loop's name.
             model: the robot's model.
             frames: frames of the URDF, fixed to the two links.
-            placements: of A and B in these.
+            placements: of A and B in these frames.
             mask: axes of A that are held: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
 
@@ -91,39 +91,39 @@ class LoopClosure(Contact):
         return a.actInv(dynamics.placement(self._b) * self._placements[1])
 
     def _from_a(self, dynamics: Dynamics) -> Array:
-        """X: takes a twist of the link of A to B, (6, 6)."""
+        """X, (6, 6): transforms a twist of the link of A to the frame B."""
         b = dynamics.placement(self._b) * self._placements[1]
         change: Array = b.actInv(dynamics.placement(self._a)).toActionMatrix()
         return change
 
     def _turned(self, dynamics: Dynamics, values: Array) -> Array:
-        """From the axes of B to the held ones of A."""
+        """Components along the held axes of A, (k,) or (k, nv), of values in the axes of B."""
         Q = self._pose(dynamics).rotation
         return np.concatenate([Q @ values[:3], Q @ values[3:]])[self._rows]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of γ along the axes that are held, (k, nv)."""
+        """Jacobian of γ along the held axes, (k, nv)."""
         J = self._to_b @ dynamics.jacobian(self._b, pin.LOCAL)
         J -= self._from_a(dynamics) @ dynamics.jacobian(self._a, pin.LOCAL)
         return self._turned(dynamics, J)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """γ̇ at v̇ = 0 along these axes, (k,)."""
+        """γ̇ at v̇ = 0 along the held axes, (k,)."""
         X = self._from_a(dynamics)
         carried = X @ dynamics.velocity(self._a, pin.LOCAL)
         nu = self._to_b @ dynamics.velocity(self._b, pin.LOCAL) - carried
-        # As in `mount`: ν̇ of a frame that is seen from another link.
+        # ν̇ of a frame seen from another link, as in `mount.Mount`.
         nu_dot = self._to_b @ dynamics.drift_local(self._b) - X @ dynamics.drift_local(self._a)
         nu_dot += pin.Motion(nu).cross(pin.Motion(carried)).vector
         nu_dot[:3] += pin.skew(nu[3:]) @ nu[:3]  # ω × ω = 0
         return self._turned(dynamics, nu_dot)
 
     def error(self, dynamics: Dynamics) -> Array:
-        """e, how far the loop is open along these axes, (k,) in m and rad."""
+        """e, the opening of the loop along the held axes, (k,) in m and rad."""
         return opening(self._pose(dynamics), self._hinge)[self._rows]
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
-        """What J v̇ has to be where J v = 0, (k,): what is open closes."""
+        """The required J v̇ at J v = 0, (k,): -drift - K e, which closes the loop."""
         return np.asarray(super().acceleration_at_rest(dynamics) - self.stiffness * self.error(dynamics))
 
     def points(self, dynamics: Dynamics) -> Array:
@@ -131,11 +131,11 @@ class LoopClosure(Contact):
         return np.array((dynamics.placement(self._a) * self._placements[0]).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The wrench on B, moved to the world's origin, (6,) in N and N·m."""
+        """The wrench on B, transformed to the world's origin and axes, (6,) in N and N·m."""
         b = dynamics.placement(self._b) * self._placements[1]
         axes = (dynamics.placement(self._a) * self._placements[0]).rotation
         return np.asarray(pin.SE3(axes, b.translation).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """None: a joint bears what it must. Both (k,)."""
+        """Infinite lower and upper bounds, both (k,): the force in a joint is not limited."""
         return np.full(self.size, -np.inf), np.full(self.size, np.inf)

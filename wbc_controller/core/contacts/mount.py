@@ -1,4 +1,4 @@
-"""Where a contact is on the robot, and what it touches."""
+"""Placement of a contact on its link, and its motion relative to the world or another link."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from wbc_controller.records import Array
 
 
 def placement_of(translation: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Make a placement of a translation in m and of roll, pitch and yaw in rad."""
+    """Make a placement from a translation in m and roll, pitch and yaw in rad."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy, dtype=np.float64)), np.array(translation, dtype=np.float64))
 
 
 def support_link(model: RobotModel, name: str, frame: str, against: str | None) -> int | None:
-    """Frame id of the link that a contact is against; None for the world.
+    """Frame id of the link that a contact touches; None for the world.
 
     Raises:
         ConfigurationError: where the model has no such frame, or both frames move together.
@@ -37,12 +37,12 @@ def support_link(model: RobotModel, name: str, frame: str, against: str | None) 
 
 
 def opening(pose: pin.SE3, hinge: Array | None = None) -> Array:
-    """How far a frame is from another, [r, log Q], (6,) in m and rad.
+    """Displacement of one frame from another, [r, log Q], (6,) in m and rad.
 
     Args:
-        pose: of the one in the other: r and Q.
-        hinge: the one axis about which it may turn, a unit vector, (3,): then the angular part is the rotation between
-            the two positions of this axis.
+        pose: pose of one frame in the other: r and Q.
+        hinge: the single axis about which rotation is free, a unit vector, (3,): the angular part is then the rotation
+            between the two positions of this axis.
     """
     if hinge is None:
         turn = pin.log3(pose.rotation)
@@ -55,16 +55,16 @@ def opening(pose: pin.SE3, hinge: Array | None = None) -> Array:
 
 
 def hinge_of(mask: Sequence[bool]) -> Array | None:
-    """The one axis about which what is held along the axes of a mask may turn, (3,); None for none or several."""
+    """The single free rotation axis that a mask of held axes leaves, (3,); None if none or several are free."""
     free = np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
     return np.eye(3)[free[0]] if len(free) == 1 else None
 
 
 class Mount:
-    """A contact frame C fixed to a link, and its motion against the world or another link B.
+    """A contact frame C fixed to a link, and its motion relative to the world or another link B.
 
-    The twist of C as seen from B, in the axes of C, is ν = ν_C - X ν_B, where X takes a twist of B to C. As the axes
-    turn with C, Ẋ = -(ν ×) X, and
+    The twist of C as seen from B, in the axes of C, is ν = ν_C - X ν_B, where X transforms a twist of B to C. As the
+    axes rotate with C, Ẋ = -(ν ×) X, and
 
         ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
 
@@ -95,9 +95,9 @@ class Mount:
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement
-        # (6, 6): twist in the frame to twist in the contact
+        # (6, 6): transforms a twist from the link's frame to the contact frame
         self._to_contact: Array = placement.inverse().toActionMatrix()
-        self._same = bool(np.array_equal(self._to_contact, np.eye(6)))  # it often is, and a product can be saved
+        self._same = bool(np.array_equal(self._to_contact, np.eye(6)))  # often true, and saves a product
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of C in the world."""
@@ -109,11 +109,11 @@ class Mount:
         return placement if self._other is None else dynamics.placement(self._other).actInv(placement)
 
     def seen(self, dynamics: Dynamics, anchor: Array) -> pin.SE3:
-        """The pose in C of an anchor, (7,): position in m and quaternion of where C was, as in `pose`."""
+        """The pose in C of an anchor, (7,): position in m and quaternion of an earlier `pose` of C."""
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:
-        """X, (6, 6)."""
+        """X, (6, 6): transforms a twist of B to C."""
         change: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
         return change
 

@@ -1,4 +1,4 @@
-"""A ball or point in contact: three forces."""
+"""Contact of a ball or point: a three-dimensional force."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ UP = (0.0, 0.0, 1.0)
 
 
 def unit(key: str, vector: Array) -> Array:
-    """A vector's direction, (3,).
+    """The unit vector along a vector, (3,).
 
     Raises:
-        ConfigurationError: where it has no length.
+        ConfigurationError: where the vector has no length.
     """
     length = float(np.linalg.norm(vector))
     if not length > 1.0e-9:
@@ -30,7 +30,7 @@ def unit(key: str, vector: Array) -> Array:
 
 
 def axes_with_normal(normal: Array) -> Array:
-    """Turn the world's axes the short way so that z is along a unit normal, (3, 3): axes as columns."""
+    """Rotate the world axes by the smallest rotation that aligns z with a unit normal, (3, 3): axes as columns."""
     x, y, z = normal
     if z < -1.0 + 1.0e-9:
         return np.diag([1.0, -1.0, -1.0])
@@ -46,11 +46,11 @@ class PointContact(UnilateralContact):
 
         E ᵀ(ṗ + ω × r) = 0,    and where the plane is on a link B    Eᵀ(ṗ + ω × r - ṗ_B - ω_B × (p + r - p_B)) = 0.
 
-    E has the axes in which the force is: the last is n, the first two span the plane; for n along the world's z they
-    are the world's. On a link they turn with it.
+    The columns of E are the axes in which the force is expressed: the last is n, the first two span the plane; for n
+    along the world's z they are the world axes. For a plane on a link they rotate with the link.
     """
 
-    #: Whether the lowest point is the same however the link turns.
+    #: Whether the lowest point is independent of the link's orientation.
     ball = True
 
     def __init__(
@@ -74,7 +74,7 @@ class PointContact(UnilateralContact):
             frame: a frame of the URDF, fixed to the link that touches.
             translation: centre of the ball in that frame, (3,) in m.
             radius: of the ball, m.
-            normal: of the plane, of any length but zero, away from it, (3,); in the world, or in `against`.
+            normal: of the plane, pointing away from it, of any non-zero length, (3,); in the world, or in `against`.
             against: a frame of the URDF, fixed to the link that is touched; None for the world.
             friction: Coulomb friction coefficient.
             **limits: the other keywords of `UnilateralContact`.
@@ -97,17 +97,17 @@ class PointContact(UnilateralContact):
         self._level = self._other is None and bool(self._axes[2, 2] == 1.0)
         self._translation = np.array(translation)
         self.radius = radius
-        #: r where nothing turns it: a ball on the world.
+        #: r of a ball on the world, which is constant; None otherwise.
         self._down = -radius * self._axes[:, 2] if self._other is None and self.ball else None
 
     def axes(self, dynamics: Dynamics) -> Array:
-        """E: axes of the force in the world, as columns, (3, 3)."""
+        """E, (3, 3): the axes of the force in the world, as columns."""
         if self._other is None:
             return self._axes
         return np.asarray(dynamics.placement(self._other).rotation @ self._axes)
 
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
-        """r, from the centre to the point that touches, in world axes, (3,) in m."""
+        """r, from the centre to the contact point, in world axes, (3,) in m."""
         return -self.radius * normal
 
     def arm_rate(self, dynamics: Dynamics, normal: Array, normal_rate: Array) -> Array:
@@ -115,12 +115,12 @@ class PointContact(UnilateralContact):
         return -self.radius * normal_rate
 
     def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """From the frame's origin to the centre, and from there to the point that touches, in world axes."""
+        """From the frame's origin to the centre, and from the centre to the contact point, in world axes, m."""
         centre = dynamics.placement(self._frame_id).rotation @ self._translation
         return centre, self._down if self._down is not None else self.arm(dynamics, self.axes(dynamics)[:, 2])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the point that touches, along E, (3, nv)."""
+        """Jacobian of the contact point's relative velocity, along E, (3, nv)."""
         centre, arm = self._arms(dynamics)
         J = dynamics.jacobian(self._frame_id, _WORLD_AXES)
         J_point = J[:3] - pin.skew(centre + arm) @ J[3:]
@@ -130,16 +130,16 @@ class PointContact(UnilateralContact):
         return np.asarray(J_point) if self._level else np.asarray(self.axes(dynamics).T @ J_point)
 
     def _from_other(self, dynamics: Dynamics, other: int, arm: Array) -> Array:
-        """From the origin of B to the point that touches, in world axes."""
+        """From the origin of B to the contact point, in world axes, m."""
         here, there = dynamics.placement(self._frame_id), dynamics.placement(other)
         return np.asarray(here.translation + arm - there.translation)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """d/dt of the velocity of the point that touches at v̇ = 0, along E, (3,) in m/s²."""
+        """d/dt of the velocity of the contact point at v̇ = 0, along E, (3,) in m/s²."""
         centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
         velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
-        # The arm to the centre is fixed to the link and turns with it; the one from there to the plane does not.
+        # The vector to the centre rotates with the link; the vector from the centre to the plane does not.
         turning = pin.skew(velocity[3:]) @ centre
         result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + pin.skew(velocity[3:]) @ turning
         if self._down is None:
@@ -147,7 +147,7 @@ class PointContact(UnilateralContact):
         return np.asarray(result) if self._level else np.asarray(self.axes(dynamics).T @ result)
 
     def _drift_of_support(self, dynamics: Dynamics, velocity: Array, centre: Array, arm: Array) -> Array:
-        """What a moving arm and a moving plane add to the drift, in world axes, (3,) in m/s²."""
+        """Contribution of a moving arm r and a moving plane to the drift, in world axes, (3,) in m/s²."""
         spin, normal = pin.skew(velocity[3:]), self.axes(dynamics)[:, 2]
         if self._other is None:
             return np.asarray(spin @ self.arm_rate(dynamics, normal, np.zeros(3)))
@@ -155,25 +155,26 @@ class PointContact(UnilateralContact):
         turn = pin.skew(other[3:])
         rate = self.arm_rate(dynamics, normal, turn @ normal)
         from_other = self._from_other(dynamics, self._other, centre + arm)
-        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the point that touches, against B's origin
-        slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other  # the axes turn with B
+        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the contact point, relative to B's origin
+        slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other  # the axes rotate with B
         return np.asarray(spin @ rate - drift[:3] - pin.skew(drift[3:]) @ from_other - turn @ (moving + slip))
 
     def points(self, dynamics: Dynamics) -> Array:
-        """The point that touches, in the world, (1, 3) in m."""
+        """The contact point in the world, (1, 3) in m."""
         centre, arm = self._arms(dynamics)
         return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """The point that touches, and how the link is turned, in the world or in the link that is touched."""
+        """Contact point and orientation of the link, in the world or relative to the link that is touched."""
         here = pin.SE3(dynamics.placement(self._frame_id).rotation, self.points(dynamics)[0])
         return here if self._other is None else dynamics.placement(self._other).actInv(here)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """Along E, e = Eᵀ(p_a + radius θ × n - p), (3,) in m: a ball that rolled is not where it was.
+        """Along E, e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement that rolling does not account for.
 
-        p is the point that touches, p_a its anchor, and θ the link's rotation vector since then. This is where the ball
-        has rolled to if it turned about one axis, and else to second order in the turn.
+        p is the contact point, p_a its anchor, and θ the link's rotation vector since the contact was activated.
+        p_a + radius θ × n is where the ball has rolled to: exactly if it rotated about one axis, otherwise with an
+        error of second order in θ.
         """
         present, made = self.pose(dynamics), pin.XYZQUATToSE3(anchor)
         turn = pin.log3(present.rotation @ made.rotation.T)
@@ -181,6 +182,6 @@ class PointContact(UnilateralContact):
         return np.asarray(self._axes.T @ (rolled - present.translation))
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The force at the point that touches, moved to the world's origin, (6,) in N and N·m."""
+        """The force at the contact point as a wrench about the world's origin, (6,) in N and N·m."""
         along = self.axes(dynamics) @ force
         return np.concatenate([along, pin.skew(self.points(dynamics)[0]) @ along])

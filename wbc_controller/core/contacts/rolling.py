@@ -1,4 +1,4 @@
-"""A wheel that rolls without slipping: three forces."""
+"""Contact of a wheel that rolls without slipping: a three-dimensional force."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Least length of the normal's part in the plane of the wheel: below it the wheel lies flat, and no point is lowest.
+#: Least length of the normal's projection onto the wheel's plane: below it the wheel lies flat, without a lowest point.
 _UPRIGHT = 1.0e-6
 
 
 class RollingContact(PointContact):
-    """A thin wheel that rolls on a plane, and slips neither along its way nor to the side.
+    """A thin wheel that rolls on a plane without slipping forwards or sideways.
 
-    As a `PointContact`, with the lowest point of a disc: with its axle a, a unit vector that turns with the link,
+    A `PointContact` at the lowest point of a disc. With the axle a, a unit vector that rotates with the link,
 
         r = -radius u / ‖u‖,    u = n - (n · a) a
         ṙ = -radius (u̇ - u (u · u̇) / ‖u‖²) / ‖u‖,    u̇ = ṅ - (ṅ · a + n · ȧ) a - (n · a) ȧ,    ȧ = ω × a
 
-    The same as `wbc_controller.mechanics.Rolling`, in other axes.
+    The constraint is that of `wbc_controller.mechanics.Rolling`, in other axes.
     """
 
     ball = False
@@ -49,14 +49,14 @@ class RollingContact(PointContact):
             frame: a frame of the URDF, fixed to the wheel.
             translation: centre of the wheel in that frame, (3,) in m.
             radius: of the wheel, m.
-            axis: the axle in that frame, of any length but zero, (3,).
+            axis: the axle in that frame, of any non-zero length, (3,).
             normal: as in `PointContact`.
             against: as in `PointContact`.
             friction: Coulomb friction coefficient.
             **limits: the other keywords of `UnilateralContact`.
 
         Raises:
-            ConfigurationError: where the model has no such frame, or normal or axis have no length.
+            ConfigurationError: where the model has no such frame, or the normal or the axis has no length.
         """
         super().__init__(
             name, model, frame, translation, radius, normal=normal, against=against, friction=friction, **limits
@@ -70,12 +70,12 @@ class RollingContact(PointContact):
         return axle, up, max(_UPRIGHT, float(np.linalg.norm(up)))
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, (3,) in m: 0 along the plane, on which a wheel rolls to where it will, the height lost along n."""
+        """e, (3,) in m: the displacement along n; 0 along the plane, in which the wheel rolls freely."""
         height = self._axes[:, 2] @ (anchor[:3] - self.pose(dynamics).translation)
         return np.array([0.0, 0.0, height])
 
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
-        """r, from the centre to the point that touches, in world axes, (3,) in m."""
+        """r, from the centre to the contact point, in world axes, (3,) in m."""
         _, up, length = self._upward(dynamics, normal)
         return -self.radius / length * up
 

@@ -1,4 +1,4 @@
-"""The shapes that touch, and the wrenches that they can bear."""
+"""Support polygons of contacts, and their friction and wrench cones."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
-#: Facets of the cone that differ by less, in units of the polygon, are one: the accuracy of their computation.
+#: Facets of the cone that differ by less than their numerical accuracy are merged; for a polygon of size 1.
 _SAME_FACET = 1.0e-7
-#: Share of a polygon's size by which a vertex has to stand out of the others' hull.
+#: Least distance of a vertex from the hull of the other vertices, as a share of the polygon's size.
 _CORNER = 1.0e-6
 
 
@@ -32,7 +32,7 @@ def friction_pyramid(friction: float) -> Array:
 
 
 def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:
-    """Exact cone of the wrenches that a rectangle can bear, by friction pyramids at its corners.
+    """Exact wrench cone of a rectangle with friction pyramids at its corners.
 
     From Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots: closed-form formulae of the contact
     wrench cone for rectangular support areas" (ICRA 2015).
@@ -43,8 +43,8 @@ def wrench_cone(friction: float, half_length: float, half_width: float) -> Array
         half_width: half of the side along y, m.
 
     Returns:
-        C, (16, 6), so that a wrench w = [fx, fy, fz, τx, τy, τz] about the rectangle's centre can be borne where
-        C w ≤ 0 (which implies fz ≥ 0).
+        C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the rectangle's centre is feasible if C w ≤ 0 (which
+        implies fz ≥ 0).
     """
     mu, x, y = friction, half_length, half_width
     rows = []
@@ -61,26 +61,27 @@ def wrench_cone(friction: float, half_length: float, half_width: float) -> Array
 
 
 def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
-    """Exact cone of the wrenches that a convex polygon can bear, by friction pyramids at its vertices.
+    """Exact wrench cone of a convex polygon with friction pyramids at its vertices.
 
-    Forces along the edges of the pyramids, four at each vertex, span the cone. With fz = 1 they are the corners of a
-    polytope in (fx, fy, τx, τy, τz), whose facets are the rows of C (Caron, Pham, Nakamura, "Leveraging cone double
-    description for multi-contact stability of humanoids", RSS 2015).
+    Forces along the edges of the pyramids, four at each vertex, span the cone. Scaled to fz = 1 they are the corners of
+    a polytope in (fx, fy, τx, τy, τz), and each facet of the polytope is a row of C (Caron, Pham, Nakamura, "Leveraging
+    cone double description for multi-contact stability of humanoids", RSS 2015).
 
     Args:
         friction: half-width of the friction pyramid: |fx| ≤ friction fz and |fy| ≤ friction fz.
         vertices: (n, 2) in m.
 
     Returns:
-        C, (rows, 6), so that a wrench w = [fx, fy, fz, τx, τy, τz] about the origin of the vertices can be borne where
-        C w ≤ 0. Each row has a coefficient of size 1: of the moment about z, else of those about x and y, else of the
-        force; so have the rows of `wrench_cone`, which are the same for a rectangle.
+        C, (rows, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the origin of the vertices is feasible if C w ≤ 0.
+        Each row is scaled so that the coefficient of the moment about z has size 1; where that is zero, those of the
+        moments about x and y; where these are zero too, those of the tangential force. For a rectangle the rows are
+        those of `wrench_cone`.
     """
     middle = vertices.mean(axis=0)
     size = float(np.abs(vertices - middle).max())
-    corners = (vertices - middle) / size  # well-conditioned: a polygon of size 1 about the origin, friction 1
+    corners = (vertices - middle) / size  # for conditioning: a polygon of size 1 about the origin, friction 1
     rays = np.array([[fx, fy, y, -x, x * fy - y * fx] for x, y in corners for fx in (1, -1) for fy in (1, -1)])
-    simplices = ConvexHull(rays).equations  # (k, 6): a p + b ≤ 0, several of one facet
+    simplices = ConvexHull(rays).equations  # (k, 6): a p + b ≤ 0, several simplices per facet
     _, first = np.unique(np.round(simplices / _SAME_FACET), axis=0, return_index=True)
     facets = simplices[np.sort(first)]
     facets[np.abs(facets) < 1.0e-12] = 0.0
@@ -120,18 +121,18 @@ class Polygon:
     """A convex polygon in the plane z = 0 of the contact frame.
 
     Attributes:
-        vertices: in order around it, (n, 2) in m.
+        vertices: in order around the polygon, (n, 2) in m.
     """
 
     def __init__(self, vertices: Array, key: str) -> None:
-        """Make a polygon of vertices in any order.
+        """Make a polygon from vertices in any order.
 
         Args:
             vertices: (n, 2) in m.
-            key: the configuration key that names them, for the error.
+            key: the configuration key of the vertices, for the error message.
 
         Raises:
-            ConfigurationError: where they are fewer than three, or one is no corner of a convex polygon.
+            ConfigurationError: where there are fewer than three vertices, or one is not a corner of a convex polygon.
         """
         points = np.array(vertices, dtype=np.float64)
         if len(points) < 3:
@@ -155,10 +156,10 @@ class Polygon:
 
 
 def _stands_out(others: Array, point: Array, least: float) -> bool:
-    """Whether a point is outside the hull of others by at least a distance."""
+    """Whether a point is outside the convex hull of the other points by more than a distance."""
     try:
         hull = ConvexHull(others)
-    except QhullError:  # two points, or points on a line: nothing is inside
+    except QhullError:  # two points, or points on a line: their hull has no inside
         return len(others) < 3 or bool(np.linalg.norm(others - point, axis=1).min() > least)
     return bool((hull.equations[:, :2] @ point + hull.equations[:, 2]).max() > least)
 

@@ -1,4 +1,4 @@
-"""A flat rectangle or polygon in contact: six forces."""
+"""Contact of a flat rectangle or polygon: a six-dimensional wrench."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from wbc_controller.records import Array
 
 
 class SurfaceContact(UnilateralContact):
-    """A flat sole that neither moves nor turns; the wrench [f, τ] is in the contact frame, z the normal.
+    """A flat sole that neither translates nor rotates; the wrench [f, τ] is in the contact frame, with z the normal.
 
-    The sole's own frame says where the surface is: on a slope it stands as the slope does.
+    The surface is the xy plane of the contact frame, so on a slope its normal is the normal of the slope.
     """
 
     def __init__(
@@ -39,10 +39,10 @@ class SurfaceContact(UnilateralContact):
             name: the contact's name.
             model: the robot's model.
             frame: a frame of the URDF, fixed to the link that touches.
-            placement: of the contact in that frame; z points away from what is touched.
-            support: what touches.
+            placement: of the contact in that frame; z points away from the touched surface.
+            support: shape of the contact area.
             against: a frame of the URDF, fixed to the link that is touched; None for the world.
-            friction: Coulomb friction coefficient; the pyramid within the cone is what the wrench is held in.
+            friction: Coulomb friction coefficient; the constraint uses the pyramid inside the friction cone.
             **limits: the other keywords of `UnilateralContact`.
 
         Raises:
@@ -65,7 +65,7 @@ class SurfaceContact(UnilateralContact):
         return self._mount.placement(dynamics)
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of the contact frame in the world, or in the link that is touched."""
+        """Placement of the contact frame in the world, or relative to the link that is touched."""
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
@@ -73,18 +73,18 @@ class SurfaceContact(UnilateralContact):
         return opening(self._mount.seen(dynamics, anchor))
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the contact frame in its own axes, (6, nv)."""
+        """Jacobian of the contact frame's relative twist, in its own axes, (6, nv)."""
         return self._mount.jacobian(dynamics)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Spatial acceleration of the contact frame at v̇ = 0, in its own axes, (6,)."""
+        """Relative spatial acceleration of the contact frame at v̇ = 0, in its own axes, (6,)."""
         return self._mount.drift(dynamics)
 
     def points(self, dynamics: Dynamics) -> Array:
-        """The corners in the world, (n, 3) in m."""
+        """The corners of the support polygon in the world, (n, 3) in m."""
         placement = self.placement(dynamics)
         return np.asarray(self._corners @ placement.rotation.T + placement.translation)
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The wrench, moved from the contact frame to the world's origin, (6,) in N and N·m."""
+        """The wrench, transformed from the contact frame to the world's origin and axes, (6,) in N and N·m."""
         return np.asarray(self.placement(dynamics).act(pin.Force(force)).vector)

@@ -1,4 +1,4 @@
-"""The limits: one file per kind."""
+"""The limits of torques, joint motion and distances: one file per kind."""
 
 from wbc_controller.core.limits.joint_motion import JointMotionLimit
 from wbc_controller.core.limits.limit import RowLimit

@@ -1,4 +1,4 @@
-"""Bounds of the joint accelerations that keep joint positions, velocities and accelerations within theirs, for ever."""
+"""Bounds of the joint accelerations that keep positions, velocities and accelerations within limits at all times."""
 
 from __future__ import annotations
 
@@ -9,42 +9,43 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Tuning, frozen
 
-#: Time constant of the way back of a joint that is beyond its position limit, s: gentle, as it may start there.
+#: Time constant with which a joint beyond its position limit returns, s: slow, as the robot may start there.
 RETURN_TIME = 0.1
 #: Distance by which rounding may take a joint beyond its limit, rad.
 _ROUNDING = 1.0e-11
-#: Both limits are looked at as upper ones, of q and of -q.
+#: The lower limit of q is treated as an upper limit of -q.
 _SIDES = np.array([[1.0], [-1.0]])
 
 
 class JointMotionLimit:
-    """Bounds of q̈ under which no joint ever comes into a state from which a bound cannot be met: viability.
+    """Bounds of q̈ that keep every joint in viable states, from which all limits can be met for ever.
 
     After Del Prete, "Joint position and velocity bounds in discrete-time acceleration/torque control of robot arms"
-    (IEEE Robotics and Automation Letters, 2018), in closed form. A state is viable where every joint can stop at its
-    limits by accelerations that are constant for one period T, none larger than q̈_max, without turning around:
+    (IEEE Robotics and Automation Letters, 2018), in closed form. A state is viable if every joint can stop at its
+    limits without reversing, by accelerations of at most q̈_max that are constant over each period T:
 
-        q̇² / (2 q̈_max) + q̇ T / 2 ≤ q_max - q    for q̇ > 0, and its mirror image.
+        q̇² / (2 q̈_max) + q̇ T / 2 ≤ q_max - q    for q̇ > 0, and mirrored for q̇ < 0.
 
-    The second term is what the last period costs, in which the joint comes to rest exactly at its end. Every period has
-    to end in a viable state. With w = q̇ + T q̈ the velocity at its end, and d = q_max - q - q̇ T/2 the room that would
-    be left if the joint stopped within it, that is
+    The left side is the braking distance; its second term accounts for the last period, at whose end the joint comes to
+    rest exactly. Every period has to end in a viable state. With w = q̇ + T q̈ the velocity at the end of the period, and
+    d = q_max - q - q̇ T/2 the room that would be left if the joint stopped within it, the condition is
 
         w² / (2 q̈_max) + w T / 2 ≤ d - w T / 2,    so    q̈ ≤ (√(q̈_max² T² + 2 q̈_max d) - q̈_max T - q̇) / T.
 
-    Velocity: |q̇ + T q̈| ≤ q̇_max. Acceleration: |q̈| ≤ q̈_max, which also bounds what the others ask for.
+    Velocity limit: |q̇ + T q̈| ≤ q̇_max. Acceleration limit: |q̈| ≤ q̈_max, to which the other two bounds are clipped.
 
-    From a viable state the bounds leave an interval: full braking, or stopping within the period, meets them all. What
-    is not viable brakes as hard as it may, or as it must to turn at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))).
-    Beyond its position limit a joint comes back as a critically damped spring with the time constant `RETURN_TIME` / 2
-    would. Where position and velocity disagree, position goes first.
+    From a viable state the bounds leave a non-empty interval: full braking, or stopping within the period, meets them
+    all. From a state that is not viable a joint brakes with q̈_max, or with what it needs to reverse at its limit
+    (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))). Beyond its position limit a joint returns like a critically damped spring with
+    the time constant `RETURN_TIME` / 2. Where position and velocity limits conflict, the position limit takes
+    precedence.
 
     Attributes:
         position_lower: (nj,) in rad, or None where positions are not limited.
-        position_upper: (nj,) in rad, or None.
+        position_upper: (nj,) in rad, or None where positions are not limited.
         velocity: largest speed, (nj,) in rad/s, or None where velocities are not limited.
         acceleration: q̈_max, rad/s².
-        horizon: T is at least this, s. A longer T than the period is viable too, and softer against noise in the
+        horizon: lower bound of T, s. A T longer than the period is viable too, and less sensitive to noise in the
             measured position: near the limit the bound moves by 1 / T² per rad.
     """
 
@@ -59,7 +60,7 @@ class JointMotionLimit:
         """Make a limit.
 
         Raises:
-            ConfigurationError: where a lower limit is not below its upper one.
+            ConfigurationError: where a lower limit is not below its upper limit.
         """
         self.position_lower: Array | None = None
         self.position_upper: Array | None = None
@@ -84,8 +85,8 @@ class JointMotionLimit:
         """Make the limit of a robot.
 
         Args:
-            model: has the limits of the URDF.
-            tuning: says how much of them may be used.
+            model: the robot's model, with the limits of the URDF.
+            tuning: position margin and horizon, velocity scale and largest acceleration.
             position: whether positions are limited.
             velocity: whether velocities are limited.
 
@@ -109,7 +110,7 @@ class JointMotionLimit:
             period: time for which an acceleration is held, s.
 
         Returns:
-            The same pair for every state, where neither positions nor velocities are limited.
+            The two bounds; the same pair of arrays in every cycle if neither positions nor velocities are limited.
         """
         most = self.acceleration
         if self.velocity is None:
@@ -125,15 +126,15 @@ class JointMotionLimit:
         if self._limits is None:
             return lower, upper
         position_lower, position_upper = self._position_bounds(q, v, period)
-        # Intersect, and let the position have its way where the two intervals do not meet.
+        # Intersect the two intervals; where they are disjoint, the position bounds take precedence.
         lower = clipped(lower, position_lower, position_upper)
         upper = np.maximum(np.minimum(upper, position_upper), position_lower)
         return lower, upper
 
     def _position_bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
-        """Bounds that the positions ask for, within ±q̈_max."""
+        """Bounds of q̈ from the position limits, clipped to ±q̈_max."""
         most = self.acceleration
-        speed = np.multiply(_SIDES, v)  # (2, nj), towards the upper and the lower limit
+        speed = np.multiply(_SIDES, v)  # (2, nj), towards the upper and towards the lower limit
         room = self._limits - np.multiply(_SIDES, q)
         ahead = max(period, self.horizon)
         left = room - (0.5 * ahead) * speed
@@ -152,7 +153,7 @@ class JointMotionLimit:
             bound = np.where(short, np.where(outside, back, turning), bound)
         upper, lower = clipped(bound, -most, most)
         lower = -lower
-        crossed = lower > upper  # not viable, between limits that are close together: the one that it moves to counts
+        crossed = lower > upper  # not viable, and the limits are close together: keep the limit that q̇ points to
         if crossed.any():
             up = speed[0] > 0.0
             lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)

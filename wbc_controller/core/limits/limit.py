@@ -1,4 +1,4 @@
-"""What every limit is that bounds combinations of accelerations."""
+"""The base class of limits on linear combinations of accelerations."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from wbc_controller.records import Array
 
 
 class RowLimit(ABC):
-    """Rows lower ≤ G v̇ ≤ upper of the quadratic program; their number never changes.
+    """Inequality constraints lower ≤ G v̇ ≤ upper of the quadratic program; the number of rows never changes.
 
     Attributes:
         names: a name for each row, ``<kind>:<owner>``, as in `Solution.binding`. `fill` may change them.
-        kind: what they are relaxed as, where there is no solution.
+        kind: name of the group in which the rows are relaxed if there is no solution.
         unit: unit of G v̇.
-        summary: one line for a person.
+        summary: one line of description.
     """
 
     names: tuple[str, ...]
@@ -25,7 +25,7 @@ class RowLimit(ABC):
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows at one state.
+        """Write the rows and bounds for one state.
 
         Args:
             dynamics: the snapshot.

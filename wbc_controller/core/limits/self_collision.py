@@ -1,4 +1,4 @@
-"""Bounds that keep the robot's links at a distance from each other."""
+"""Limit that keeps the robot's links at a distance from each other."""
 
 from __future__ import annotations
 
@@ -13,56 +13,57 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Speed at which links part that are nearer than the margin, m/s: gentle, as they may start there.
+#: Speed at which links nearer than the margin separate, m/s: slow, as the robot may start there.
 RETURN_SPEED = 0.1
-#: Room that is kept above the margin for what the rows leave out, m: the worst that was seen is 1.2 mm.
+#: Room kept above the margin for the approximations of the rows, m: the largest observed error is 1.2 mm.
 INEXACT = 0.002
-#: How many times the deceleration counted on may be asked for where it was not enough.
+#: Largest required acceleration, as a multiple of the deceleration A, where braking with A was not enough.
 _RESERVE = 3.0
-#: How much faster than now a pair may close after a cycle in which it had no row, m/s: a row that bounds d̈ at less than
-#: minus this by T is left out.
+#: Largest increase of a pair's closing speed in a cycle without a row, m/s: a row is left out if its lower bound of d̈
+#: is below minus this over T.
 _FASTER = 0.2
-#: Number of pairs from which it pays to look at their closing speeds more closely before their distances are computed.
+#: Number of pairs above which a tighter bound of the closing speeds is computed first, as it saves distance queries.
 _MANY = 12
-#: Tolerance of the distances, m, and where their iteration starts: a direction, and two vertices.
+#: Tolerance of the distances, m, and the initial guess of their iteration: a direction, and two vertices.
 _GJK_TOLERANCE = 1.0e-10
 _GUESS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
-#: The name of rows that no pair needs.
+#: The name of unused rows.
 _UNUSED = "self_collision:unused"
 
 
 class SelfCollisionLimit(RowLimit):
     """Rows J_d v̇ ≥ lower for the pairs of links that could otherwise come nearer than the margin.
 
-    With d the distance of two convex shapes, n the unit vector from the one's nearest point p₁ to the other's p₂,
+    With d the distance of two convex shapes, and n the unit vector from the nearest point p₁ on the first shape to the
+    nearest point p₂ on the second,
 
         ḋ = nᵀ (v₂(p₂) - v₁(p₁)) = J_d v,    d̈ ≥ J_d v̇ + δ.
 
-    v₁, v₂ are the velocities of the links at these points. δ is nᵀ (a₂ - a₁) at v̇ = 0, where of the centripetal
-    acceleration about the shape's own origin only what brings the links nearer counts: the nearest points slide on the
-    shapes, which makes the rest smaller, for balls zero. The tangential velocity's share, which only parts them, is
-    left out.
+    v₁, v₂ are the velocities of the links at these points. δ is nᵀ (a₂ - a₁) at v̇ = 0, with one exception: the
+    centripetal acceleration about a shape's own origin counts only where it brings the links nearer. As the nearest
+    points slide on the shapes, its separating part is smaller in reality, and zero for balls. The contribution of the
+    tangential velocity only separates the links, and is left out.
 
-    The closing speed w = -ḋ at a period's end is bounded so that the links can stop before the margin: with A the
+    The closing speed w = -ḋ at the end of a period is bounded so that the links can stop before the margin. With A the
     deceleration, T the horizon and r = d - margin - 2 mm - w T the room that is left after T,
 
         w² / (2 A) + w T ≤ r,    so    d̈ ≥ (w - √(A² T² + 2 A r) + A T) / T.
 
-    It is the law of `JointMotionLimit`, twice as careful with the last period, so that near the margin r decays as a
-    critically damped spring with the time constant T: what δ has wrong, e, costs a distance of e T². Where r < 0 the
-    links have to part with the speed -r / T, at most `RETURN_SPEED`. No row asks for more than `_RESERVE` A.
+    This is the law of `JointMotionLimit` with twice the allowance for the last period, so that near the margin r decays
+    like a critically damped spring with the time constant T: an error e in δ costs a distance of e T². Where r < 0 the
+    links have to separate with the speed -r / T, at most `RETURN_SPEED`. No row requires more than `_RESERVE` A.
 
-    Which pairs could reach the margin is found in two steps. A lower bound of every pair's distance is what it was when
-    it was last computed, less what the joints between the two links have turned since, times the farthest that anything
-    of theirs can be from each joint. Only where the pair could not brake from its largest possible closing speed within
-    that is the distance computed anew: the rows are the same as if all had been. Of more pairs than rows those that ask
-    for most get one.
+    The pairs that could reach the margin are found in two steps. First, a lower bound of the distance of every pair:
+    the last computed distance, less the rotation since then of each joint between the two links times the largest
+    distance of the links' geometry from that joint. Then the distance itself, but only where a pair could not brake
+    from its largest possible closing speed within the lower bound. The rows are the same as if all distances had been
+    computed. If there are more pairs than rows, the pairs with the largest required d̈ get a row.
 
     Attributes:
         margin: least distance, m.
         acceleration: A, m/s².
-        horizon: T, at least the period, s.
-        computed: number of distances that the last cycle computed.
+        horizon: T, s; the period is used where it is longer.
+        computed: number of distances computed in the last cycle.
     """
 
     kind = "self_collision"
@@ -83,12 +84,12 @@ class SelfCollisionLimit(RowLimit):
 
         Args:
             model: the robot's model.
-            geometry: convex shapes on the model's links, and the pairs of them to be kept apart.
+            geometry: convex shapes on the model's links, and the pairs of shapes to be kept apart.
             margin: least distance, m.
             acceleration: A, m/s².
             horizon: T, s.
             max_pairs: number of rows.
-            summary: which pairs are kept apart, for a person.
+            summary: description of the pairs that are kept apart.
         """
         self.summary = summary
         self.margin = margin
@@ -109,11 +110,12 @@ class SelfCollisionLimit(RowLimit):
         )
         self._radii = np.array([_radius(shape.geometry) for shape in shapes])
         self._smaller = np.where(self._radii[self._first] < self._radii[self._second], self._first, self._second)
-        # Of each shape, whether a column of v moves it; and of each pair, how (-1: the first one, 1: the second one).
+        # For each shape the components of v that move it; for each pair those that move one shape alone (-1: the first,
+        # 1: the second).
         self._moves = np.array([_moved(model.pinocchio, shape.parentJoint) for shape in shapes])
         self._signs = self._moves[self._second] - self._moves[self._first]
         reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, self._radii, strict=True)])
-        # Largest rate of each pair's distance per speed of each joint between its links, (pairs, nv).
+        # Largest rate of change of each pair's distance per unit speed of each joint between its links, (pairs, nv).
         self._leverage = np.where(self._signs > 0.0, reach[self._second], reach[self._first]) * np.abs(self._signs)
         # Views of the placements that Pinocchio overwrites.
         self._origins = [self._data.oMg[i].translation for i in range(len(shapes))]
@@ -123,7 +125,7 @@ class SelfCollisionLimit(RowLimit):
         self._least = np.full(len(pairs), -np.inf)
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows at one state."""
+        """Write the rows and bounds for one state."""
         rows[:] = 0.0
         lower[:] = -np.inf
         upper[:] = np.inf
@@ -133,13 +135,14 @@ class SelfCollisionLimit(RowLimit):
         if near:
             pairs = np.array(near)
             normal, first, second = points
-            along = np.hstack([normal, _cross(first, normal)])  # of a twist at the world's origin to nᵀ v(p)
+            along = np.hstack([normal, _cross(first, normal)])  # maps a twist at the world's origin to nᵀ v(p)
             J = (along @ dynamics.joint_jacobians) * self._signs[pairs]
             bound = self.bound(distance, J @ dynamics.v, ahead)
             there = (~(bound < -_FASTER / ahead)).nonzero()[0]
             if len(there):
                 bound = bound[there] - self._drift(dynamics, pairs[there], along[there], first[there], second[there])
-                # In the order of the pairs: a pair keeps its row, and the solver its guess, while none comes or goes.
+                # In the order of the pairs: while the set of pairs stays the same each pair keeps its row, and the
+                # solver its warm start.
                 most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
                 rows[: len(most)] = J[there[most]]
                 lower[: len(most)] = bound[most]
@@ -147,7 +150,7 @@ class SelfCollisionLimit(RowLimit):
         self.names = tuple(names)
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
-        """Least d̈ of pairs at these distances, (k,) in m, with these rates, (k,) in m/s; gives (k,) in m/s²."""
+        """Lower bound of d̈, (k,) in m/s², for pairs with given distances, (k,) in m, and rates ḋ, (k,) in m/s."""
         A, T = self.acceleration, ahead
         room = distance - self.margin - INEXACT + T * rate
         fastest = np.sqrt((A * T) ** 2 + 2.0 * A * np.maximum(room, 0.0)) - A * T
@@ -155,19 +158,19 @@ class SelfCollisionLimit(RowLimit):
         return np.asarray(np.minimum((-rate - fastest) / T, _RESERVE * A))
 
     def distances(self, dynamics: Dynamics) -> dict[str, float]:
-        """Distance of every pair at one state, m, by the name of its row."""
+        """Distance of every pair at one state, m, by row name."""
         dynamics.place(self._geometry, self._data)
         return {name: float(self._distance(i).min_distance) for i, name in enumerate(self._pair_names)}
 
     def _distance(self, pair: int) -> coal.DistanceResult:
-        """Distance of a pair where the shapes are now."""
-        # Always from the same guess: what was computed before must not show, not even in the last digit.
+        """Distance of a pair at the present placements of the shapes."""
+        # Always from the same initial guess, so that the result does not depend on earlier queries, to the last digit.
         request = self._requests[pair]
         request.cached_gjk_guess, request.cached_support_func_guess = _GUESS
         return pin.computeDistance(self._geometry, self._data, pair)
 
     def _near(self, dynamics: Dynamics, ahead: float) -> tuple[list[int], Array, tuple[Array, Array, Array]]:
-        """Pairs that may need a row: indices, distances (k,), and normals and nearest points, each (k, 3)."""
+        """Find the pairs that may need a row: indices, distances (k,), and normals and nearest points, each (k, 3)."""
         q_index, v_index = self._joints
         q, turned = dynamics.q[q_index], np.zeros((2, dynamics.model.nv))
         if self._seen is not None:
@@ -195,15 +198,15 @@ class SelfCollisionLimit(RowLimit):
 
     def _reach_of(self, closing: Array, ahead: float) -> Array:
         """Distance, m, below which a pair with at most this closing speed, (k,) in m/s, may need a row."""
-        # w_f²/(2 A) + w_f T + w T + margin, with the w_f = w + `_FASTER` that a cycle without a row may lead to.
+        # w_f²/(2 A) + w_f T + w T + margin, with w_f = w + `_FASTER` the closing speed after a cycle without a row.
         half = 0.5 / self.acceleration
         least = _FASTER * (_FASTER * half + ahead) + self.margin + INEXACT
         return np.asarray((half * closing + (2.0 * half * _FASTER + 2.0 * ahead)) * closing + least)
 
     def _nearer(self, dynamics: Dynamics, pairs: np.ndarray, ahead: float) -> tuple[np.ndarray, Array]:
-        """Those of some pairs that may need a row by the links' velocities too, and the distances below which they do.
+        """Narrow down the pairs that may need a row by the twists of the links; also gives their reach as `_reach_of`.
 
-        Their distances are no less than those of balls around the shapes.
+        Lower bounds of the distances are those of the balls that enclose the shapes.
         """
         origins = np.concatenate(self._origins).reshape(-1, 3)
         twist = self._moves @ (dynamics.joint_jacobians * dynamics.v).T
@@ -212,10 +215,11 @@ class SelfCollisionLimit(RowLimit):
         turning = np.sqrt(_dot(relative[:, 3:], relative[:, 3:]))
         apart = origins[second] - origins[first]
         length, radii = np.sqrt(_dot(apart, apart)), self._radii[first] + self._radii[second]
-        # The normal is within the cone around the line between the balls' centres that has both balls in it.
+        # The normal lies in the cone about the line between the balls' centres that contains both balls.
         sine = np.minimum(radii / length, 1.0)
         cosine = np.sqrt(1.0 - sine**2)
-        smaller = self._smaller[pairs]  # of the two nearest points, along the normal, both have the same velocity
+        # The relative twist has the same velocity along the normal at both nearest points: take the smaller ball's.
+        smaller = self._smaller[pairs]
         v = relative[:, :3] + _cross(relative[:, 3:], origins[smaller])
         speed, radial = _dot(v, v), _dot(v, apart) / -length
         across = np.sqrt(np.maximum(speed - radial**2, 0.0))
@@ -227,10 +231,10 @@ class SelfCollisionLimit(RowLimit):
         return pairs[there], reach[there]
 
     def _drift(self, dynamics: Dynamics, pairs: np.ndarray, along: Array, first: Array, second: Array) -> Array:
-        """δ of some pairs, (k,) in m/s², with their nearest points, both (k, 3)."""
+        """δ of given pairs, (k,) in m/s², from their normals and nearest points, (k, 3) each."""
         spatial = ((along @ dynamics.joint_jacobians_rate) * self._signs[pairs]) @ dynamics.v
-        # Of the first shapes, then of the second, nᵀ (ω × v(p)): what an acceleration has besides the spatial one. Of
-        # the part about the shape's origin c, nᵀ (ω × (ω × (p - c))), only what brings the links nearer.
+        # Difference of classical and spatial acceleration, nᵀ (ω × v(p)), for the first shapes, then the second. Its
+        # centripetal part about the shape's origin c, nᵀ (ω × (ω × (p - c))), counts only where it brings links nearer.
         shapes = np.concatenate([self._first[pairs], self._second[pairs]])
         twist = self._moves[shapes] @ (dynamics.joint_jacobians * dynamics.v).T  # (2 k, 6), at the world's origin
         v, w = twist[:, :3], twist[:, 3:]
@@ -248,7 +252,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross products of rows, (k, 3); much faster than `numpy.cross` on few of them."""
+    """Cross products of rows, (k, 3); much faster than `numpy.cross` on few rows."""
     result = np.empty_like(a)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         result[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
@@ -256,7 +260,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _moved(model: pin.Model, joint: int) -> Array:
-    """Which columns of v move a link, as ones, (nv,)."""
+    """1 for each component of v that moves a link, 0 for the others, (nv,)."""
     moved = np.zeros(model.nv)
     for carrier in model.supports[joint]:
         if carrier > 0:
@@ -265,13 +269,13 @@ def _moved(model: pin.Model, joint: int) -> Array:
 
 
 def _joint_columns(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Where the joints with one degree of freedom stand in q and in v. Only they change a distance."""
+    """Indices in q and in v of the joints with one degree of freedom; only these change a distance."""
     single = [joint for joint in model.joints if joint.nq == joint.nv == 1]
     return np.array([j.idx_q for j in single], dtype=np.intp), np.array([j.idx_v for j in single], dtype=np.intp)
 
 
 def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:
-    """Farthest that a shape can be from each joint that carries it, (nv,) in m; 1 for joints that slide."""
+    """Largest distance of a shape from each joint that carries it, (nv,) in m; 1 for prismatic joints."""
     reach = np.zeros(model.nv)
     far = float(np.linalg.norm(shape.placement.translation)) + radius
     joint = shape.parentJoint
@@ -286,6 +290,6 @@ def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:
 
 
 def _radius(geometry: Any) -> float:
-    """Radius of a ball around a shape's origin that encloses it, m."""
+    """Radius of a ball about a shape's origin that encloses the shape, m."""
     geometry.computeLocalAABB()
     return float(np.linalg.norm(geometry.aabb_center)) + float(geometry.aabb_radius)

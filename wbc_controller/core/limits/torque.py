@@ -1,4 +1,4 @@
-"""Bounds of the actuators' torques: size, what the motors have at the present speeds, and rate."""
+"""Bounds of the actuator torques: effort limits, torque-speed curve and torque rate limit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from wbc_controller.records import Array, frozen
 
 @dataclass(frozen=True, slots=True)
 class TorqueSpeedCurve:
-    """What torque a motor has left at a speed.
+    """Torque that a motor can give at a speed.
 
-    Up to the corner speed it is τ_max, and falls from there along a line to zero at the no-load speed: the voltage left
-    over the back-EMF drives the current. That holds in the direction of motion alone. Against it, where the motor
-    brakes, the back-EMF helps, and all of τ_max is there.
+    Up to the corner speed it is τ_max; above, it falls linearly to zero at the no-load speed, because only the voltage
+    in excess of the back-EMF drives the current. This applies in the direction of motion only: when the motor brakes,
+    the back-EMF helps, and all of τ_max is available.
 
     Attributes:
         corner: speed up to which τ_max is available, (na,) in rad/s.
-        no_load: speed at which no torque is, (na,) in rad/s, above the corner.
+        no_load: speed at which no torque is available, (na,) in rad/s, above the corner.
     """
 
     corner: Array
     no_load: Array
 
     def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ at some speeds; both (na,) in N·m.
+        """Lower and upper bounds of τ at given speeds, both (na,) in N·m.
 
         Args:
             effort_limits: τ_max, (na,) in N·m.
@@ -38,14 +38,14 @@ class TorqueSpeedCurve:
 
 
 class TorqueLimit:
-    """Keeps τ within what the motors have, and |τ - τ_before| ≤ rate τ_max Δt where there was a torque before.
+    """Keeps τ within the available torque, and |τ - τ_before| ≤ rate τ_max Δt if a torque before is given.
 
-    Where the torque before is not available any more, as the joint has become faster, it comes within its bounds at
-    once: the motor cannot do otherwise, whatever the rate. So the two never contradict each other.
+    The torque before may no longer be available, because the joint has become faster. It is then clipped to the
+    available range at once, regardless of the rate, as the motor cannot give more. So the two limits never conflict.
 
     Attributes:
-        rate: largest change, in effort limits per second.
-        curve: what is available at which speed; None for τ_max at every speed.
+        rate: torque rate limit, in effort limits per second.
+        curve: torque-speed curve; None for τ_max at every speed.
     """
 
     def __init__(self, effort_limits: Array, rate: float, curve: TorqueSpeedCurve | None = None) -> None:
@@ -63,7 +63,7 @@ class TorqueLimit:
         self._both = (frozen(-limits), frozen(limits))
 
     def available(self, v: Array) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ without the rate, both (na,) in N·m; to be read only.
+        """Lower and upper bounds of τ without the torque rate limit, both (na,) in N·m; not to be modified.
 
         Args:
             v: speeds of the actuators, (na,) in rad/s.
@@ -71,10 +71,10 @@ class TorqueLimit:
         return self._both if self.curve is None else self.curve.available(self.effort_limits, v)
 
     def bounds(self, before: Array | None, v: Array, period: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ, both (na,) in N·m; to be read only.
+        """Lower and upper bounds of τ, both (na,) in N·m; not to be modified.
 
         Args:
-            before: the torques that the actuators give now, (na,) in N·m; None where no rate is to be held.
+            before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
             v: speeds of the actuators, (na,) in rad/s.
             period: Δt, s.
         """

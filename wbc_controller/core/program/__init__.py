@@ -1,1 +1,1 @@
-"""The quadratic program of one cycle: its layout, its terms, its answer, and why there may be none."""
+"""The quadratic program of one cycle: layout, cost, constraints, unpacking, and the reasons for infeasibility."""

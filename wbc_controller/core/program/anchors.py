@@ -1,4 +1,4 @@
-"""Contacts that go back to where they were made: the position feedback of `contacts.AnchoredContact`."""
+"""Position feedback of contacts towards their anchors (`contacts.AnchoredContact`)."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
-#: Added to J Jᵀ, in its units. The share of it that it takes from accelerations that J v̇ can be is not noticed.
+#: Regularization ε of J Jᵀ, in its units; small enough that its effect within the range of J is negligible.
 _RIDGE = 1.0e-10
 
 
 def pull(layout: Layout, dynamics: Dynamics, anchors: Mapping[str, Array]) -> Array:
-    """K e of the contacts that have an anchor, and 0 of the others, as far as J v̇ can be it, (nf,) in m/s², rad/s².
+    """K e of contacts with an anchor, 0 for the others, projected onto the range of J, (nf,) in m/s², rad/s².
 
-    What contacts ask for has to be possible together: -D J v - J̇v always is. K e of contacts that are not independent,
-    such as four points under one sole, is in conflict in the second order of e, and wholly where they were made one
-    after the other. So it is projected to the range of J,
+    The equality constraints of all contacts have to be consistent; -D J v - J̇v always is. K e of contacts that are not
+    independent, such as four points under one sole, is inconsistent to second order in e, and fully so if they were
+    activated one after the other. So it is projected onto the range of J,
 
         J Jᵀ (J Jᵀ + ε 1)⁻¹ K e,    ε → 0
 
-    which changes nothing where J has full rank.
+    which changes nothing if J has full row rank.
 
     Args:
         layout: with the contacts' Jacobians filled.
         dynamics: the snapshot.
-        anchors: of each contact that is made and has a stiffness, (7,).
+        anchors: anchor of each active contact with a stiffness, (7,).
 
     Raises:
-        ConfigurationError: where one has no anchor.
+        ConfigurationError: where a contact with a stiffness has no anchor.
     """
     J = layout.J
     wanted = np.zeros(len(J))

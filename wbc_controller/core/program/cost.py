@@ -1,4 +1,4 @@
-"""The cost of one priority: the weighted rows of its tasks, and the regularization."""
+"""The cost of one priority level: the weighted rows of its tasks, and the regularization."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.records import Array, References
 
-#: Length that makes a rate of angular momentum comparable to one of linear momentum in the regularization, m.
+#: Length that scales rates of angular momentum to those of linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
 
 
 @dataclass(slots=True)
 class _Plan:
-    """Where the cost of a level stands, for one set of made contacts and the tasks that weigh something.
+    """The arrays of a level's cost, for one set of active contacts and one set of tasks with non-zero weight.
 
     Attributes:
-        level: with the cost that is to be posed.
-        squares: what that is made of.
-        kept: the rows of tasks.
-        rows: each task with rows, and the places of its J and its right side.
-        momentum: the same places of the momentum's rate; None where the base does not move.
-        single: each task on single accelerations, and their columns.
-        minus_shares: of each of these by what its right side makes the target, negated.
-        rests: and by what that, squared, makes the constant.
-        weights: those that the numbers are for.
+        level: the level, whose cost is set in every cycle.
+        squares: the squares that make up the cost.
+        kept: view of the rows of tasks.
+        rows: each task with rows, and views for its J and its right-hand side.
+        momentum: views for the rows of the momentum rate and their right-hand side; None for a fixed base.
+        single: each task on single components of v̇, and the indices of these components.
+        minus_shares: for each task in `single`, the negative factor from its right-hand side to the target.
+        rests: for each task in `single`, the factor from its squared right-hand side to twice the constant.
+        weights: the weights for which slack, diagonal, shares and rests were computed.
     """
 
     level: Level
@@ -50,9 +50,9 @@ class LevelCost:
     """Fills one `Level`: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖².
 
     Attributes:
-        level: the priority.
-        rows: largest number of rows that it fills.
-        errors: error of each acceleration task that took part in the last cycle.
+        level: the priority level.
+        rows: largest number of rows of the cost.
+        errors: task error of each acceleration task that took part in the last cycle.
     """
 
     def __init__(
@@ -68,10 +68,10 @@ class LevelCost:
         """Make a cost.
 
         Args:
-            level: the priority.
-            tasks: all tasks of the controller; those of the level take part.
+            level: the priority level.
+            tasks: all tasks of the controller; those of this level are used.
             model: the robot's model.
-            last: whether no level is below, so that nothing has to be kept.
+            last: whether this is the lowest level, so that no rows have to be kept for levels below.
             regularization_acceleration: ε_a.
             regularization_force: ε_f.
         """
@@ -79,8 +79,8 @@ class LevelCost:
         self.level = level
         self.errors: dict[str, Array] = {}
         exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
-        # Rows that are single accelerations enter the diagonal alone, unless a level below has to keep them as rows, or
-        # another task has some of them there.
+        # Tasks on single components of v̇ only add to the diagonal of H, unless a lower level needs them as rows, or
+        # another task already uses the same components.
         self._single: list[AccelerationTask] = []
         free = np.ones(model.nv, dtype=np.bool_)
         for task in exact:
@@ -102,17 +102,17 @@ class LevelCost:
         self._plans: dict[tuple[tuple[str, ...], tuple[str, ...]], _Plan] = {}
 
     def fill(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
-        """Pose the cost of one cycle.
+        """Fill the cost of one cycle.
 
         Args:
             layout: with the equations of motion filled.
             dynamics: the snapshot.
-            references: what is wanted, and how much.
+            references: task references and weights.
         """
         wanted, weights = references.tasks, references.weights
         if weights != self._weights:
             self._weights = dict(weights)
-            # What NaN weighs takes part: it is found later.
+            # Tasks with a NaN weight take part, so that the check for finite values finds it later.
             self._taking_part = tuple(
                 task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0
             )
@@ -137,7 +137,7 @@ class LevelCost:
             squares.constant += 0.5 * float((rest * asked).dot(asked))
         plan.level.cost.pose(squares)
         if self._last and not self._others:
-            return plan.level  # of which nothing changes but its cost
+            return plan.level  # only its cost changes from cycle to cycle
         level = replace(plan.level)
         if not self._last:
             level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
@@ -145,13 +145,13 @@ class LevelCost:
         return level
 
     def _plan(self, layout: Layout) -> _Plan:
-        """Lay out the rows of the tasks that take part."""
+        """Lay out the rows of the tasks with non-zero weight."""
         problem, nv, n, base = layout.problem, self._model.nv, layout.problem.n, self._base
         with_rows = [task for task in self._exact if task.name in self._taking_part]
         single = [task for task in self._single if task.name in self._taking_part]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The first level has its rows above the equalities: the solver reads both.
+        # The rows of the first level are stored directly above the equalities: the solver uses both as one block.
         top, stop = problem.room - count, problem.room + len(problem.b)
         stack = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
         rows, start = [], 0
@@ -171,7 +171,7 @@ class LevelCost:
         )
 
     def _weigh(self, plan: _Plan) -> None:
-        """Take over the weights."""
+        """Recompute all that depends on the weights."""
         weights, squares, base = self._weights, plan.squares, self._base
         plan.weights = weights
         end = 0
@@ -183,19 +183,19 @@ class LevelCost:
         squares.diagonal[:nj], squares.diagonal[nj:] = self._regularization
         plan.minus_shares, plan.rests = [], []
         for task, columns in plan.single:
-            # With w of the task and ε of what is there, ½ w (x - b)² + ½ ε x² is ½ (w + ε) (x - t)² and a rest of
+            # With the task's weight w and the regularization ε, ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + a constant
             # ½ b² ε w / (w + ε), where t = b w / (w + ε).
             weight, places = weights[task.name], as_slice(np.arange(self._model.nv)[columns] - base)
             there = np.array(squares.diagonal[places])
             plan.minus_shares.append(-weight / (weight + there))
             plan.rests.append(weight * there / (weight + there))
             squares.diagonal[places] += weight
-        # A new array: who keeps what it knows of these weights sees that they are others.
+        # A new array, so that a solver can tell by its identity that the weights have changed.
         squares.inverse = np.zeros(len(squares.inverse))
         squares.inverse[base:-1] = 1.0 / squares.diagonal
 
     def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:
-        """Add the tasks on forces and torques, and those with a tolerance."""
+        """Add the tasks on forces and torques, and the tasks with a tolerance."""
         nv, n = self._model.nv, layout.problem.n
         for task in self._others:
             weight = references.weights.get(task.name, 0.0)

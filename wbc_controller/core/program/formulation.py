@@ -1,4 +1,4 @@
-"""The quadratic program of one cycle, filled: cost, equations of motion, contacts, limits."""
+"""Fills the quadratic program of one cycle: cost, equations of motion, contacts and limits."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.records import Array, References, RobotState, Tuning
 
-#: Weight of what relaxed limits ask for, (m/s²)⁻².
+#: Weight in the cost of limits that have been relaxed, (m/s²)⁻².
 _RELAXED = 1.0e4
 
 
 class Formulation:
-    """Turns a state and references into a quadratic program; solving it is another matter (`controller`).
+    """Turns a state and references into a quadratic program; `core.whole_body_qp` solves it.
 
     Attributes:
         model: the robot's model.
         dynamics: the snapshot of the last cycle.
         tasks: the tasks, by name.
         contacts: the contacts, by name.
-        effort_tasks: those of the tasks that are about forces or torques.
+        effort_tasks: the tasks on contact forces or torques.
         torque_limit: bounds of the torques.
-        motion_limit: bounds of the joints' accelerations.
+        motion_limit: bounds of the joint accelerations.
         row_limits: bounds of other combinations of v̇.
         period: time between cycles, s.
     """
@@ -53,10 +53,10 @@ class Formulation:
 
         Args:
             model: the robot's model.
-            tasks: what is wanted.
-            contacts: what may carry force.
+            tasks: the tasks.
+            contacts: the contacts, active or not.
             torque_limit: bounds of the torques.
-            motion_limit: bounds of the joints' accelerations.
+            motion_limit: bounds of the joint accelerations.
             row_limits: bounds of other combinations of v̇.
             period: time between cycles, s.
             regularization_acceleration: ε_a.
@@ -88,11 +88,11 @@ class Formulation:
 
     @cached_property
     def has_priorities(self) -> bool:
-        """Whether one quadratic program is not enough: there are levels, or tolerances."""
+        """Whether a hierarchy of quadratic programs is needed: there are several levels, or tolerances."""
         return len(self._costs) > 1 or any(task.tolerance is not None for task in self.tasks.values())
 
     def layout(self, names: tuple[str, ...]) -> Layout:
-        """Columns, rows and arrays of the problem with one set of made contacts."""
+        """Columns, rows and arrays of the problem for one set of active contacts."""
         if names not in self._layouts:
             contacts = [self.contacts[name] for name in names]
             self._layouts[names] = Layout(self.model, contacts, self.row_limits, self._costs[0].rows)
@@ -102,12 +102,12 @@ class Formulation:
         """Compute the dynamics and fill the problem.
 
         Args:
-            state: where the robot is.
-            references: what is wanted.
-            tau_before: the torques that the actuators give now, (na,) in N·m, where the torque rate is to be held.
+            state: the latched state of the robot.
+            references: task references, weights and contact activations.
+            tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
 
         Returns:
-            The layout, whose `problem` is ready to be solved, looked at or dumped.
+            The layout, whose `problem` is ready to be solved, inspected or dumped.
         """
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
@@ -123,7 +123,7 @@ class Formulation:
         return layout
 
     def _tune(self, tuning: Tuning) -> None:
-        """Take over other gains and limits."""
+        """Apply new gains and limits."""
         self._tuning = tuning
         for name, gains in tuning.gains.items():
             for key, value in gains.items():
@@ -140,7 +140,7 @@ class Formulation:
 
     @property
     def task_errors(self) -> dict[str, Array]:
-        """Error of each task on accelerations that took part in the last cycle, as a new dictionary."""
+        """Task error of each acceleration task that took part in the last cycle, as a new dictionary."""
         errors: dict[str, Array] = {}
         for cost in self._costs:
             errors |= cost.errors
@@ -158,7 +158,7 @@ class Formulation:
         np.subtract(upper, layout.torque_bias, out=layout.torque_upper)
 
     def bias(self, references: References) -> Array:
-        """Bias forces less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
+        """Bias forces h less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
         if not references.external_wrenches:
             return self.dynamics.h
         h = np.array(self.dynamics.h)
@@ -185,7 +185,7 @@ class Formulation:
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
         bounds = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
-        if bounds is not layout.motion_bounds:  # they do not always depend on the state
+        if bounds is not layout.motion_bounds:  # the same objects where the bounds do not depend on the state
             problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
             layout.motion_bounds = bounds
 
@@ -202,14 +202,14 @@ class Formulation:
             layout.relabel(rows, limit.names)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Bounds of the problem's torque rows by what the motors have at the present speeds, without the rate."""
+        """Bounds of the problem's torque rows from the available torques alone, without the torque rate limit."""
         actuation = self.model.actuation
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(self.bias(references))
         return lower - h, upper - h
 
     def relaxable(self, layout: Layout) -> tuple[str, ...]:
-        """What `relax` can take out of a built problem, in the order in which it may give."""
+        """The groups of constraints that `relax` can remove from a built problem, first to be relaxed first."""
         problem = layout.problem
         kinds = (
             limit.kind
@@ -219,10 +219,10 @@ class Formulation:
         return (*kinds, "joint_motion", "torque_rate")
 
     def relax(self, layout: Layout, what: str, references: References) -> None:
-        """Take ``joint_motion``, the ``torque_rate`` or a kind of row limits out of a built problem.
+        """Remove ``joint_motion``, the ``torque_rate`` or a kind of row limits from a built problem.
 
-        Rows of v̇ that ask for more than zero become part of the cost, far above the tasks: what can be had of them
-        still is.
+        Row limits that v̇ = 0 violates become part of the cost instead, with a weight far above the tasks, so that they
+        are still met as far as possible.
         """
         problem = layout.problem
         if what == "joint_motion":

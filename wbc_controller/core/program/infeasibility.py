@@ -1,30 +1,31 @@
-"""Why a quadratic program has no answer: which named constraints conflict, and the smallest slack that reconciles them.
+"""Explains infeasibility: which named constraints conflict, and the smallest slack that makes the problem feasible.
 
-Linear programs over the constraints of the failed problem (its cost plays no part):
+Linear programs are solved over the constraints of the failed problem (its cost plays no part):
 
-1. Elastic phase one: every named constraint g may give by σ_g ≥ 0, at the cost Σ σ_g (Chinneck, "Feasibility and
-   infeasibility in optimization", Springer 2008). Those that give are one side of the conflict.
-2. A deletion filter on that side: constraints that give least are held, as long as what the others have to give instead
-   grows by no more than the share `INNOCENT`. What is held in the end is innocent, such as a wrist whose swing helps a
-   knee a little.
-3. The same with all constraints of one of its kinds held: what of another kind would have to give instead is the next
-   side, unless it costs more than `REMOTE` times the smallest, or takes more than twice as many constraints.
-4. The same with only the named ones held: what could give instead at nearly the smallest cost (`EQUAL`) is as guilty,
-   such as the other foot.
+1. Elastic phase one: every named constraint g gets a slack σ_g ≥ 0, at the cost Σ σ_g (Chinneck, "Feasibility and
+   infeasibility in optimization", Springer 2008). The constraints with non-zero slack are one side of the conflict.
+2. A deletion filter on that side: the constraints with the smallest slack are enforced again, as long as the total
+   slack of the others grows by no more than the share `INNOCENT`. The constraints enforced in the end are not part of
+   the conflict, such as a wrist whose swing helps a knee a little.
+3. Steps 1 and 2 with all constraints of one of that side's kinds enforced: the constraints of other kinds that need
+   slack instead are the next side, unless their slack costs more than `REMOTE` times the smallest, or they are more
+   than twice as many.
+4. Steps 1 and 2 with only the constraints named so far enforced: other constraints whose slack costs nearly the
+   smallest (`EQUAL`) are equally part of the conflict, such as the other foot.
 
-The equations of motion are no setting, and always hold: their rows have full rank in v̇, so that they are never in
-conflict by themselves.
+The equations of motion cannot be set, and always hold: their rows have full rank in v̇, so that they never conflict by
+themselves.
 
-σ_g has no unit. So that newtons, newton metres and accelerations compare, a constraint's violation is measured in
+σ_g has no unit. To make newtons, newton metres and accelerations comparable, violations are scaled by
 
 - forces: the robot's weight m g, `GROUND` m g where a contact would have to pull; moments: m g times `LENGTH`,
 - torques and torque rates: the actuator's effort limit,
 - accelerations of joints: g / `LENGTH`,
-- cones: `GROUND` m g, and m g times `LENGTH` of that for moments,
-- accelerations of contacts: `GROUND` g, and g / `LENGTH` of that for angular ones.
+- cones: `GROUND` m g; with moments, `GROUND` m g times `LENGTH`,
+- accelerations of contacts: `GROUND` g; angular ones, `GROUND` g / `LENGTH`.
 
-The ground is measured ten times as finely as what is a setting or a motor: a foot that slips is named where no other
-constraint can give.
+Violations of contact physics thus weigh ten times as much as those of settings and motors: a slipping foot is named
+only where no other constraint can give.
 """
 
 from __future__ import annotations
@@ -42,25 +43,25 @@ from wbc_controller.records import Array, Infeasibility, frozen_mapping
 
 #: Length that makes moments comparable to forces and angular accelerations to linear ones, m.
 LENGTH = 0.1
-#: How much less a contact may give than what is set, of the same measure.
+#: Scale of violations of contact physics, as a share of that of settings.
 GROUND = 0.1
-#: Standard gravity, m/s²: the measure of accelerations also where the robot's world has none.
+#: Standard gravity, m/s²: the scale of accelerations, also for a model without gravity.
 _GRAVITY = 9.81
-#: Share by which the slack may grow when a constraint is held that gave a little.
+#: Share by which the total slack may grow when a constraint with a small slack is enforced again.
 INNOCENT = 0.5
-#: How many times the smallest cost a reconciliation by constraints of other kinds may have to count as one.
+#: Largest cost of a relaxation by constraints of other kinds, as a multiple of the smallest cost.
 REMOTE = 10.0
-#: The same for one by any other constraints.
+#: Largest cost of a relaxation by any other constraints, as a multiple of the smallest cost.
 EQUAL = 1.5
-#: Largest number of sides.
+#: Largest number of sides of a conflict.
 _SIDES = 6
 #: Σ σ below which constraints count as consistent.
 _TOLERANCE = 1.0e-6
-#: σ below which a constraint has not given, as a share of the largest.
+#: σ below which a constraint counts as met, as a share of the largest σ.
 _NO_SLACK = 1.0e-4
 #: Largest number of iterations in one linear program: with `MAX_PROGRAMS` it bounds the time.
 _MAX_ITERATIONS = 2000
-#: Largest number of linear programs for one explanation. What is not found by then is left out.
+#: Largest number of linear programs for one explanation; sides not found by then are left out.
 MAX_PROGRAMS = 40
 
 
@@ -70,14 +71,14 @@ class Constraint:
 
     Attributes:
         name: kind and owner, as in `Solution.binding`: ``torque:left_knee_joint``.
-        rows: (k, n), in the problem's unknowns.
+        rows: (k, n), in the problem's decision variables.
         lower: (k,), -inf where there is no bound.
-        upper: (k,).
-        scale: what a violation of each row is measured in, (k,), in the rows' own units.
-        factor: from the rows' units to those in `units`.
+        upper: (k,), inf where there is no bound.
+        scale: violation of each row that corresponds to σ = 1, (k,), in the rows' own units.
+        factor: conversion from the rows' units to `units`.
         units: physical unit of each row.
-        offset: what the rows leave out of the quantity that is bounded, (k,): h for torques.
-        contact: the contact whose constraint this is, if any.
+        offset: constant part of the bounded quantity that the rows do not contain, (k,): h for torques.
+        contact: the contact that the constraint belongs to, if any.
     """
 
     name: str
@@ -92,23 +93,23 @@ class Constraint:
 
     @property
     def kind(self) -> str:
-        """The name's first part."""
+        """The first part of the name."""
         return self.name.partition(":")[0]
 
     @property
     def owner(self) -> str:
-        """The joint or contact."""
+        """The second part of the name: the joint, actuator, contact or pair of links."""
         return self.name.partition(":")[2]
 
 
 def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
-    """Split a built problem into constraints with names; the equations of motion are not among them.
+    """Split a built problem into named constraints, without the equations of motion.
 
     Args:
         layout: with the problem, as it was given to the solver.
         model: the robot's model.
-        effort: bounds of the problem's torque rows by the effort limits alone, two times (na,). Where the problem's
-            own are narrower, it is the torque rate that made them so.
+        effort: lower and upper bounds of the problem's torque rows without the torque rate limit, both (na,). Where the
+            problem's own bounds are tighter, they come from the torque rate limit.
     """
     problem, nv = layout.problem, model.nv
     force = model.mass * _GRAVITY / FORCE_UNIT
@@ -156,7 +157,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
             k, part = last - first, slice(columns.start + first, columns.start + last)
             none, moment = np.full(k, np.inf), bool(contact.moments[first])
             scale = force * LENGTH if moment else force
-            # The ground does not pull: that is no setting.
+            # That the ground does not pull is physics and no setting.
             pull = GROUND * scale if kind == "normal_force" and contact.min_normal_force <= 0.0 else scale
             add(
                 f"{kind}:{contact.name}", np.vstack([identity[part]] * 2),
@@ -186,13 +187,13 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
 def explain(
     layout: Layout, model: RobotModel, effort: tuple[Array, Array], held: Collection[str] = ()
 ) -> Infeasibility | None:
-    """Say which constraints of a problem conflict.
+    """Find the constraints of a problem that conflict.
 
     Args:
         layout: with the problem, as it was given to the solver.
         model: the robot's model.
         effort: as in `named_constraints`.
-        held: kinds of constraints that are not in question: like the equations of motion they hold, and are not named.
+        held: kinds of constraints that are enforced like the equations of motion, and never named.
 
     Returns:
         The conflict; None where the constraints can be met within tolerance, or where the linear programs fail.
@@ -211,7 +212,7 @@ def explain(
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """One reconciliation: x, and the constraints that give, with their σ."""
+    """One relaxation that makes the problem feasible: x, and the σ of the constraints with slack."""
 
     x: Array
     total: float
@@ -219,7 +220,7 @@ class _Side:
 
 
 class _Search:
-    """One explanation in the making."""
+    """The search for one explanation."""
 
     def __init__(self, fixed: tuple[Array, Array, Array], constraints: Sequence[Constraint]) -> None:
         self._all = {constraint.name: constraint for constraint in constraints}
@@ -241,7 +242,7 @@ class _Search:
         self.programs = 0
 
     def run(self) -> Infeasibility | None:
-        """Find the sides of the conflict, and what reconciles them."""
+        """Find the sides of the conflict, and the slack of each."""
         first = self._side(set(self._all), np.inf, len(self._all))
         if first is None:
             return None
@@ -264,13 +265,13 @@ class _Search:
         )
 
     def _sides(self, first: _Side) -> list[_Side]:
-        """The smallest reconciliation, and those that could take its place."""
+        """The smallest relaxation, and the alternatives to it."""
         most = max(2, 2 * len(first.slack))
         sides, named = [first], set(first.slack)
         kind = {name: constraint.kind for name, constraint in self._all.items()}
 
         def add(free: set[str], cost: float) -> set[str]:
-            """Names that only this reconciliation has."""
+            """Names of the constraints that only this relaxation contains."""
             side = self._side(free, cost, most) if len(sides) < _SIDES else None
             new = set(side.slack) - named if side is not None else set()
             if side is not None and new:
@@ -289,11 +290,11 @@ class _Search:
         return sides
 
     def _side(self, free: set[str], cost: float, count: int) -> _Side | None:
-        """What has to give where only these may; None where nothing has to, or where it takes too much or too many."""
+        """Find a side among the free constraints; None if it needs no slack, too much, or too many constraints."""
         best = self._reconcile(free)
         if best is None or not (_TOLERANCE < best.total <= cost):
             return None
-        # The more of those that give least are held, the more the others have to give: bisect for how many may be held.
+        # The total slack grows with the number of constraints enforced, smallest slack first: bisect this number.
         order = sorted(best.slack, key=best.slack.__getitem__)
         low, high, found = 0, len(order), best
         while high - low > 1:
@@ -306,7 +307,7 @@ class _Search:
         return found if len(found.slack) <= count else None
 
     def _reconcile(self, free: set[str]) -> _Side | None:
-        """Minimize Σ σ where only some constraints may give; None where that is not possible."""
+        """Minimize Σ σ with slack for the free constraints only; None if infeasible, or out of programs."""
         if self.programs >= MAX_PROGRAMS:
             return None
         self.programs += 1
@@ -330,7 +331,7 @@ def _widened(rows: Array, columns: int) -> Array:
 
 
 def _give(constraint: Constraint, x: Array) -> tuple[float, str, str]:
-    """By how much a constraint gives at x: the amount, its unit, and a phrase for a person to read."""
+    """The largest violation of a constraint at x: its amount, its unit, and a phrase that describes it."""
     value = constraint.rows @ x
     above, below = value - constraint.upper, constraint.lower - value
     beyond = np.maximum(above, below)
@@ -340,7 +341,7 @@ def _give(constraint: Constraint, x: Array) -> tuple[float, str, str]:
 
 
 def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> str:
-    """One constraint: what it is, its bound, and by how much it would have to give."""
+    """Describe one constraint: its kind and owner, its bound, and the slack that it needs."""
     unit, owner, contact = constraint.units[row], constraint.owner, constraint.contact
     bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset[row])
     side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"

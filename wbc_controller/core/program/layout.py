@@ -1,7 +1,7 @@
-"""Where each quantity stands in the quadratic program of one cycle.
+"""The rows and columns of each quantity in the quadratic program of one cycle.
 
-The unknowns are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly, τ = T (M v̇ + h - Jᵀ f), so that
-bounds of τ are rows in x (`actuation.Actuation`).
+The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly,
+τ = T (M v̇ + h - Jᵀ f), so that bounds of τ become inequality constraints on x (`actuation.Actuation`).
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from wbc_controller.core.program.problem import Level, QuadraticProgram
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Forces in the problem are in units of 100 N (and 100 N·m), so that all unknowns are of one size. Without it the
-#: first-order solvers lose two digits and ProxQP takes feasible problems for infeasible.
+#: Forces in the problem are in units of 100 N (and 100 N·m), so that all decision variables have similar magnitudes.
+#: Without this scaling the first-order solvers lose two digits, and ProxQP reports feasible problems as infeasible.
 FORCE_UNIT = 100.0
 
 
 @dataclass(slots=True)
 class ContactPlace:
-    """Where one contact stands in the problem; the arrays are parts of the problem's.
+    """Rows and columns of one contact in the problem; the arrays are views of the problem's.
 
     Attributes:
         contact: the contact.
-        motion: its rows in A and b, which are those of its force in the generalized forces too.
-        J: of these the Jacobian, (k, nv).
-        acceleration: of these what J v̇ has to be, (k,).
-        cone: its rows in C.
-        columns: its force in x.
-        lower: bounds of that, (k,).
-        upper: likewise.
-        bounds: those that stand there; None where there are others.
+        motion: rows of its motion constraint in A and b; also the indices of its force in f.
+        J: its Jacobian in A, (k, nv).
+        acceleration: the right-hand side in b: the required J v̇, (k,).
+        cone: rows of its cone in C.
+        columns: columns of its force in x.
+        lower: lower bounds of its force, in units of `FORCE_UNIT`, (k,).
+        upper: upper bounds of its force, in units of `FORCE_UNIT`, (k,).
+        bounds: the arrays from which `lower` and `upper` were last filled; None before.
     """
 
     contact: Contact
@@ -51,31 +51,32 @@ class ContactPlace:
 
 
 class Layout:
-    """Where each quantity stands in the problem, for one set of made contacts.
+    """Rows and columns of each quantity in the problem, for one set of active contacts.
 
     Attributes:
         problem: the problem's arrays.
-        places: where each made contact stands, in order.
-        J: the Jacobians of all of them, (nf, nv).
-        contact_motion: what J v̇ has to be, (nf,).
-        damping: D of each of these rows, 1/s, (nf,).
-        mechanism: rows of A that always hold: joints that follow others, and the unactuated part of the equations of
-            motion.
-        dynamics_motion: of v̇ in the unactuated part of the equations of motion and, below it, in the torques, as
-            `Actuation.split` has them, (free + na, nv).
-        dynamics_forces: the same of the forces, (free + na, nf).
-        minus_free_bias: what the unactuated part has to be, (free,).
+        places: rows and columns of each active contact, in order.
+        J: the stacked Jacobians of the active contacts, (nf, nv).
+        contact_motion: the required J v̇, (nf,).
+        damping: D of each row of J, 1/s, (nf,).
+        mechanism: rows of A that are never relaxed: joints that follow others, and the unactuated rows of the equations
+            of motion.
+        dynamics_motion: coefficients of v̇ in the unactuated rows of the equations of motion and, below them, in the
+            torques, as given by `Actuation.split`, (free + na, nv).
+        dynamics_forces: coefficients of the scaled forces in the same rows, (free + na, nf).
+        minus_free_bias: right-hand side of the unactuated rows, (free,).
         torque: rows of C of the torque bounds.
-        torque_lower: of these the lower bounds, (na,).
-        torque_upper: likewise.
+        torque_lower: lower bounds of these rows, (na,).
+        torque_upper: upper bounds of these rows, (na,).
         row_limits: the limits on combinations of v̇.
-        limits: for each of these, its rows of C.
-        joints: columns of x of the joints' accelerations, (nj,).
-        torque_bias: of the torques, what the rows of C leave out, (na,) in N·m: τ = C x + this.
-        levels: the cost, by priority; `H` and `g` of the problem are those of the first.
-        key: names of the made contacts.
-        labels: for each bound of x and row of C the names of its lower and of its upper bound, and their unit in the
-            problem's.
+        limits: rows of C of each row limit.
+        joints: columns of the joint accelerations in x, (nj,).
+        torque_bias: the constant part of the torques, (na,) in N·m: τ = C x + torque_bias for the torque rows of C.
+        levels: the cost of each priority level, highest priority first; `H` and `g` of the problem are those of the
+            first level.
+        key: names of the active contacts.
+        labels: for each bound of x and row of C, the names of its lower and its upper bound, and the size of the
+            problem's unit of that bound in SI units.
     """
 
     def __init__(
@@ -111,13 +112,13 @@ class Layout:
             problem.C[rows, columns] = contact.cone
             problem.upper[rows] = 0.0
             row, cone = motion.stop, rows.stop
-        #: The contacts that go back to where they were made, and their rows of J.
+        #: The contacts with an anchor, and their rows of J.
         self.anchored = tuple(
             (place.contact, place.motion)
             for place in self.places
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
-        # The rows of the torques follow those without actuators: one product or copy makes both.
+        # The rows of the torques directly follow the unactuated rows: one product or copy fills both.
         first = problem.room + self.mechanism.stop - free
         self.dynamics_motion = problem.memory[first : first + free + na, :nv]
         self.dynamics_forces = problem.memory[first : first + free + na, nv:-1]
@@ -125,7 +126,7 @@ class Layout:
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
-        #: Bounds of the joints' accelerations that stand in the problem.
+        #: The arrays from which the bounds of the joint accelerations in the problem were last filled.
         self.motion_bounds: tuple[Array, Array] | None = None
         self.labels = self._labels(model)
 
@@ -155,7 +156,7 @@ class Layout:
         return self.problem.C[self.torque], self.torque_bias
 
     def force_map(self, contact: str) -> Array | None:
-        """R (k, n), so that the contact's force in N and N·m is R x; None while it is not active (`tasks.Efforts`)."""
+        """R (k, n), so that the contact force in N and N·m is R x; None while it is not active (`tasks.Efforts`)."""
         if contact not in self.key:
             return None
         columns = self.places[self.key.index(contact)].columns
@@ -164,13 +165,13 @@ class Layout:
         return rows
 
     def snapshot(self) -> Layout:
-        """The same with a problem of its own, which later cycles leave alone; `places` are parts of this one's."""
+        """A copy with a problem that later cycles do not change; its `places` remain views of this layout's problem."""
         kept = copy.copy(self)
         kept.problem, kept.torque_bias = self.problem.copy(), np.array(self.torque_bias)
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Name some rows of C anew; who has the labels of a cycle before keeps them."""
+        """Rename some rows of C in a new list of labels; solutions of earlier cycles keep the old list."""
         n = self.problem.n
         self.labels = self.labels.copy()
         self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]

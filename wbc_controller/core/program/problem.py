@@ -1,4 +1,4 @@
-"""A quadratic program, as data: `formulation` fills it, `solvers` solve it."""
+"""A quadratic program as data: `formulation` fills it, `solvers` solve it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class Squares:
-    """A cost as it is made, ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant.
+    """A cost as a sum of squares, ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant.
 
     So H = Rᵀ w R + diag(d), and g = -Rᵀ w r - d t.
 
     Attributes:
-        stack: [R, r] and below it the equalities, [A, b], (k + m_eq, n + 1).
+        stack: [R, r] and below it the equality constraints, [A, b], (k + m_eq, n + 1).
         slack: 1 / w, (k,).
-        first: how many columns come first that have no d and t. As many of the last equalities determine them: these
-            are invertible there.
+        first: number of leading columns without d and t (those of a floating base). As many of the last equality
+            constraints determine these variables: that block is invertible.
         diagonal: d of the other columns, (n - first,), positive.
-        inverse: 1 / d, and 0 for the first columns and that of the right sides, (n + 1,).
-        minus_target: -t, 0 for the first columns, and 1 for that of the right sides, (n + 1,).
-        constant: what is left when all squares are zero.
+        inverse: 1 / d, and 0 in the leading columns and that of the right-hand sides, (n + 1,).
+        minus_target: -t, 0 in the leading columns, and 1 in that of the right-hand sides, (n + 1,).
+        constant: the cost that remains when all squares are zero.
     """
 
     stack: Array
@@ -38,13 +38,13 @@ class Squares:
 
 
 class Quadratic:
-    """½ xᵀHx + gᵀx + constant, of which H and g are not formed before they are asked for.
+    """A cost ½ xᵀHx + gᵀx + constant, whose H and g are computed on first access.
 
-    Mostly the squares that it is made of are enough.
+    For most cycles the squares are enough, and H and g are never needed.
 
     Attributes:
-        squares: what it is made of; None where that is H and g themselves.
-        formed: whether H and g are there.
+        squares: the squares that define the cost; None where H and g define it directly.
+        formed: whether H and g have been computed.
     """
 
     __slots__ = ("_H", "_constant", "_g", "formed", "squares")
@@ -57,7 +57,7 @@ class Quadratic:
         self.formed = True
 
     def pose(self, squares: Squares) -> None:
-        """Take another cost, made of squares."""
+        """Replace the cost by a sum of squares."""
         self.squares = squares
         self.formed = False
 
@@ -91,7 +91,7 @@ class Quadratic:
 
     @property
     def constant(self) -> float:
-        """What makes it the sum of squares that it is."""
+        """The constant term, with which the cost equals the sum of squares."""
         self._form()
         return self._constant
 
@@ -112,22 +112,22 @@ class Quadratic:
 class QuadraticProgram:
     """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
 
-    The arrays are filled anew in every cycle; a solver may read them, and must not keep them.
+    The arrays are refilled in every cycle; a solver may read them, but must not keep references to them.
 
     Attributes:
         cost: ½ xᵀHx + gᵀx.
-        bounds: lower and upper bounds of x and C x in one, (2, n + m_in); -inf and inf where there is none.
-        memory: room for rows of the cost, and below it those of A, with b in the last column, and of C: what is needed
-            together is together, (room + m_eq + m_in, n + 1).
-        room: how many rows the first are.
-        n: number of unknowns.
-        A: the part of the memory, (m_eq, n).
-        b: likewise, (m_eq,).
-        C: likewise, (m_in, n).
-        lower: the part of the bounds for C x, (m_in,).
-        upper: likewise.
-        x_lower: the part of it for x, (n,).
-        x_upper: likewise.
+        bounds: lower and upper bounds of x, then of C x, (2, n + m_in); -inf and inf where there is none.
+        memory: rows of the cost, then [A, b], then C, in one block, as they are used together,
+            (room + m_eq + m_in, n + 1).
+        room: number of rows for the cost.
+        n: number of decision variables.
+        A: equality constraints, view of `memory`, (m_eq, n).
+        b: right-hand sides of the equality constraints, view of `memory`, (m_eq,).
+        C: inequality constraints, view of `memory`, (m_in, n).
+        lower: lower bounds of C x, view of `bounds`, (m_in,).
+        upper: upper bounds of C x, view of `bounds`, (m_in,).
+        x_lower: lower bounds of x, view of `bounds`, (n,).
+        x_upper: upper bounds of x, view of `bounds`, (n,).
     """
 
     cost: Quadratic
@@ -159,7 +159,7 @@ class QuadraticProgram:
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0) -> QuadraticProgram:
-        """Allocate a problem without bounds, with room for some rows of the cost."""
+        """Allocate a problem with infinite bounds, and room for some rows of the cost."""
         return cls(
             Quadratic(np.zeros((n, n)), np.zeros(n)),
             np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
@@ -189,14 +189,14 @@ class QuadraticProgram:
         return math.isfinite(squares) and not np.isnan(self.bounds).any()
 
     def residuals(self, x: Array) -> Residuals:
-        """How well x meets the constraints."""
+        """Residuals of the constraints at x."""
         n, m = self.n, len(self.b)
         products = self._constraints.dot(x)
         value = np.empty(n + len(products) - m)
         value[:n], value[n:] = x, products[m:]
         above, below = value - self._lower, self._upper - value
         equalities = np.abs(products[:m] - self.b)
-        least, other = smallest(above), smallest(below)  # NaN where one is
+        least, other = smallest(above), smallest(below)  # NaN if any value is NaN
         if not (least <= other or least != least):
             least = other
         off = largest(equalities) if m else 0.0
@@ -204,21 +204,21 @@ class QuadraticProgram:
         return Residuals(value, equalities, above, below, least, violation)
 
     def violation(self, x: Array) -> float:
-        """Largest amount by which x breaks a constraint; NaN where x has one."""
+        """Largest violation of a constraint at x; NaN if x contains NaN."""
         return self.residuals(x).violation
 
 
 @dataclass(slots=True)
 class Residuals:
-    """How well a point meets the constraints.
+    """Residuals of the constraints at a point x.
 
     Attributes:
-        value: x and C x in one, (n + m_in,).
+        value: x, then C x, (n + m_in,).
         equalities: |A x - b|, (m_eq,).
-        above: how far x and C x are above their lower bounds, (n + m_in,); negative below.
-        below: how far they are below their upper bounds, likewise.
-        least_room: the smallest of both.
-        violation: largest amount by which a constraint is broken, 0 where none is; NaN where x or the problem has one.
+        above: distance of x and C x from their lower bounds, (n + m_in,); negative where violated.
+        below: distance of x and C x from their upper bounds, (n + m_in,); negative where violated.
+        least_room: the smallest value of `above` and `below`.
+        violation: largest violation of a constraint, 0 where all hold; NaN if x or the problem contains NaN.
     """
 
     value: Array
@@ -231,16 +231,16 @@ class Residuals:
 
 @dataclass(slots=True)
 class Level:
-    """What the tasks of one priority ask for: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper.
+    """Objective of one priority level: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper.
 
     Attributes:
         tasks: names of the tasks that take part in this cycle.
         cost: ½ xᵀHx + gᵀx + constant, the regularization included, so that H is positive definite.
-        kept: rows of the tasks' least-squares problem, weighted, (r, n): what no level below may change. Empty where
-            there is no level below.
-        G: rows of the tasks with a tolerance, weighted, (k, n).
-        lower: (k,).
-        upper: (k,).
+        kept: weighted rows of the tasks' least-squares problem, (r, n), whose values no lower level may change. Empty
+            if there is no lower level.
+        G: weighted rows of the tasks with a tolerance, (k, n).
+        lower: lower bounds of G x + s, (k,).
+        upper: upper bounds of G x + s, (k,).
     """
 
     tasks: tuple[str, ...]
@@ -254,9 +254,9 @@ class Level:
         """Add ½ ‖rows x - right‖² to the cost, in place: rows (k, n), right (k,).
 
         Args:
-            rows: weighted.
-            right: weighted.
-            kept: whether there is a level below, which may not change them.
+            rows: weighted rows.
+            right: weighted right-hand sides.
+            kept: whether there is a lower level, which may not change the values of the rows.
         """
         self.cost.add(rows, right)
         if kept:

@@ -1,4 +1,4 @@
-"""From the minimizer of the quadratic program to the solution, with residuals and what binds."""
+"""From the minimizer of the quadratic program to the solution, with residuals and binding constraints."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from wbc_controller.records import Array, References, freeze, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
-#: Largest size of a bound, so that one at infinity is never binding.
+#: Largest magnitude of a bound in this comparison, so that an infinite bound is never binding.
 _LARGEST = 1.0e9
 _NONE: Mapping[str, Array] = MappingProxyType({})
 
 
 class _Read(Mapping[str, Any]):
-    """A read-only mapping that is made when somebody reads it: mostly nobody does, and the torques need not wait."""
+    """A read-only mapping that is computed on first access, as most are never read and would delay the torques."""
 
     __slots__ = ("_made", "_make", "_parts")
 
     def __init__(self, make: Callable[..., dict[str, Any]], *parts: Any) -> None:
-        """Keep what it is to be made of, which must not change any more."""
+        """Store the function and its arguments, which must not be modified afterwards."""
         self._make = make
         self._parts = parts
         self._made: dict[str, Any] | None = None
@@ -51,7 +51,7 @@ class _Read(Mapping[str, Any]):
 
 
 class Unpacked(TypedDict):
-    """What of a `Solution` follows from the minimizer."""
+    """The fields of a `Solution` that follow from the minimizer."""
 
     v_dot: Array
     tau: Array
@@ -70,15 +70,15 @@ def unpack(
     residuals: Residuals,
     references: References,
 ) -> Unpacked:
-    """Read a minimizer.
+    """Extract the parts of a solution from a minimizer.
 
     Args:
-        formulation: that built the problem.
+        formulation: the formulation that built the problem.
         layout: with the problem, as it was given to the solver.
         x: the minimizer, (n,).
         multipliers: of the bounds of x and the rows of C, (n + m_in,), as in `solvers.Answer`.
-        residuals: of the problem's constraints at x.
-        references: that the problem was built for.
+        residuals: residuals of the problem's constraints at x.
+        references: the references for which the problem was built.
     """
     nv, n = formulation.model.nv, len(x)
     x = freeze(x)
@@ -106,7 +106,7 @@ def _forces(places: Sequence[ContactPlace], f: Array) -> dict[str, Array]:
 
 
 def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
-    """The largest of each group of constraints."""
+    """The largest violation in each group of constraints."""
     equalities = residuals.equalities.tolist()
     return {
         "equations_of_motion": max(equalities[contact_rows:], default=0.0),
@@ -116,14 +116,14 @@ def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
 
 
 def _norms(errors: Mapping[str, Array]) -> dict[str, float]:
-    """Of tasks on accelerations how far the state is from the reference; of those on efforts how far the answer is."""
+    """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
     return {name: math.sqrt(error.dot(error)) for name, error in errors.items()}
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
-    """The inequalities that hold with equality, and what each costs: its multiplier, per unit of its bound."""
-    # Mostly none does, and that is seen at once: no bound that is close to its value is larger than about the largest,
-    # and none of these is larger than their norm.
+    """The binding constraints, each with its multiplier per SI unit of its bound."""
+    # In most cycles none is binding. A quick test: a bound close to its value has about the magnitude of that value,
+    # which the norm of all values bounds, so the tolerance below covers every bound.
     value = residuals.value
     if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
         return {}

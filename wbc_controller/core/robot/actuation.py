@@ -1,4 +1,4 @@
-"""The actuators in the equations of motion: their generalized force, and how it is eliminated."""
+"""The actuators in the equations of motion: their generalized force, and its elimination."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from wbc_controller.records import Array, frozen
 
 
 class Actuation(Drive):
-    """The generalized force of the actuators, Sᵀτ, and how to take it out of the equations of motion (S1, S10).
+    """The generalized force of the actuators, Sᵀτ, and its elimination from the equations of motion (S1, S10).
 
-    The speeds of the actuators are S v; virtual work makes Sᵀτ of their torques (equation (20) of the note). Joints
-    that follow others hold C v = 0 by a force Cᵀλ that does no work (equation (19); S3). With B = [S; C] of full row
-    rank,
+    The speeds of the actuators are S v; by virtual work the generalized force of their torques is Sᵀτ (equation (20) of
+    the note). Joints that follow others satisfy C v = 0 through a force Cᵀλ that does no work (equation (19); S3). With
+    B = [S; C] of full row rank,
 
         M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    is    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
 
-    where T is the first rows of (B Bᵀ)⁻¹ B, and the rows of N are a basis of B's null space: nothing is lost by leaving
-    τ and λ out of the unknowns. Where every actuator is the motor of one joint and no joint follows, T and N only pick
-    rows, and no matrix is multiplied.
+    where T consists of the first na rows of (B Bᵀ)⁻¹ B, and the rows of N are a basis of B's null space (the unactuated
+    rows). The elimination of τ and λ from the decision variables is exact. If every actuator is the motor of one joint
+    and no joint follows another, T and N only select rows, and no matrix product is needed.
 
     Attributes:
         S: actuation matrix, (na, nv).
-        rotors: inertia of the rotors of transmissions, SᵀIS, (nv, nv) in kg·m²: as their speeds are S v, they add this
-            to M, and nothing to h; None where there is none.
-        C: rows of the joints that follow others, (nm, nv).
+        rotors: inertia of the rotors of transmissions, SᵀIS, (nv, nv) in kg·m²: as the rotor speeds are S v, it adds to
+            M, and nothing to h; None if no transmission has rotor inertia.
+        C: coupling rows of the joints that follow others, (nm, nv).
         free: number of rows of N.
         direct: whether every actuator is the motor of one joint, and no joint follows another.
     """
 
     def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
-        """Put actuators into the equations of motion.
+        """Make the actuation of a robot.
 
         Args:
-            drive: the actuators, at the joints.
+            drive: the actuators and their ratios at the joints.
             v_index: index in v of each joint, (nj,).
             coupling: C, (nm, nv).
         """
@@ -51,8 +51,8 @@ class Actuation(Drive):
         self.C = frozen(coupling)
         self.free = nv - na - len(coupling)
         B = np.vstack([self.S, self.C])
-        # Coordinates that nothing enters keep rows of their own, so that N is the same where only rows are picked. The
-        # first coordinates, those of a base that moves, come last.
+        # Coordinates in which B is zero keep unit rows in N, so that N has the same form as when it only selects rows.
+        # The leading coordinates, those of a floating base, come last.
         entered = np.flatnonzero(B.any(axis=0))
         untouched = np.setdiff1d(np.arange(nv), entered)
         leading = untouched == np.arange(len(untouched))
@@ -66,9 +66,9 @@ class Actuation(Drive):
         self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
     def split(self, force: Array) -> Array:
-        """What no actuator can give of generalized forces, N force, and below it their torques, T force.
+        """Project generalized forces onto the unactuated rows, N force, and below them the torques, T force.
 
-        As all that picks rows, this may be a view.
+        The result may be a view of `force`.
 
         Args:
             force: (nv,) or (nv, k).
@@ -79,7 +79,7 @@ class Actuation(Drive):
         return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
 
     def torques(self, force: Array) -> Array:
-        """Torques of the actuators for generalized forces, T force: (nv,) to (na,)."""
+        """Actuator torques that correspond to a generalized force, T force: (nv,) to (na,)."""
         return self.split(force)[self.free :]
 
     def generalized_force(self, tau: Array) -> Array:

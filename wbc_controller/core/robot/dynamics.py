@@ -1,4 +1,4 @@
-"""The floating-base dynamics at one state: the snapshot that tasks, contacts and limits all read."""
+"""The floating-base dynamics at one state: the snapshot that tasks, contacts and limits share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _WORLD = pin.Convention.WORLD
 class Dynamics:
     """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
 
-    The arrays are Pinocchio's own and are overwritten by the next `update`: copy what must last.
+    The arrays are Pinocchio's own and are overwritten by the next `update`: copy them to keep their values.
 
     Attributes:
         model: the robot's model.
@@ -38,15 +38,16 @@ class Dynamics:
         self._mass = float(pin.computeTotalMass(model.pinocchio))
         self.q: Array
         self.v: Array
-        # Pinocchio's data stay where they are: views of them are made once.
+        # Pinocchio never reallocates its data, so views of them can be kept.
         data = self._data
         self._rotors, self._M = model.actuation.rotors, data.M
-        # Not added to Pinocchio's own: it leaves alone what joints of different branches have in common there.
+        # M with rotors is a separate array: Pinocchio does not rewrite entries of data.M between joints of different
+        # branches, so rotors added in place would accumulate.
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
         self.h: Array = data.nle
         self.com: Array = data.com[0]
         self.com_velocity: Array = data.vcom[0]
-        self._per_mass = np.zeros((6, model.nv), order="F")  # in the memory order of Pinocchio's
+        self._per_mass = np.zeros((6, model.nv), order="F")  # Pinocchio's memory order
         self.com_jacobian: Array = self._per_mass[:3]
         self.com_drift = np.zeros(3)
         self.centroidal_matrix: Array = data.Ag
@@ -64,10 +65,10 @@ class Dynamics:
         """
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # Each of these once, in place of `computeAllTerms`, which takes a fifth longer. In the world's convention the
-        # inertia matrix comes with the joints' Jacobians and the centroidal matrix.
+        # Separate calls instead of `computeAllTerms`, which takes a fifth longer. In the world convention `crba` also
+        # computes the joint Jacobians and the centroidal matrix.
         pin.crba(model, data, q, _WORLD)
-        # Second-order kinematics at v̇ = 0: what is left of every acceleration is its drift J̇v.
+        # Second-order kinematics at v̇ = 0, where every acceleration equals its drift J̇v.
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
         pin.nonLinearEffects(model, data, q, v)
         pin.updateFramePlacements(model, data)
@@ -80,9 +81,9 @@ class Dynamics:
 
     @property
     def joint_jacobians(self) -> Array:
-        """Columns of the joints' twists at the world's origin, in its axes, (6, nv), linear rows first.
+        """Columns of the joint twists at the world's origin, in world axes, (6, nv), linear rows first.
 
-        A link's twist is the sum of v times the columns of the joints that carry it.
+        A link's twist is the sum over the joints between base and link of their columns times their velocities.
         """
         return np.asarray(self._data.J)
 
@@ -93,7 +94,7 @@ class Dynamics:
         return np.asarray(self._data.dJ)
 
     def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
-        """Compute where shapes are that are fixed to the links."""
+        """Compute the placements of shapes that are fixed to the links."""
         pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
 
     def placement(self, frame_id: int) -> pin.SE3:
@@ -111,7 +112,7 @@ class Dynamics:
         return J
 
     def drift_local(self, frame_id: int) -> Array:
-        """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): d/dt of its local velocity is J v̇ + this."""
+        """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): J̇v of its local velocity J v."""
         drift: Array = pin.getFrameAcceleration(self._pin, self._data, frame_id, pin.LOCAL).vector
         return drift
 

@@ -1,4 +1,4 @@
-"""A robot's model from its URDF: which joints move, follow others or are locked, and what drives them."""
+"""Builds a robot's model from its URDF: moving, following and locked joints, and their actuation."""
 
 from __future__ import annotations
 
@@ -33,21 +33,23 @@ def build_model(
 ) -> RobotModel:
     """Build the model of a robot from its URDF.
 
-    Joints that the URDF lets follow others (``<mimic>``) do so. All other joints are locked.
+    Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All joints that neither move nor follow
+    are locked.
 
     Args:
         urdf: the URDF's text.
         joints: joints with one degree of freedom that move and are measured.
         posture: nominal position of each joint, rad.
         floating_base: whether the root link moves freely.
-        armature: reflected rotor inertia of every joint that has a motor of its own, kg·m².
+        armature: reflected rotor inertia of every joint with its own motor, kg·m².
         effort_limit_scale: share of the effort limits that may be used.
-        actuators: names of the actuators in the order of the command: of joints with a motor of their own, and of
-            transmissions. Empty for one motor at each joint that is not passive.
+        actuators: names of the actuators in the order of the command: joints with their own motor, and transmissions.
+            Empty for one motor at each joint that is not passive.
         transmission: actuators with ratios, by name.
-        passive_joints: those of the joints that have no motor of their own.
-        locked_joints: position of joints that are locked, rad; all others that do not move are locked at zero.
-        commanded_by_joint: whether the robot is commanded by torques at its driven joints, instead of those of its
+        passive_joints: springs and dampers of the joints without a motor of their own, by name.
+        locked_joints: positions of locked joints, rad; other joints that do not move are locked at zero, or where their
+            locked leader puts them.
+        commanded_by_joint: whether the command consists of torques at the driven joints instead of torques of the
             actuators.
 
     Raises:
@@ -132,7 +134,7 @@ def _check_names(
     locked: Mapping[str, float],
     mimics: Mapping[str, Mimic],
 ) -> None:
-    """Refuse joints that the URDF does not have, or that cannot do what is asked of them."""
+    """Refuse joints that the URDF does not have, or that cannot move or be passive or locked as configured."""
     for name in joints:
         _require_own_coordinate(full, name, "robot.joints", mimics)
     for name in passive:
@@ -171,7 +173,7 @@ def _require_one_coordinate(full: pin.Model, name: str, subject: str) -> None:
 
 
 def _lock(full: pin.Model, names: Sequence[str], positions: Mapping[str, float]) -> pin.Model:
-    """Lock joints at positions, rad; at zero where none is given."""
+    """Lock joints at the given positions, rad; at zero where none is given."""
     q = pin.neutral(full)
     for name, position in positions.items():
         q[full.joints[full.getJointId(name)].idx_q] = position
@@ -181,7 +183,7 @@ def _lock(full: pin.Model, names: Sequence[str], positions: Mapping[str, float])
 def _tighten(
     leader: int, mimic: Mimic, model: pin.Model, q: int, v: int, lower: Array, upper: Array, velocity: Array
 ) -> None:
-    """Hold the limits of a joint that follows, at (q, v), by those of the joint that it follows."""
+    """Tighten the limits of a leader so that its follower, at indices (q, v), stays within its own limits."""
     if mimic.ratio == 0.0:
         return
     ends = (model.lowerPositionLimit[q] - mimic.offset, model.upperPositionLimit[q] - mimic.offset)

@@ -1,7 +1,7 @@
 """Joints that follow others: the URDF's ``<mimic>``.
 
-Pinocchio 4.1 has joints of this kind, but most of its algorithms, `computeAllTerms` among them, refuse them. Here they
-keep coordinates of their own, and the coupling is a constraint whose force is taken out of the equations of motion
+Pinocchio 4.1 has mimic joints, but most of its algorithms refuse them, including `computeAllTerms`. Here these joints
+keep their own coordinates, and the coupling is a constraint whose force is eliminated from the equations of motion
 together with the torques (`Actuation`).
 """
 
@@ -19,11 +19,11 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """How a joint follows another one: q = ratio · q_leader + offset.
+    """The law by which a joint follows another: q = ratio · q_leader + offset.
 
     Attributes:
-        leader: the joint that it follows, which follows none itself.
-        ratio: 1.
+        leader: the joint that it follows, which follows no other joint itself.
+        ratio: dimensionless.
         offset: rad.
     """
 
@@ -35,8 +35,10 @@ class Mimic:
 def read_mimics(urdf: str) -> dict[str, Mimic]:
     """Find the joints of a URDF that follow others, by name.
 
+    Chains of followers are resolved to the joint at their end.
+
     Raises:
-        ConfigurationError: where a joint follows none of the URDF's, or itself.
+        ConfigurationError: where a joint follows a joint that the URDF does not have, or follows itself.
     """
     tree = ET.fromstring(urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
     given: dict[str, Mimic] = {}
@@ -75,7 +77,7 @@ class Followers:
 
     Attributes:
         names: their names, (nm,).
-        mimics: how each follows, by name.
+        mimics: the law of each follower, by name.
         q_index: index in q of each, (nm,).
         v_index: index in v of each, (nm,).
     """
@@ -89,9 +91,9 @@ class Followers:
         """Collect the followers.
 
         Args:
-            mimics: by name.
+            mimics: the law of each follower, by name.
             q_index: index in q of each follower and leader, by name.
-            v_index: the same in v.
+            v_index: index in v of each follower and leader, by name.
         """
         self.names = tuple(mimics)
         self.mimics = dict(mimics)
@@ -114,7 +116,7 @@ class Followers:
         v[self.v_index] = self._ratio * v[self._v_leader]
 
     def coupling(self, nv: int) -> Array:
-        """C, (nm, nv), so that C v = 0."""
+        """The coupling matrix C, (nm, nv), with C v = 0."""
         C = np.zeros((len(self), nv))
         rows = np.arange(len(self))
         C[rows, self.v_index] = 1.0
@@ -122,7 +124,7 @@ class Followers:
         return C
 
     def carry(self, force: Array) -> None:
-        """Add the generalized forces on the followers to those on their leaders, as virtual work does, (nv,)."""
+        """Add the generalized forces on the followers to those on their leaders, by virtual work, in place, (nv,)."""
         np.add.at(force, self._v_leader, self._ratio * force[self.v_index])
 
 

@@ -1,4 +1,4 @@
-"""The robot's model: a URDF with a floating or fixed base, which of its joints move, and what drives them."""
+"""The robot's model: a URDF with a floating or fixed base, its moving joints, and their actuation."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class RobotModel:
         position_lower: lower position limits, (nj,) in rad.
         position_upper: upper position limits, (nj,) in rad.
         posture: nominal joint positions, (nj,) in rad.
-        actuation: what drives the joints; its actuators are in the order of the command.
+        actuation: the actuators, in the order of the command.
         effort_limits: largest torque of each actuator that may be used, (na,) in N·m.
-        passive: the springs and dampers of the joints without a motor of their own; None where there is none.
-        followers: the joints that follow others; None where none does.
+        passive: the springs and dampers of the joints without a motor of their own; None if there are none.
+        followers: the joints that follow others; None if there are none.
         locked: position of each joint that is locked elsewhere than at zero, rad.
     """
 
@@ -73,12 +73,12 @@ class RobotModel:
 
     @cached_property
     def q_places(self) -> np.ndarray | slice:
-        """`q_index`, as a slice where that is one."""
+        """`q_index`, as a slice if its entries are consecutive."""
         return as_slice(self.q_index)
 
     @cached_property
     def v_places(self) -> np.ndarray | slice:
-        """`v_index`, as a slice where that is one."""
+        """`v_index`, as a slice if its entries are consecutive."""
         return as_slice(self.v_index)
 
     @cached_property
@@ -98,7 +98,7 @@ class RobotModel:
 
     @property
     def moving_joints(self) -> tuple[str, ...]:
-        """Names of all joints that move, those that follow others among them."""
+        """Names of all joints that move, including those that follow others."""
         return self.joints + (self.followers.names if self.followers is not None else ())
 
     @property
@@ -126,7 +126,7 @@ class RobotModel:
 
         Args:
             name: name of a link or joint of the URDF.
-            key: the configuration key that names it, for the error.
+            key: the configuration key of the frame, for the error message.
 
         Raises:
             ConfigurationError: where the model has no such frame.
@@ -137,10 +137,10 @@ class RobotModel:
         return int(self.pinocchio.getFrameId(name))
 
     def joint_columns(self, names: Sequence[str], key: str) -> np.ndarray:
-        """Give the place of each named joint in `joints`, (k,); no names means all joints.
+        """Indices in `joints` of the named joints, (k,); no names means all joints.
 
         Raises:
-            ConfigurationError: where a joint is not one of them.
+            ConfigurationError: where a name is not in `joints`.
         """
         for name in names:
             if name not in self.joints:
@@ -150,7 +150,7 @@ class RobotModel:
         return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
 
     def configuration(self, joint_positions: Array, base: pin.SE3 | None = None) -> Array:
-        """Assemble q from the positions of the joints, (nj,), and the base's placement."""
+        """Assemble q from the joint positions, (nj,), and the placement of the base."""
         q = np.array(pin.neutral(self.pinocchio))
         if self.floating_base and base is not None:
             q[:7] = pin.SE3ToXYZQUAT(base)
@@ -166,13 +166,13 @@ class RobotModel:
         pose: Array | None = None,
         twist: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Assemble q and v from what is measured.
+        """Assemble q and v from measurements.
 
         Args:
             joint_positions: (nj,) in rad.
             joint_velocities: (nj,) in rad/s.
             pose: position and quaternion of a floating base, (7,).
-            twist: its velocity in its own axes, (6,).
+            twist: velocity of the base in its own axes, (6,).
         """
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:
@@ -192,7 +192,7 @@ class RobotModel:
         return force
 
     def joint_forces(self, force: Array) -> Array:
-        """A generalized force, (nv,), at the joints, (nj,); that on followers acts on the joints that they follow."""
+        """Joint components, (nj,), of a generalized force, (nv,); forces on followers are added to their leaders."""
         if self.followers is not None:
             force = np.array(force)
             self.followers.carry(force)
@@ -200,7 +200,7 @@ class RobotModel:
 
 
 def root_link(model: pin.Model) -> str:
-    """Name the link that the base joint carries, or that is fixed to the world."""
+    """Name of the root link: the link of the floating base, or the link fixed to the world."""
     wanted = 1 if model.njoints > 1 and model.joints[1].nq == 7 else 0
     for frame in model.frames:
         if frame.type == pin.BODY and frame.parentJoint == wanted and frame.name != "universe":

@@ -26,7 +26,7 @@ class PassiveJoint:
 
 
 class PassiveForces:
-    """The forces of springs and dampers, -k (q - q₀) - d q̇: known, and part of the bias h like gravity (S1, S4).
+    """The known forces of springs and dampers, -k (q - q₀) - d q̇: part of the bias h, like gravity (S1, S4).
 
     Attributes:
         joints: by name, (k,).
@@ -41,7 +41,7 @@ class PassiveForces:
         Args:
             joints: by name.
             q_index: index in q of each, by name.
-            v_index: the same in v.
+            v_index: index in v of each, by name.
         """
         self.joints = dict(joints)
         self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)
@@ -51,7 +51,7 @@ class PassiveForces:
         self._rest = np.array([joint.rest for joint in joints.values()])
 
     def torques(self, q: Array, v: Array) -> Array:
-        """Torques that springs and dampers give at a state, (k,) in N·m.
+        """Torques of the springs and dampers at a state, (k,) in N·m.
 
         Args:
             q: configuration, (nq,).

@@ -1,4 +1,4 @@
-"""What drives the joints: motors of their own, transmissions, or nothing. Knows no Pinocchio, as the guard has none."""
+"""The drive of the joints: own motors, transmissions or none; without Pinocchio, which the guard does not load."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 
-#: Share of an actuator's ratios that must be independent of the other actuators'.
+#: Least part of an actuator's normalized ratios that must be independent of the other actuators.
 _INDEPENDENT = 1.0e-6
 
 
@@ -19,10 +19,10 @@ class Transmission:
     """An actuator that moves one or several joints.
 
     Attributes:
-        ratios: for each joint, how far the actuator turns per turn of the joint: its speed is Σ ratio · q̇, and its
-            torque τ is the torque ratio · τ at each of these joints.
+        ratios: rotation of the actuator per rotation of the joint, by joint: the actuator's speed is Σ ratio · q̇, and
+            its torque τ gives the torque ratio · τ at each of these joints.
         effort_limit: largest torque of the actuator, N·m.
-        rotor_inertia: of what turns with the actuator, kg·m².
+        rotor_inertia: inertia of the parts that rotate with the actuator, kg·m².
     """
 
     ratios: Mapping[str, float]
@@ -31,16 +31,17 @@ class Transmission:
 
 
 class Drive:
-    """The actuators, and what they are at the joints: their speeds are R q̇, and their torques τ are Rᵀτ there.
+    """The actuators and their ratios R to the joints: their speeds are R q̇, and torques τ give joint torques Rᵀτ.
 
     Attributes:
         names: names of the actuators, in the order of the command, (na,).
-        effort_limits: largest torque of each, (na,) in N·m, whatever share of it is to be used.
+        effort_limits: largest torque of each, (na,) in N·m, before any scaling of the limits.
         ratios: R, (na, nj), of full row rank.
         driven: whether any actuator moves each joint, (nj,).
-        motors: index of the joint that each actuator is the motor of, (na,); None where one is not as simple.
-        rotor_inertia: of each transmission's actuator, (na,) in kg·m²; 0 for motors of joints.
-        by_joint: whether the robot is commanded by torques at its driven joints, instead of those of its actuators.
+        motors: index of the joint whose motor each actuator is, (na,); None if an actuator moves several joints, or has
+            a ratio other than 1.
+        rotor_inertia: rotor inertia of each transmission's actuator, (na,) in kg·m²; 0 for motors of joints.
+        by_joint: whether the command consists of torques at the driven joints instead of torques of the actuators.
         command_size: number of torques in the effort command.
     """
 
@@ -53,14 +54,14 @@ class Drive:
         rotor_inertia: Array | None = None,
         by_joint: bool = False,
     ) -> None:
-        """Take actuators.
+        """Make a drive.
 
         Args:
             names: names of the actuators, (na,).
             effort_limits: largest torques, (na,) in N·m.
             ratios: R, (na, nj).
-            rotor_inertia: of each actuator, (na,) in kg·m²; none means zero.
-            by_joint: whether the robot is commanded by torques at its driven joints.
+            rotor_inertia: of each actuator, (na,) in kg·m²; None for zero.
+            by_joint: whether the command consists of torques at the driven joints.
 
         Raises:
             ConfigurationError: where the actuators are not independent of each other.
@@ -79,7 +80,7 @@ class Drive:
         self._from_joints = np.linalg.solve(ratios @ ratios.T, ratios)
 
     def motors_of(self, joints: np.ndarray) -> np.ndarray | None:
-        """Find the actuators that are the motors of some joints, by index, (k,); None where one's is not as simple."""
+        """Indices of the actuators that are the motors of the given joints, (k,); None where `motors` is None."""
         if self.motors is None:
             return None
         return np.array([int(np.flatnonzero(self.motors == joint)[0]) for joint in joints], dtype=np.intp)
@@ -89,19 +90,19 @@ class Drive:
         return np.asarray(joint_velocities[self.motors] if self.motors is not None else self.ratios @ joint_velocities)
 
     def at_joints(self, tau: Array) -> Array:
-        """What torques of the actuators, (na,), are at the joints, Rᵀτ: (nj,) in N·m."""
+        """Joint torques, (nj,) in N·m, of actuator torques, (na,): Rᵀτ."""
         return np.asarray(tau if self._is_identity else tau @ self.ratios)
 
     def from_joints(self, torques: Array) -> Array:
-        """Torques of the actuators that come nearest to torques at the joints, (R Rᵀ)⁻¹ R: (nj,) to (na,)."""
+        """Actuator torques that best match joint torques (least squares), (R Rᵀ)⁻¹ R: (nj,) to (na,)."""
         return np.asarray(torques[self.motors] if self.motors is not None else self._from_joints @ torques)
 
     def command(self, tau: Array) -> Array:
-        """The effort command for torques of the actuators, (na,): these, or what they are at the driven joints."""
+        """The effort command for actuator torques, (na,): these themselves, or the torques at the driven joints."""
         return np.asarray(self.at_joints(tau)[self.driven] if self.by_joint else tau)
 
     def from_command(self, values: Array) -> Array:
-        """Torques of the actuators that an effort command, (command_size,), asks for: (na,)."""
+        """Actuator torques, (na,), that correspond to an effort command, (command_size,)."""
         if not self.by_joint:
             return values
         torques = np.zeros(self.ratios.shape[1])
@@ -118,20 +119,20 @@ def make_drive(
     passive: Collection[str] = (),
     by_joint: bool = False,
 ) -> Drive:
-    """Find out what drives each joint.
+    """Make the drive of a robot from its settings.
 
     Args:
         joints: names of the joints, (nj,).
-        joint_efforts: the URDF's effort limits, (nj,) in N·m: those of joints' own motors.
-        actuators: names in the order of the command, of joints with a motor of their own and of transmissions; empty
-            for one motor at each joint that is not passive.
+        joint_efforts: effort limits of the URDF, (nj,) in N·m, which apply to the joints' own motors.
+        actuators: names in the order of the command, of joints with their own motor and of transmissions; empty for one
+            motor at each joint that is not passive.
         transmission: actuators with ratios, by name.
         passive: names of the joints without a motor of their own.
-        by_joint: whether the robot is commanded by torques at its driven joints.
+        by_joint: whether the command consists of torques at the driven joints.
 
     Raises:
-        ConfigurationError: where a name is unknown, a joint is driven by nothing and is not passive, or the actuators
-            are not independent.
+        ConfigurationError: where a name is unknown, a joint is neither driven nor passive, or the actuators are not
+            independent.
     """
     transmission = transmission or {}
     if transmission and not actuators:
@@ -181,7 +182,7 @@ def make_drive(
 
 
 def _require_independent(names: Sequence[str], ratios: Array) -> None:
-    """Refuse actuators whose torques cannot be told apart: R must have full row rank."""
+    """Refuse redundant actuators, whose torques cannot be told apart: R must have full row rank."""
     if not names:
         raise ConfigurationError("robot.actuators: there is none; a robot without any actuator cannot be controlled")
     rows = np.zeros((0, ratios.shape[1]))

@@ -1,4 +1,4 @@
-"""The active set of the problem before, and the answer that it leads to: one linear solve."""
+"""Warm start with the active set of the previous problem: the solution then takes one linear solve."""
 
 from __future__ import annotations
 
@@ -9,52 +9,55 @@ from wbc_controller.core.program.problem import QuadraticProgram, Squares
 from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.records import Array
 
-#: Largest violation of a constraint, as DAQP has it, in the problem's units.
+#: Largest violation of a constraint, in the problem's units; the same as DAQP's tolerance.
 _FEASIBLE = 1.0e-8
-#: Largest norm of the solution of a linear system that is not next to singular: of usual ones it is 1e3.
+#: Largest norm of a solution before its linear system counts as nearly singular; 1e3 is usual.
 _LARGEST = 1.0e8
 
 
 class ActiveSet:
-    """Solves a quadratic program where the inequalities that hold with equality are those of the one before.
+    """Solves a quadratic program under the assumption that its active set is that of the previous problem.
 
-    From one cycle to the next they hardly change, and often there are none. Where they are known, the answer is that of
-    a linear system, with W the active ones among the rows [I; C] and w their bounds,
+    The active set hardly changes from one cycle to the next, and is often empty. If it is known, the solution follows
+    from a linear system, with W the active rows of [I; C] and w their bounds,
 
         | H  Aᵀ  Wᵀ | | x |   | -g |
         | A  0   0  | | y | = |  b |
         | W  0   0  | | λ |   |  w |
 
-    which takes a fraction of the time of a solver that has to look for them. x is the minimizer exactly if it meets all
-    inequalities and no multiplier λ has the wrong sign, and that is checked. Where it is not, a solver searches.
+    in a fraction of the time that a solver needs to search for the active set. x is the minimizer if and only if it
+    meets all inequality constraints and no multiplier λ has the wrong sign. This is checked; if it fails, a solver
+    searches.
 
-    Mostly the cost is ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² (`Squares`) with few rows R, and d > 0 but for the k
-    first columns, those of the base, which the k last equalities determine: x_k = s - N z, with z the columns after
-    them. Without them R, the other equalities and W are, as rows of z, B = [R'; A'; W'] with right sides β = [r'; b';
-    w'], and with p = -[w (R'z - r'); y; λ]
+    Usually the system can be condensed. The cost is then ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² (`Squares`) with few
+    rows R, and d > 0 except in the first k columns, the base accelerations. These are eliminated by the last k equality
+    constraints: x_k = s - N z, with z the remaining variables. In terms of z, the rows of R, of the other equality
+    constraints and of W become B = [R'; A'; W'] with right-hand sides β = [r'; b'; w'], and with
+    p = -[w (R'z - r'); y; λ]
 
         z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t
 
-    where E is 1 / w on the diagonal of the rows R' and 0 elsewhere: half as many unknowns, and positive definite. Where
-    weights are so far apart (1e11 and more) that it loses too many digits, it is left alone until they change.
+    where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
+    and is positive definite. If weights differ so much (by 1e11 and more) that it loses too many digits, it is not used
+    until the weights change.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
-        """Start with no inequality active."""
+        """Start with an empty active set."""
         self._n, self._m = n, equalities
         self._side = np.zeros(n + inequalities, dtype=np.int8)  # 1 at the upper bound, -1 at the lower one
         self._active = self._side.nonzero()[0]
         self._none = np.zeros(len(self._side))
         self._none.setflags(write=False)
-        self._too_far: Array | None = None  # the d⁻¹ with which the smaller system was not accurate enough
+        self._too_far: Array | None = None  # the d⁻¹ for which the condensed system was not accurate enough
 
     def learn(self, multipliers: Array) -> None:
-        """Take the active set of an answer, (n + m_in,) as in `Answer`."""
+        """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
         self._side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
         self._active = self._side.nonzero()[0]
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
-        """Try it; None where it is not the one of this problem."""
+        """Solve with the stored active set; None if it is not the active set of this problem."""
         active = self._active
         if self._m + len(active) > self._n:
             return None
@@ -70,7 +73,7 @@ class ActiveSet:
             if squares and condensed and not residuals.equalities.max(initial=0.0) <= _FEASIBLE:
                 self._too_far = squares.inverse
                 answer = self.solve(problem)
-                if answer is None:  # it was not for the weights
+                if answer is None:  # the weights were not the reason
                     self._too_far = None
                 return answer
             return None
@@ -92,7 +95,7 @@ class ActiveSet:
         return rows
 
     def _full(self, problem: QuadraticProgram, active: Array | None) -> tuple[Array, Array, float] | None:
-        """x, -λ and the cost; None where they are not determined."""
+        """x, -λ and the cost from the full system; None if it is singular or nearly so."""
         n, m = self._n, self._n + self._m
         size = m if active is None else m + len(active)
         K, right = np.zeros((size, size)), np.empty(size)
@@ -103,16 +106,16 @@ class ActiveSet:
         if active is not None:
             K[m:, :n], right[m:] = active[:, :-1], active[:, -1]
         K[:n, n:] = K[n:, :n].T
-        _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # of the symmetric K the transpose saves a copy
+        _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # K is symmetric: its transpose saves a copy
         if info != 0 or not answer.dot(answer) <= _LARGEST**2:
             return None
-        # xᵀHx is -gᵀx - bᵀy - wᵀλ: multiply the conditions of the minimum by xᵀ. And right is [-g; b; w].
+        # xᵀHx = -gᵀx - bᵀy - wᵀλ, the stationarity condition times xᵀ; and right is [-g; b; w].
         return answer[:n], -answer[m:], problem.cost.constant - 0.5 * float(right @ answer)
 
     def _condensed(self, squares: Squares, active: Array | None) -> tuple[Array, Array, float] | None:
-        """The same by the smaller system.
+        """x, -λ and the cost from the condensed system; None if it is singular or nearly so.
 
-        The right sides are one more column, for which x has -1. The columns of the base stay, and become zero.
+        The right-hand sides are one more column, for which x has -1. The columns of the base are kept, and become zero.
         """
         first = squares.first
         B = squares.stack
@@ -130,15 +133,15 @@ class ActiveSet:
         T = B * squares.inverse
         beta = B.dot(squares.minus_target)  # β - B t
         p = beta
-        if len(p):  # there are none for a fixed base and tasks on joints alone
+        if len(p):  # there are no rows for a fixed base with tasks on joints alone
             K = T.dot(B.T)
             K.reshape(-1)[: len(squares.slack) * (len(p) + 1) : len(p) + 1] += squares.slack
-            _, p, info = dposv(K.T, beta, overwrite_a=True)  # of the symmetric K the transpose saves a copy
+            _, p, info = dposv(K.T, beta, overwrite_a=True)  # K is symmetric: its transpose saves a copy
             if info != 0 or not p.dot(p) <= _LARGEST**2:
                 return None
         x = p.dot(T)
         x -= squares.minus_target
         if first:
             np.negative(N.dot(x), out=x[:first])
-        # (z - t)ᵀd (z - t) is pᵀB (z - t), and that B z is β - E p: what is left of all squares is half of this.
+        # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
         return x[:-1], p[equations:], squares.constant + 0.5 * float(p.dot(beta))

@@ -1,4 +1,4 @@
-"""DAQP, a dual active-set solver: persistent workspace, warm-started; first the last active set is tried by itself."""
+"""DAQP, a dual active-set solver with a persistent workspace and warm start, after a first try by `ActiveSet`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wbc_controller.core.solvers.solver import Answer, Solver
 
 _EQUALITY = 5
 _OPTIMAL = 1
-#: Weight of the proximal term, where one is needed.
+#: Weight of the proximal term in the second attempt.
 _PROXIMAL = 1.0e-4
 _INFINITY = 1.0e30
 _STATUS = {
@@ -28,7 +28,7 @@ _STATUS = {
 
 
 class DaqpSolver(Solver):
-    """DAQP, where the active set of the last problem is not that of this one.
+    """DAQP, called if the active set of the previous problem is not that of this one.
 
     From Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive LDLᵀ
     updates" (IEEE Transactions on Automatic Control, 2022).
@@ -38,7 +38,7 @@ class DaqpSolver(Solver):
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         rows = equalities + inequalities
-        self._inequalities = n + inequalities  # the bounds of x are the first
+        self._inequalities = n + inequalities  # the bounds of x come first
         self._rows = np.zeros((rows, n))
         self._upper = np.zeros(n + rows)
         self._lower = np.zeros(n + rows)
@@ -63,8 +63,8 @@ class DaqpSolver(Solver):
             flag = self._model.update(H=problem.H, f=problem.g, A=self._rows, bupper=self._upper, blower=self._lower)
         x, flag, iterations, multipliers = self._run(self._model, flag)
         if flag != _OPTIMAL:
-            # What is left of a failed solve must not start the next one. And where H is ill conditioned and the answer
-            # in a corner, feasible problems are called infeasible; by proximal iterations they hardly ever are.
+            # A failed solve must not warm-start the next one. And with an ill-conditioned H and a solution in a corner,
+            # DAQP can report a feasible problem as infeasible; with proximal iterations it hardly ever does.
             self._model = None
             x, flag, more, multipliers = self._run(*self._set_up(problem, _PROXIMAL))
             iterations += more
@@ -82,7 +82,7 @@ class DaqpSolver(Solver):
 
     @staticmethod
     def _run(model: daqp.Model, flag: int) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Answer, exit flag, iterations and multipliers; where the set-up has failed, its flag."""
+        """Minimizer, exit flag, iterations and multipliers; if the set-up has failed, the flag given."""
         if flag < 0:
             return np.zeros(0), flag, 0, np.zeros(0)
         x, _, flag, info = model.solve()

@@ -27,7 +27,7 @@ def available_solvers() -> list[str]:
 
 
 def make_solver(name: str, problem: QuadraticProgram) -> Solver:
-    """Make a solver for problems of the size of one.
+    """Make a solver for problems of the same size as the one given.
 
     Raises:
         ConfigurationError: where no solver of that name is installed.

@@ -1,4 +1,4 @@
-"""Strict priorities: one quadratic program per level, each within what the levels above leave free."""
+"""Strict priorities: one quadratic program per level, each in the null space of the levels above."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from wbc_controller.core.program.problem import Level, QuadraticProgram
 from wbc_controller.core.solvers import Answer, Solver
 from wbc_controller.records import Array, LevelReport
 
-#: Rows count as dependent below this share of the largest.
+#: Rows count as linearly dependent below this share of the largest.
 _RANK = 1.0e-9
-#: Room that a level leaves at a bound that it has reached, in the problem's units, so that z = 0 is inside.
+#: Room that a level leaves at a binding constraint, in the problem's units, so that z = 0 is feasible below.
 _ROOM = 1.0e-7
 #: Largest violation of the equalities by their own least-squares solution, in the problem's units.
 _CONSISTENT = 1.0e-6
@@ -23,27 +23,27 @@ class Hierarchy:
     """Solves levels one after the other, so that no level worsens one above it.
 
     After Kanoun, Lamiraux, Wieber, "Kinematic control of redundant manipulators: generalizing the task-priority
-    framework to inequality tasks" (T-RO 27, 2011), with null spaces in place of equalities, as Escande, Mansard and
-    Wieber, "Hierarchical quadratic programming" (IJRR 33, 2014). With N a basis of what the equalities A x = b and the
-    levels above leave free, level k minimizes over z and s
+    framework to inequality tasks" (T-RO 27, 2011), with null spaces in place of equality constraints, as in Escande,
+    Mansard and Wieber, "Hierarchical quadratic programming" (IJRR 33, 2014). With N a basis of the null space of the
+    equality constraints A x = b and of the levels above, level k minimizes over z and s
 
         ½ xᵀHx + gᵀx + ½ ‖s‖²,    x = x_above + N z,    lower ≤ G x + s ≤ upper
 
-    within the inequalities of the problem. Then its rows join those that N leaves alone, and its rows with a tolerance
-    join the inequalities, by as much wider as s says that they had to be.
+    subject to the inequality constraints of the problem. After that N is reduced to the null space of its rows too, and
+    its rows with a tolerance become inequality constraints, widened by the slack s.
 
     Attributes:
-        reports: of the last call: each level that was solved.
-        unsolved: of the last call: a sentence for each level below the first whose solver failed. The levels above it
-            count.
+        reports: a report of each level that was solved in the last call.
+        unsolved: one sentence for each level below the first whose solver failed in the last call; the solution of
+            the other levels is used.
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
         """Make a hierarchy.
 
         Args:
-            make_solver: makes a solver for problems of the size of one.
-            timer: gives seconds.
+            make_solver: makes a solver for problems of the same size as the one given.
+            timer: returns the time in s.
         """
         self.reports: tuple[LevelReport, ...] = ()
         self.unsolved: tuple[str, ...] = ()
@@ -55,12 +55,12 @@ class Hierarchy:
         """Solve all levels.
 
         Args:
-            problem: its constraints hold for all levels.
-            levels: by falling priority.
+            problem: the problem whose constraints apply to all levels.
+            levels: highest priority first.
 
         Returns:
-            The answer in the problem's unknowns; of each constraint the multiplier is that in the first level that it
-            limits. None, as from a solver, where the first level has no solution.
+            The solution in the problem's decision variables. The multiplier of each constraint is that of the first
+            level in which it is binding. If the first level has no solution, x is None, as from a solver.
         """
         self.reports, self.unsolved = (), ()
         n = problem.n
@@ -90,7 +90,7 @@ class Hierarchy:
                 continue
             z, slack = np.split(answer.x, [free.shape[1]])
             x = x + free @ z
-            # Of the rows of the reduced problem the first are those of the problem; it has no bounds of its own.
+            # The reduced problem has no bounds on its variables; its first rows are the bounds and rows of the problem.
             costs = answer.multipliers[len(reduced.g) :][: len(multipliers)]
             multipliers = np.where(multipliers == 0.0, costs, multipliers)
             value = level.G @ x
@@ -107,7 +107,7 @@ class Hierarchy:
 def _reduced(
     level: Level, x: Array, free: Array, rows: Array, lower: Array, upper: Array, *, widened: bool
 ) -> QuadraticProgram:
-    """One level in the unknowns [z, s]; widened, so that z = 0 is an answer, whatever rounding did above."""
+    """One level in the variables [z, s]; if widened, z = 0 is feasible in spite of rounding in the levels above."""
     nz, ns, m = free.shape[1], len(level.G), len(rows)
     reduced = QuadraticProgram.empty(nz + ns, 0, m + ns)
     H = free.T @ level.cost.H @ free
@@ -121,7 +121,7 @@ def _reduced(
         np.minimum(reduced.lower[:m], -_ROOM, out=reduced.lower[:m])
         np.maximum(reduced.upper[:m], _ROOM, out=reduced.upper[:m])
         decided = np.linalg.norm(reduced.C[:m], axis=1) <= _RANK * np.maximum(1.0, np.linalg.norm(rows, axis=1))
-        reduced.lower[:m][decided], reduced.upper[:m][decided] = -np.inf, np.inf  # z does not move them
+        reduced.lower[:m][decided], reduced.upper[:m][decided] = -np.inf, np.inf  # z does not affect these rows
     value = level.G @ x
     reduced.C[m:, :nz] = level.G @ free
     reduced.C[m:, nz:] = np.eye(ns)
@@ -130,15 +130,15 @@ def _reduced(
 
 
 def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
-    """The smallest x with A x = b, of dependent rows counting some, and a basis of A's null space."""
+    """The smallest x with A x = b, from a maximal set of independent rows, and a basis of A's null space."""
     Q, R, order, rank = _factors(A)
-    # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first independent rows are R₁ᵀ y = b.
+    # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows, which are independent, read R₁ᵀ y = b.
     y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)
     return Q[:, :rank] @ y, Q[:, rank:]
 
 
 def _null_space(A: Array) -> Array:
-    """Orthonormal basis, (n, n - rank)."""
+    """Orthonormal basis of the null space of A, (n, n - rank)."""
     Q, _, _, rank = _factors(A)
     return Q[:, rank:]
 

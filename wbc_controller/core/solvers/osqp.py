@@ -1,4 +1,4 @@
-"""OSQP, an operator-splitting solver: persistent, warm-started from the last answer."""
+"""OSQP, an operator-splitting solver: persistent, warm-started from the last solution."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class OsqpSolver(Solver):
         self._h_rows = self._upper_triangle[0][order]
         self._h_columns = self._upper_triangle[1][order]
         self._h_starts = np.concatenate([[0], np.cumsum(n_range + 1)])
-        # Of the rows of the bounds only the diagonal is stored.
+        # Only the diagonal of the rows of the bounds is stored.
         self._a_rows = np.concatenate([np.append(np.arange(rows), rows + j) for j in n_range])
         self._a_columns = np.repeat(n_range, rows + 1)
         self._a_starts = np.arange(n + 1) * (rows + 1)
@@ -81,7 +81,7 @@ class OsqpSolver(Solver):
                 eps_abs=1.0e-5,
                 eps_rel=1.0e-5,
                 max_iter=4000,
-                polishing=self._equalities > 0,  # without any it prints a line in every cycle that has no active set
+                polishing=self._equalities > 0,  # without equalities it prints a line whenever the active set is empty
                 check_termination=5,
             )
         else:

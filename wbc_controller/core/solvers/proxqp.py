@@ -1,4 +1,4 @@
-"""ProxQP, an augmented-Lagrangian solver, dense back end: persistent, warm-started from the last answer."""
+"""ProxQP, an augmented-Lagrangian solver, dense back end: persistent, warm-started from the last solution."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class ProxqpSolver(Solver):
         qp = _proxqp.dense.QP(n, equalities, inequalities, True)
         qp.settings.eps_abs = 1.0e-7
         qp.settings.eps_rel = 0.0
-        # An infeasible problem uses all of these, inner ones in each outer one: 1000 times 1500 took 20 s. Feasible
-        # problems need about ten.
+        # An infeasible problem uses all iterations, inner times outer: 1000 times 1500 took 20 s. Feasible problems
+        # need about ten.
         qp.settings.max_iter = 50
         qp.settings.max_iter_in = 50
-        # With the default of 1e-4, feasible problems with a tight cone were called infeasible (1 to 20 in 100).
+        # With the default of 1e-4, feasible problems with a tight cone were reported as infeasible (1 to 20 in 100).
         qp.settings.eps_primal_inf = 1.0e-12
         qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         return qp
@@ -54,7 +54,7 @@ class ProxqpSolver(Solver):
         qp.solve()
         info = qp.results.info
         if info.status == _proxqp.PROXQP_SOLVED:
-            z, rows = np.array(qp.results.z), len(problem.upper)  # of the rows of C, then of the bounds of x
+            z, rows = np.array(qp.results.z), len(problem.upper)  # z: the rows of C, then the bounds of x
             return Answer(np.array(qp.results.x), "optimal", int(info.iter), np.concatenate([z[rows:], z[:rows]]))
         status = str(info.status).rsplit(".", 1)[-1].removeprefix("PROXQP_").replace("_", " ").lower()
         self._qp, self._started = self._make(), False

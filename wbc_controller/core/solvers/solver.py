@@ -1,4 +1,4 @@
-"""What every solver back end does."""
+"""The base class of solver back ends, and the answer that they give."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ NOT_FINITE = "not finite"
 
 @dataclass(slots=True)
 class Answer:
-    """What a solver says.
+    """The result of a solver.
 
     Attributes:
-        x: the minimizer, (n,); None where there is none.
-        status: the solver's own word for the outcome.
+        x: the minimizer, (n,); None if none was found.
+        status: the solver's own status.
         iterations: the solver's own count.
         multipliers: of the bounds of x, then of the rows of C, (n + m_in,): positive at an upper bound, negative at a
-            lower one, 0 away from both; with those of the equalities, Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0.
-        residuals: of the problem's constraints at x, where the solver has computed them.
-        cost: of x, likewise.
+            lower one, 0 for inactive constraints. With the multipliers y of the equality constraints,
+            Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0.
+        residuals: residuals of the problem's constraints at x, if the solver has computed them.
+        cost: cost at x, if the solver has computed it.
     """
 
     x: Array | None
@@ -37,29 +38,29 @@ class Answer:
 
 
 class Solver(ABC):
-    """A solver bound to problems of one size; it may keep what helps the next solve.
+    """A solver for problems of one size; it may keep a warm start for the next solve.
 
     Attributes:
-        tolerance: largest constraint violation that its answers may have, in the problem's units.
-        for_levels: whether it solves the problems of levels below the first, where feasible sets are thin.
+        tolerance: largest constraint violation that its solutions may have, in the problem's units.
+        for_levels: whether it is accurate enough for the problems of lower levels, whose feasible sets are thin.
     """
 
     tolerance: float
     for_levels = True
 
     def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem, warm-started from the last answer. Never raises for a problem without solution."""
+        """Solve a problem, warm-started from the last solution; never raises for an infeasible problem."""
         answer = self._guess(problem)
         if answer is not None:
             return answer
-        if not problem.is_finite:  # back ends may spin for seconds on it, or raise
+        if not problem.is_finite:  # back ends may iterate for seconds on such a problem, or raise
             return Answer(None, NOT_FINITE, 0)
         return self._search(problem)
 
     def _guess(self, problem: QuadraticProgram) -> Answer | None:
-        """An answer without a search, if there is one; it is checked, so that it is finite in all its parts."""
+        """A solution from the warm start alone, checked and finite; None if the warm start does not give one."""
         return None
 
     @abstractmethod
     def _search(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem that is finite."""
+        """Solve a problem whose entries are all finite."""

@@ -1,4 +1,4 @@
-"""Any other solver of qpsolvers, by name."""
+"""All other solvers, by name, through qpsolvers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wbc_controller.core.solvers.solver import Answer, Solver
 
 
 class ThroughQpsolvers(Solver):
-    """A solver called through qpsolvers: set up anew in every cycle, so slower than the persistent ones."""
+    """A solver called through qpsolvers: set up anew in every cycle, so slower than the persistent back ends."""
 
     tolerance = 1.0e-3
 
@@ -26,9 +26,9 @@ class ThroughQpsolvers(Solver):
         try:
             solution = qpsolvers.solve_problem(qp, solver=self._name, initvals=self._last)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError) as error:
-            # Some back ends raise for an infeasible problem instead of saying so.
+            # Some back ends raise for an infeasible problem instead of returning a status.
             return Answer(None, f"{type(error).__name__}: {error}", 0)
-        # A solution may be marked as found and hold NaN: look at the numbers.
+        # A solution can be marked as found and contain NaN.
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
             return Answer(None, "no solution found", 0)
         self._last = np.array(solution.x)

@@ -1,4 +1,4 @@
-"""The tasks: one file per kind, on the base class of `task`."""
+"""The tasks: one file per kind, derived from the base classes in `task`."""
 
 from wbc_controller.core.tasks.alignment import AxisAlignmentTask, GazeTask
 from wbc_controller.core.tasks.capture_point import CapturePointTask

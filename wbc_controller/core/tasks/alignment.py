@@ -1,4 +1,4 @@
-"""An axis of a frame that points along a direction, or at a point."""
+"""Tasks that point an axis of a frame along a direction, or at a point."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, Reference
 
-#: A target nearer than this has no direction, and one that is this close to straight ahead or behind is there; m, rad.
+#: A target nearer than this has no direction, m; sin θ below which a target counts as straight ahead or behind.
 _TINY = 1.0e-9
-#: How far ahead on its axis the point lies at which a gaze task looks before it is told where, m.
+#: Distance along the axis of the point that a gaze task looks at until a command sets another one, m.
 _AHEAD = 1.0
 
 
 class _AlignmentTask(MotionTask):
-    """What both have in common: turn the axis n towards d = r / ‖r‖, where r leads to the target.
+    """Base of both tasks: turn the axis n towards d = r / ‖r‖, where r is the vector to the target.
 
-    The spin about n is free: there are two independent rows and no projector, along two axes b₁, b₂ fixed in the frame
-    and perpendicular to the axis a. b₁ is the frame's axis that is farthest from a, made perpendicular to it, and
+    The spin about n is free: the task has two independent rows and no projector, along two axes b₁, b₂ fixed in the
+    frame and perpendicular to the axis a. b₁ is the frame axis farthest from a, made perpendicular to a, and
     b₂ = a × b₁. With R the orientation of the frame, n = R a, T = [b₁ b₂]ᵀ Rᵀ, and ω the frame's angular velocity,
 
         ẋ = T ω             ẍ = T ω̇                                       rad/s, rad/s²
@@ -33,8 +33,9 @@ class _AlignmentTask(MotionTask):
         ẋ_ref = T ω_d,   ω_d = r × ṙ / ‖r‖²                                rad/s
         ẍ_ref = T (ω̇_d + (n·ω) ṅ)                                         rad/s²
 
-    where the last term takes out of ω̇ what the spin does to it: seen from axes that do not spin, the angle to the
-    target is a spring with a damper. With d opposite to n the way round is open: the frame turns about b₁.
+    where the last term compensates the effect of the spin on ω̇: seen from axes that do not spin, the angle to the
+    target behaves as a spring with a damper. With d opposite to n the direction of rotation is arbitrary: the frame
+    turns about b₁.
 
     Source: the angle-axis error of two unit vectors, as in Siciliano et al., Robotics: Modelling, Planning and Control,
     2009, section 3.7.3, less its component along n.
@@ -58,9 +59,9 @@ class _AlignmentTask(MotionTask):
             name: the task's name.
             model: the robot's model.
             frame: a frame of the URDF.
-            axis: a, in the frame, (3,), of any length but zero.
+            axis: a, in the frame, (3,), of any non-zero length.
             stiffness: K, 1/s², one number or one each for b₁ and b₂.
-            damping: D, 1/s, likewise; critical where it is not given.
+            damping: D, 1/s, one number or one each for b₁ and b₂; by default critical.
 
         Raises:
             ConfigurationError: where the model has no such frame, the axis has no direction, or a list of gains has
@@ -79,7 +80,7 @@ class _AlignmentTask(MotionTask):
         self._sides = np.stack([b1, np.cross(self._axis, b1)])  # (2, 3), in the frame
 
     def direction(self, dynamics: Dynamics) -> Array:
-        """Where the axis points, n, a unit vector in the world, (3,)."""
+        """Direction of the axis, n, a unit vector in the world, (3,)."""
         return np.asarray(dynamics.placement(self._frame_id).rotation @ self._axis)
 
     def _error_towards(self, dynamics: Dynamics, r: Array) -> Array:
@@ -95,7 +96,7 @@ class _AlignmentTask(MotionTask):
         return np.asarray(turn * (math.atan2(sine, cosine) / sine))
 
     def _turning(self, dynamics: Dynamics, position: Array, r: Array, r_dot: Array, r_ddot: Array) -> Reference:
-        """The reference in the task's own two axes."""
+        """The reference with its velocity and acceleration along b₁ and b₂, (2,): ẋ_ref and ẍ_ref."""
         square = float(r @ r)
         if square <= _TINY**2:
             return Reference(position, np.zeros(2), np.zeros(2))
@@ -119,27 +120,27 @@ class _AlignmentTask(MotionTask):
         return np.asarray(self._sides @ dynamics.drift_local(self._frame_id)[3:])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference that keeps the present value; its velocity is that of its position, (3,)."""
+        """Reference that holds the present value; its velocity has the shape of its position, (3,)."""
         still = np.zeros(3)
         return Reference(self.position(dynamics), still, still)
 
 
 class AxisAlignmentTask(_AlignmentTask):
-    """An axis fixed in a frame points along a direction of the world: two rows, rad.
+    """Task that points an axis fixed in a frame along a direction in the world: two rows, rad.
 
-    The reference is a direction r, (3,), of any length but zero, with ṙ and r̈ in 1/s and 1/s² where its length is 1.
-    Between two directions it moves along their chord, not through more than half a turn: give directions that are less
-    than 180° apart. The law is that of `_AlignmentTask`.
+    The reference is a direction r, (3,), of any non-zero length, with ṙ and r̈ in 1/s and 1/s² for a unit vector.
+    Between two directions the reference moves along their chord, and never by more than half a turn: give directions
+    that are less than 180° apart. The control law is that of `_AlignmentTask`.
     """
 
     form = ReferenceForm(direction=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Where the axis points, a unit vector in the world, (3,)."""
+        """Direction of the axis, a unit vector in the world, (3,)."""
         return self.direction(dynamics)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Rotation to a direction, (2,) in rad; its norm is the angle."""
+        """Rotation from the axis to a direction, (2,) in rad; its norm is the angle."""
         return self._error_towards(dynamics, position)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
@@ -149,25 +150,25 @@ class AxisAlignmentTask(_AlignmentTask):
 
 
 class GazeTask(_AlignmentTask):
-    """An axis fixed in a frame, through its origin o, points at a point p of the world: two rows, rad.
+    """Task that points an axis through a frame's origin o at a point p of the world: two rows, rad.
 
-    The reference is p, (3,) in m, in the world. The law is that of `_AlignmentTask` with r = p - o: what the origin's
-    own motion does to the direction is part of it, its acceleration J_o v̇ + J̇_o v included, whose first part stands
-    with the Jacobian:
+    The reference is p, (3,) in m, in the world. The control law is that of `_AlignmentTask` with r = p - o. The motion
+    of the origin changes the direction, so its acceleration J_o v̇ + J̇_o v enters too, the first term on the side of the
+    Jacobian:
 
         (T J_ω + T [r]× J_o / ‖r‖²) v̇ = ẍ_ref(v̇ = 0) + D (ẋ_ref - ẋ) + K e - T ω̇(v̇ = 0)
 
-    A point nearer than 1 nm has no direction, and asks for nothing.
+    A point nearer than 1 nm has no direction: error and feed-forward are then zero.
     """
 
     form = ReferenceForm()
 
     def position(self, dynamics: Dynamics) -> Array:
-        """A point on the axis, 1 m ahead, (3,) in m."""
+        """The point on the axis 1 m ahead of the origin, in the world, (3,) in m."""
         return np.asarray(dynamics.placement(self._frame_id).translation + _AHEAD * self.direction(dynamics))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Rotation towards a point, (2,) in rad; its norm is the angle."""
+        """Rotation from the axis to a point, (2,) in rad; its norm is the angle."""
         return self._error_towards(dynamics, position - dynamics.placement(self._frame_id).translation)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:

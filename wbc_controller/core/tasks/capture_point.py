@@ -1,4 +1,4 @@
-"""The capture point: the divergent component of motion, for balance."""
+"""Task on the capture point, the divergent component of motion, for balance."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks.task import Gains, RateTask
 from wbc_controller.records import Array
 
-#: Height of the centre of mass below which ω grows no more: a robot that lies has no pendulum, m.
+#: Lower bound of the pendulum height c_z - z_s, m, which bounds ω: for a robot lying down the model does not apply.
 LOWEST_PENDULUM = 0.1
 
 
 class CapturePointTask(RateTask):
-    """The point on the ground over which the centre of mass would come to rest, x and y in the world, (2,) in m.
+    """Task on the ground point over which the centre of mass would come to rest, x and y in the world, (2,) in m.
 
-    With c the centre of mass and z_s the height of the support, the inverted pendulum's
+    With c the centre of mass and z_s the height of the support, the capture point of the inverted pendulum,
 
         ξ = c + ċ / ω,   ω = √(g / (c_z - z_s))                             m, 1/s
 
-    runs away from the centre of pressure at the rate ω, while c follows it by itself: ċ = ω (ξ - c). To hold ξ is to
-    balance, and it is all of the motion that must be held. The task asks for
+    diverges from the centre of pressure at the rate ω, while c converges to ξ by itself: ċ = ω (ξ - c). Stabilizing ξ
+    is therefore enough for balance. The desired rate is
 
         ξ̇* = ξ̇_ref + k (ξ_ref - ξ)                                          m/s
 
-    which is, for a constant height, the acceleration c̈ = ω (ξ̇* - ċ). With a height that changes the rate is
+    which for a constant height is the acceleration c̈ = ω (ξ̇* - ċ). For a changing height the rate is
 
         ξ̇ = c̈ / ω + ċ (1 + ċ_z / (2 ω (c_z - z_s)))
 
-    and that is what the Jacobian J_c / ω and the drift, here with c̈ at v̇ = 0, are taken from; nothing is neglected. Its
-    error in the cost is a velocity, so that ω² times the weight has the effect of the same weight on a task on c̈.
+    from which the Jacobian J_c / ω and the drift (with c̈ at v̇ = 0) follow without approximation. The residual in the
+    cost is a velocity: a weight of ω² times w here has the effect of the weight w on a task on c̈.
 
     Sources: Pratt et al., Capture point: a step toward humanoid push recovery, Humanoids 2006; Takenaka et al., Real
     time motion generation and control for biped robot, IROS 2009; Englsberger, Ott and Albu-Schäffer,
@@ -57,7 +57,7 @@ class CapturePointTask(RateTask):
         Args:
             name: the task's name.
             gravity: g, m/s².
-            mask: world axes concerned, x and y; both where it is not given.
+            mask: world axes that the task controls, x and y; by default both.
             support_height: z_s, m, in the world.
             gain: k, 1/s, one number or one for each axis.
 
@@ -72,7 +72,7 @@ class CapturePointTask(RateTask):
         return max(float(dynamics.com[2]) - self.support_height, LOWEST_PENDULUM)
 
     def omega(self, dynamics: Dynamics) -> float:
-        """ω, the rate at which the pendulum falls, 1/s."""
+        """ω, the natural frequency of the pendulum, 1/s."""
         return math.sqrt(self._gravity / self._height(dynamics))
 
     def position(self, dynamics: Dynamics) -> Array:

@@ -1,4 +1,4 @@
-"""Centre of mass."""
+"""Centre of mass task."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wbc_controller.records import Array
 
 
 class ComTask(MotionTask):
-    """Position of the centre of mass in the world, (3,) in m."""
+    """Task on the position of the centre of mass in the world, (3,) in m."""
 
     size = 3
 

@@ -1,4 +1,4 @@
-"""Force of a contact."""
+"""Task on the force of a contact."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class ContactWrenchTask(EffortTask):
-    """Wrench of a contact, (6,) in N and N·m, in the axes in which it is published (`Contact.basis`).
+    """Task on the wrench of a contact, (6,) in N and N·m, in the axes in which it is published (`Contact.basis`).
 
-    While the contact is broken the task asks for nothing.
+    While the contact is not active the task has no rows.
     """
 
     size = 6
@@ -28,11 +28,11 @@ class ContactWrenchTask(EffortTask):
         Args:
             name: the task's name.
             contact: the contact.
-            mask: its axes concerned, (6,).
-            target: the wrench before another one is given, (6,) in N and N·m.
+            mask: axes of the wrench that the task controls, (6,).
+            target: the wrench until a command sets another one, (6,) in N and N·m.
 
         Raises:
-            ConfigurationError: where the mask leaves none of the contact's forces.
+            ConfigurationError: where the mask selects no axis along which the contact transmits a force or moment.
         """
         super().__init__(name, mask, np.array(target, dtype=np.float64))
         borne = np.flatnonzero(contact.basis.any(axis=1))
@@ -46,6 +46,6 @@ class ContactWrenchTask(EffortTask):
         self.contact = contact.name
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """What makes the wrench of the unknowns, (k, n), and the wrench, (k,)."""
+        """R that maps the decision variables to the wrench, (k, n), and the wrench of the reference, (k,)."""
         force = efforts.force_map(self.contact)
         return None if force is None else (self._basis @ force, reference.position[self.rows])

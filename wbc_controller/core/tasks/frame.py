@@ -1,4 +1,4 @@
-"""Pose, position or orientation of a frame."""
+"""Tasks on the pose, position or orientation of a frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Rotation vector from an orientation to a reference, in world axes.
+    """Rotation vector from an orientation to its reference, in world axes.
 
     Args:
         rotation: present orientation of the frame in the world, (3, 3).
@@ -40,7 +40,7 @@ def _matrix(quaternion: Array) -> Array:
 
 
 class _FrameTask(MotionTask):
-    #: Rows of the frame's six that the task takes.
+    #: Rows of the frame's twist that the task uses.
     part: slice
 
     def __init__(
@@ -59,9 +59,9 @@ class _FrameTask(MotionTask):
             name: the task's name.
             model: the robot's model.
             frame: a frame of the URDF.
-            mask: world axes concerned, (size,); all where it is not given.
+            mask: world axes that the task controls, (size,); by default all.
             stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, likewise; critical where it is not given.
+            damping: D, 1/s, one number or one for each axis; by default critical.
 
         Raises:
             ConfigurationError: where the model has no such frame, or a list of gains has another length.
@@ -84,7 +84,7 @@ class _FrameTask(MotionTask):
 
 
 class FramePositionTask(_FrameTask):
-    """Position of a frame's origin in the world, (3,) in m."""
+    """Task on the position of a frame's origin in the world, (3,) in m."""
 
     size = 3
     part = slice(0, 3)
@@ -99,11 +99,11 @@ class FramePositionTask(_FrameTask):
 
 
 class FrameOrientationTask(_FrameTask):
-    """Orientation of a frame in the world; the reference is a quaternion (x, y, z, w), (4,)."""
+    """Task on the orientation of a frame in the world; the reference is a quaternion (x, y, z, w), (4,)."""
 
     size = 3
     part = slice(3, 6)
-    #: The last frozen reference, which mostly is that of this cycle too, and its rotation matrix.
+    #: The last read-only reference with its rotation matrix: it usually stays the same from cycle to cycle.
     _known: tuple[Array, Array] | None = None
     form = ReferenceForm(vector=0, oriented=True)
 
@@ -122,7 +122,7 @@ class FrameOrientationTask(_FrameTask):
 
 
 class FramePoseTask(_FrameTask):
-    """Position and orientation of a frame in the world; the reference is position and quaternion, (7,)."""
+    """Task on the position and orientation of a frame in the world; the reference is position and quaternion, (7,)."""
 
     size = 6
     part = slice(0, 6)

@@ -1,4 +1,4 @@
-"""Linear and angular momentum about the centre of mass."""
+"""Tasks on the linear and angular momentum about the centre of mass."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from wbc_controller.records import Array, Reference
 
 
 class _MomentumTask(RateTask):
-    """A part of the centroidal momentum h_G = A_G(q) v, in the world's axes.
+    """Task on a part of the centroidal momentum h_G = A_G(q) v, in world axes.
 
-    Its rate is ḣ_G = A_G v̇ + Ȧ_G v, and the task asks for
+    Its rate is ḣ_G = A_G v̇ + Ȧ_G v, and the desired rate is
 
         ḣ* = ḣ_ref + D (h_ref - h)
 
-    with the damping D in 1/s. A stiffness would act on the integral of the momentum, and the angular momentum is the
-    rate of no configuration (it cannot be integrated); for the linear momentum, the task on the centre of mass is that.
-    The reference is a momentum; until one is given it is zero.
+    with the damping D in 1/s. There is no stiffness, as it would act on the integral of the momentum: angular momentum
+    is not integrable (it is the rate of no function of the configuration), and for linear momentum the centre of mass
+    task serves that purpose. The reference is a momentum, zero until a command sets another one.
 
     Source: Orin, Goswami and Lee, Centroidal dynamics of a humanoid robot, Autonomous Robots 35, 2013.
     """
 
     size = 3
-    #: Rows of A_G that the task takes.
+    #: Rows of A_G that the task uses.
     part: slice
 
     def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
@@ -34,7 +34,7 @@ class _MomentumTask(RateTask):
 
         Args:
             name: the task's name.
-            mask: world axes concerned, (3,); all where it is not given.
+            mask: world axes that the task controls, (3,); by default all.
             damping: D, 1/s, one number or one for each axis.
 
         Raises:
@@ -55,21 +55,24 @@ class _MomentumTask(RateTask):
         return np.asarray(dynamics.centroidal_drift[self.part])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Zero momentum: one that is kept would carry the robot away."""
+        """Zero momentum: holding the present one would let the robot drift away."""
         still = np.zeros(3)
         return Reference(still, still, still)
 
 
 class LinearMomentumTask(_MomentumTask):
-    """Linear momentum m ċ, (3,) in kg·m/s; its error in the cost is a force, N. The law is that of `_MomentumTask`."""
+    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N.
+
+    The control law is that of `_MomentumTask`.
+    """
 
     part = slice(0, 3)
 
 
 class AngularMomentumTask(_MomentumTask):
-    """Angular momentum about the centre of mass, (3,) in N·m·s; its error in the cost is a torque, N·m.
+    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual in the cost is a torque, N·m.
 
-    The law is that of `_MomentumTask`.
+    The control law is that of `_MomentumTask`.
     """
 
     part = slice(3, 6)

@@ -1,4 +1,4 @@
-"""Joint positions."""
+"""Joint position task."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.records import Array
 
 
 class PostureTask(MotionTask):
-    """Positions of some joints, (k,) in rad."""
+    """Task on the positions of some joints, (k,) in rad."""
 
     has_drift = False
 
@@ -32,13 +32,13 @@ class PostureTask(MotionTask):
         Args:
             name: the task's name.
             model: the robot's model.
-            joints: joints concerned; none means all that an actuator drives, in their order. A passive joint among them
-                is driven by the accelerations of the others.
+            joints: joints that the task controls; empty for all actuated joints, in their order. A passive joint among
+                them moves only through the accelerations of the others.
             stiffness: K, 1/s², one number or one for each joint.
-            damping: D, 1/s, likewise; critical where it is not given.
+            damping: D, 1/s, one number or one for each joint; by default critical.
 
         Raises:
-            ConfigurationError: where a joint is not one of the robot's, or a list of gains has another length.
+            ConfigurationError: where the robot has no such joint, or a list of gains has another length.
         """
         columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)

@@ -1,4 +1,4 @@
-"""Pose of one frame relative to another."""
+"""Task on the pose of one frame relative to another."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 class RelativePoseTask(MotionTask):
-    """Pose of a frame B relative to a reference frame A, both on the robot; all in the axes of A.
+    """Task on the pose of a frame B relative to a reference frame A, both on the robot, in the axes of A.
 
     With d = p_B - p_A and the rotation R_A of A in the world, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. Its
-    velocity and acceleration are those that an observer fixed to A sees,
+    velocity and acceleration are those seen by an observer fixed to A,
 
         ṙ = R_Aᵀ (ḋ - ω_A × d)                                           m/s
         ω = R_Aᵀ (ω_B - ω_A)                                             rad/s
         r̈ = R_Aᵀ (d̈ - ω̇_A × d - 2 ω_A × ḋ + ω_A × (ω_A × d))             m/s²
         ω̇ = R_Aᵀ (ω̇_B - ω̇_A - ω_A × ω_B)                                rad/s²
 
-    and the error is r_ref - r, then R log(Rᵀ R_ref). The reference is position and quaternion (x, y, z, w) of B in A,
-    (7,), its velocity and acceleration (6,), linear part first.
+    and the task error is [r_ref - r, R log(Rᵀ R_ref)]. The reference is position and quaternion (x, y, z, w) of B in A,
+    (7,), with velocity and acceleration (6,), linear part first.
 
     Source: kinematics in a moving frame; for two arms Lewis and Maciejewski, Trajectory generation for cooperating
     robots, IEEE International Conference on Systems Engineering, 1990.
@@ -56,9 +56,9 @@ class RelativePoseTask(MotionTask):
             model: the robot's model.
             frame: B, a frame of the URDF.
             reference_frame: A, a frame of the URDF.
-            mask: axes of A concerned, position, then orientation, (6,); all where it is not given.
+            mask: axes of A that the task controls, position, then orientation, (6,); by default all.
             stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, likewise; critical where it is not given.
+            damping: D, 1/s, one number or one for each axis; by default critical.
 
         Raises:
             ConfigurationError: where the model has no such frame, or a list of gains has another length.

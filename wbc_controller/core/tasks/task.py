@@ -1,4 +1,4 @@
-"""What every task is: rows of a least-squares problem, from an error and the rate of change asked for."""
+"""The base classes of tasks: each task gives weighted rows of the least-squares cost."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ Gains = float | Sequence[float]
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain that is one number, or one for each axis.
+    """Read a gain: one number, or one number for each axis.
 
     Args:
         values: the number or numbers.
-        size: number of axes, masked or not.
-        key: the configuration key that holds it, for the error.
+        size: number of axes, including masked ones.
+        key: the configuration key of the gain, for the error message.
 
     Returns:
-        An array of the shape () or (size,).
+        An array of shape () or (size,).
 
     Raises:
-        ConfigurationError: where the length is another one.
+        ConfigurationError: where the number of values is neither one nor `size`.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
@@ -40,20 +40,23 @@ def gains(values: Gains, size: int, key: str) -> Array:
 
 
 class Task(ABC):
-    """Something that is wanted: rows of a least-squares problem in the unknowns, with a weight and a level.
+    """A control objective: rows of a least-squares problem in the decision variables, with a weight and a level.
 
-    Two kinds: an `AccelerationTask` is about v̇, an `EffortTask` about contact forces or torques.
+    There are two kinds: an `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques.
+
+    `weight`, `enabled` and `setpoint_duration` apply to tasks that a user passes as objects; for tasks of a
+    configuration file the settings decide.
 
     Attributes:
         name: the task's name.
-        rows: the components that the mask leaves, (k,).
-        level: priority; 0 is the highest, and no task worsens one of a smaller level. Set before the controller is
-            made.
-        tolerance: how far from the reference the quantity may be at no cost, in the unit of the error, () or (size,);
-            None where the task asks for the reference itself. Set before the controller is made.
-        weight: of a user's own task its weight; of a configured one its settings say so.
-        enabled: whether a user's own task is on at activation; likewise.
-        setpoint_duration: time in which a user's own task reaches a new setpoint, s; likewise.
+        rows: indices of the components that the mask selects, (k,).
+        level: priority level; 0 is the highest, and no task worsens one of a smaller level. Set it before the
+            controller is made.
+        tolerance: deviation from the reference that costs nothing, in the unit of the error, () or (size,); None means
+            that the task tracks the reference itself. Set it before the controller is made.
+        weight: weight in the cost.
+        enabled: whether the task is on when the controller is activated.
+        setpoint_duration: time in which a new setpoint is reached, s.
     """
 
     #: Number of components before the mask.
@@ -63,7 +66,7 @@ class Task(ABC):
     weight: float = 1.0
     enabled: bool = True
     setpoint_duration: float = 1.0
-    #: The attributes that are gains, each () or (size,).
+    #: Names of the attributes that are gains, each () or (size,).
     gain_names: tuple[str, ...] = ()
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
@@ -78,43 +81,43 @@ class Task(ABC):
 
     @property
     def form(self) -> ReferenceForm:
-        """How the position of its reference is written."""
+        """Form of the reference's position."""
         return ReferenceForm(vector=self.size)
 
     @property
     def dimension(self) -> int:
-        """Number of rows that the task adds to the cost."""
+        """Number of rows that the task contributes to the cost."""
         return len(self.rows)
 
     @abstractmethod
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference that the task has before it is given one."""
+        """Reference of the task until a command sets another one."""
 
     def band(self) -> Array:
-        """What the tolerance is in the rows of the least-squares problem, (k,): their half-width."""
+        """The tolerance as half-width of the rows of the least-squares problem, (k,)."""
         if self.tolerance is None:
             return np.zeros(self.dimension)
         return np.broadcast_to(self.tolerance * self._stiffness_of_rows(), (self.size,))[self.rows]
 
     @abstractmethod
     def _stiffness_of_rows(self) -> Array:
-        """By what the rows move per unit of the error, () or (size,)."""
+        """Change of the rows' right-hand sides per unit of the task error, () or (size,)."""
 
 
 class AccelerationTask(Task):
-    """A quantity x that should follow a reference by the choice of v̇.
+    """A task that makes a quantity x follow its reference through the choice of v̇.
 
-    With x⁽ⁿ⁾ = J v̇ + δ, where the derivative x⁽ⁿ⁾ is the first in which v̇ appears and the drift δ is what it is at
-    v̇ = 0, the task asks for
+    Let x⁽ⁿ⁾ = J v̇ + δ be the lowest derivative of x in which v̇ appears; the drift δ is its value at v̇ = 0. The task is
 
         J v̇ = x⁽ⁿ⁾* - δ
 
-    in the least-squares sense. What x⁽ⁿ⁾* is, the two kinds of task say: `MotionTask` for quantities x(q), and
-    `RateTask` for quantities x(q, v).
+    in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
+    quantities x(q, v).
 
     Attributes:
-        columns: for a task whose rows are single accelerations, J = I[columns], which they are; None for others.
-        has_drift: whether δ can be other than 0.
+        columns: for a task on single components of v̇, with J = I[columns], the indices of these components; None for
+            other tasks.
+        has_drift: whether δ can be non-zero.
     """
 
     columns: np.ndarray | slice | None = None
@@ -122,11 +125,11 @@ class AccelerationTask(Task):
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
-        """Present value x, in the form of a reference's position."""
+        """Present value x, in the form of the reference's position."""
 
     @abstractmethod
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Displacement from x to a reference position, (size,)."""
+        """Task error: displacement from x to a reference position, (size,)."""
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -138,10 +141,10 @@ class AccelerationTask(Task):
 
     @abstractmethod
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """x⁽ⁿ⁾* - δ and the error, both (size,): all axes, whatever the mask."""
+        """x⁽ⁿ⁾* - δ and the task error, both (size,), without the mask applied."""
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference that keeps the present value."""
+        """Reference that holds the present value."""
         still = frozen(np.zeros(self.size))
         return Reference(frozen(self.position(dynamics)), still, still)
 
@@ -150,10 +153,10 @@ class AccelerationTask(Task):
 
         Args:
             dynamics: the snapshot.
-            reference: what to follow.
+            reference: the task reference.
 
         Returns:
-            J (k, nv), b (k,), and the masked error (k,).
+            J (k, nv), b (k,), and the task error (k,), all with the mask applied.
         """
         right, error = self.right(dynamics, reference)
         J, rows = self.jacobian(dynamics), self.rows
@@ -161,23 +164,23 @@ class AccelerationTask(Task):
 
 
 class Efforts(Protocol):
-    """The torques and contact forces of a cycle as affine functions of the problem's unknowns x, (n,)."""
+    """The torques and contact forces of a cycle as affine functions of the decision variables x, (n,)."""
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
         """R (na, n) and r (na,), so that τ = R x + r in N·m."""
 
     def force_map(self, contact: str) -> Array | None:
-        """R (k, n), so that the contact's force in its own coordinates is R x; None while it is not active."""
+        """R (k, n), so that the contact force f, in the axes of the contact, is R x; None while it is not active."""
 
 
 class EffortTask(Task):
-    """Contact forces or torques that should be what a reference says; they have no dynamics, so there are no gains.
+    """A task on contact forces or torques, which have no dynamics and therefore no gains.
 
-    Of a reference's three parts only the position counts.
+    Only the position of the reference is used; its velocity and acceleration are ignored.
 
     Attributes:
-        target: the reference before another one is given, (size,).
+        target: the reference until a command sets another one, (size,).
     """
 
     def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
@@ -194,11 +197,11 @@ class EffortTask(Task):
 
     @abstractmethod
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Rows of the least-squares problem R x = r in the problem's unknowns.
+        """Rows of the least-squares problem R x = r in the decision variables x.
 
         Args:
-            efforts: torques and contact forces as functions of the unknowns.
-            reference: what is wanted.
+            efforts: torques and contact forces as functions of the decision variables.
+            reference: the task reference.
 
         Returns:
             R (k, n), r (k,); None where the quantity does not exist, such as the force of a contact that is not active.
@@ -206,9 +209,9 @@ class EffortTask(Task):
 
 
 class MotionTask(AccelerationTask):
-    """A task on a quantity x(q): a spring and a damper on its error.
+    """A task on a quantity x(q): PD feedback on the task error plus feed-forward.
 
-    With ẋ = J v and ẍ = J v̇ + J̇v, it asks for
+    With ẋ = J v and ẍ = J v̇ + J̇v, the desired acceleration is
 
         ẍ* = ẍ_ref + D (ẋ_ref - ẋ) + K e
 
@@ -228,9 +231,9 @@ class MotionTask(AccelerationTask):
 
         Args:
             name: the task's name.
-            mask: axes concerned, (size,).
+            mask: axes that the task controls, (size,).
             stiffness: K, 1/s².
-            damping: D, 1/s; critical, 2√K on each axis, where it is not given.
+            damping: D, 1/s; by default critical, 2√K on each axis.
 
         Raises:
             ConfigurationError: where a list of gains has another length than the mask.
@@ -252,7 +255,7 @@ class MotionTask(AccelerationTask):
         """Present velocity ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẍ* - J̇v and the error, both (size,)."""
+        """ẍ* - J̇v and the task error, both (size,)."""
         error = self.error(dynamics, reference.position)
         if reference is not self._followed or self.damping is not self._damping:
             self._follow(reference)
@@ -265,7 +268,7 @@ class MotionTask(AccelerationTask):
         return right, error
 
     def _follow(self, reference: Reference) -> None:
-        """Compute ẍ_ref + D ẋ_ref once, for a reference that is known again and cannot change."""
+        """Compute ẍ_ref + D ẋ_ref, and cache it if the reference is read-only."""
         changes = reference.velocity.flags.writeable or reference.acceleration.flags.writeable
         self._followed, self._damping = None if changes else reference, self.damping
         feed_forward = reference.acceleration + self.damping * reference.velocity
@@ -273,14 +276,14 @@ class MotionTask(AccelerationTask):
 
 
 class RateTask(AccelerationTask):
-    """A task on a quantity x(q, v), with ẋ = J v̇ + δ: its error decays by itself, and has no spring.
+    """A task on a quantity x(q, v), with ẋ = J v̇ + δ: first-order feedback on the task error.
 
-    It asks for
+    The desired rate is
 
         ẋ* = ẋ_ref + k e
 
-    where e = x_ref - x is the error and k the gain, one number or one for each axis: left alone, e decays as exp(-k t).
-    Of a reference's three parts the position is x_ref, the velocity is ẋ_ref, and the acceleration has no use.
+    where e = x_ref - x is the error and k the gain, one number or one for each axis: undisturbed, e decays as
+    exp(-k t). The position of the reference is x_ref, its velocity is ẋ_ref, and its acceleration is ignored.
 
     Attributes:
         gain: k, 1/s, () or (size,).
@@ -293,9 +296,9 @@ class RateTask(AccelerationTask):
 
         Args:
             name: the task's name.
-            mask: axes concerned, (size,).
+            mask: axes that the task controls, (size,).
             gain: k, 1/s.
-            key: the configuration key that holds the gain, for the error.
+            key: the configuration key of the gain, for the error message.
 
         Raises:
             ConfigurationError: where a list of gains has another length than the mask.
@@ -311,6 +314,6 @@ class RateTask(AccelerationTask):
         return np.asarray(position - self.position(dynamics))
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẋ* - δ and the error, both (size,)."""
+        """ẋ* - δ and the task error, both (size,)."""
         error = self.error(dynamics, reference.position)
         return reference.velocity + self.gain * error - self.drift(dynamics), error

@@ -1,4 +1,4 @@
-"""Joint torques."""
+"""Joint torque task."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wbc_controller.records import Array, Reference
 
 
 class TorqueTask(EffortTask):
-    """Torques of some joints, (k,) in N·m; with a target of zero it makes them small."""
+    """Task on the torques of some joints, (k,) in N·m; a target of zero keeps them small."""
 
     def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
         """Make a task.
@@ -21,8 +21,8 @@ class TorqueTask(EffortTask):
         Args:
             name: the task's name.
             model: the robot's model.
-            joints: joints concerned; none means all that an actuator drives, in their order.
-            target: the torques before others are given, (k,) in N·m; none means zero.
+            joints: joints that the task controls; empty for all actuated joints, in their order.
+            target: the torques until a command sets others, (k,) in N·m; empty for zero.
 
         Raises:
             ConfigurationError: where no actuator drives a joint, or the target has another length.
@@ -45,7 +45,7 @@ class TorqueTask(EffortTask):
         self._rows = model.actuation.motors_of(columns)
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
-        """The rows of the torques at the joints, (k, n), and what they should be without their offset, (k,)."""
+        """Rows of the joint torques, (k, n), and the reference torques less the constant part of the map, (k,)."""
         rows, offset = efforts.torque_map
         if self._rows is not None:
             return rows[self._rows], reference.position - offset[self._rows]
