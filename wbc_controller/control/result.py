@@ -166,7 +166,10 @@ class CycleResult:
 
     def _task_rows(self) -> list[tuple[str, ...]]:
         weights = self.references.weights if self.references is not None else {}
-        return [(name, f"{error:.3g}", f"{weights.get(name, 0.0):g}") for name, error in self.task_errors.items()]
+        return [
+            (name, f"{error:.3g} {self.qp.tasks[name].unit}", f"{weights.get(name, 0.0):g}")
+            for name, error in self.task_errors.items()
+        ]
 
     def _contact_rows(self) -> list[tuple[str, ...]]:
         rows: list[tuple[str, ...]] = []

@@ -133,6 +133,7 @@ class AxisAlignmentTask(_AlignmentTask):
     that are less than 180° apart. The control law is that of `_AlignmentTask`.
     """
 
+    unit = "rad"
     form = ReferenceForm(direction=True)
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -161,6 +162,7 @@ class GazeTask(_AlignmentTask):
     A point nearer than 1 nm has no direction: error and feed-forward are then zero.
     """
 
+    unit = "rad"
     form = ReferenceForm()
 
     def position(self, dynamics: Dynamics) -> Array:

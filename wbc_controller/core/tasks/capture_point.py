@@ -41,6 +41,7 @@ class CapturePointTask(RateTask):
     of motion, Humanoids 2014.
     """
 
+    unit = "m"
     size = 2
 
     def __init__(

@@ -12,6 +12,7 @@ from wbc_controller.records import Array
 class ComTask(MotionTask):
     """Task on the position of the centre of mass in the world, (3,) in m."""
 
+    unit = "m"
     size = 3
 
     def position(self, dynamics: Dynamics) -> Array:

@@ -20,6 +20,7 @@ class ContactWrenchTask(EffortTask):
     While the contact is not active the task has no rows.
     """
 
+    unit = "N, N·m"
     size = 6
 
     def __init__(self, name: str, contact: Contact, mask: Sequence[bool], target: Sequence[float]) -> None:

@@ -86,6 +86,7 @@ class _FrameTask(MotionTask):
 class FramePositionTask(_FrameTask):
     """Task on the position of a frame's origin in the world, (3,) in m."""
 
+    unit = "m"
     size = 3
     part = slice(0, 3)
 
@@ -101,6 +102,7 @@ class FramePositionTask(_FrameTask):
 class FrameOrientationTask(_FrameTask):
     """Task on the orientation of a frame in the world; the reference is a quaternion (x, y, z, w), (4,)."""
 
+    unit = "rad"
     size = 3
     part = slice(3, 6)
     #: The last read-only reference with its rotation matrix: it usually stays the same from cycle to cycle.
@@ -124,6 +126,7 @@ class FrameOrientationTask(_FrameTask):
 class FramePoseTask(_FrameTask):
     """Task on the position and orientation of a frame in the world; the reference is position and quaternion, (7,)."""
 
+    unit = "m, rad"
     size = 6
     part = slice(0, 6)
     form = ReferenceForm(oriented=True)

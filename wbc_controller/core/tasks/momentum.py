@@ -66,6 +66,7 @@ class LinearMomentumTask(_MomentumTask):
     The control law is that of `_MomentumTask`.
     """
 
+    unit = "kg·m/s"
     part = slice(0, 3)
 
 
@@ -75,4 +76,5 @@ class AngularMomentumTask(_MomentumTask):
     The control law is that of `_MomentumTask`.
     """
 
+    unit = "N·m·s"
     part = slice(3, 6)

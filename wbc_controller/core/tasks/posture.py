@@ -16,6 +16,7 @@ from wbc_controller.records import Array
 class PostureTask(MotionTask):
     """Task on the positions of some joints, (k,) in rad."""
 
+    unit = "rad"
     has_drift = False
 
     def __init__(

@@ -35,6 +35,7 @@ class RelativePoseTask(MotionTask):
     robots, IEEE International Conference on Systems Engineering, 1990.
     """
 
+    unit = "m, rad"
     size = 6
     form = ReferenceForm(oriented=True)
 

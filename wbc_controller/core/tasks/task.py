@@ -66,6 +66,8 @@ class Task(ABC):
     weight: float = 1.0
     enabled: bool = True
     setpoint_duration: float = 1.0
+    #: Unit of the task error.
+    unit: str = ""
     #: Names of the attributes that are gains, each () or (size,).
     gain_names: tuple[str, ...] = ()
 

@@ -15,6 +15,8 @@ from wbc_controller.records import Array, Reference
 class TorqueTask(EffortTask):
     """Task on the torques of some joints, (k,) in N·m; a target of zero keeps them small."""
 
+    unit = "N·m"
+
     def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
         """Make a task.
 
