@@ -1,4 +1,4 @@
-"""Entry points of the ROS 2 executables; what they run is in ``ros2/``, and where rclpy is missing they say so."""
+"""Entry points of the ROS 2 executables, which run the nodes of ``ros2/`` and report it if rclpy is missing."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def guard_main() -> None:
 
 
 def _without_ros2(instead: str, error: ImportError) -> int:
-    """Say what to do where there is no ROS 2; gives the exit status."""
+    """Print what to do without ROS 2, and return the exit status."""
     version = ".".join(map(str, sys.version_info[:2]))
     print(
         f"error: this Python ({version}) finds no ROS 2: {error}\n"

@@ -209,7 +209,7 @@ def test_ranges(key, low, high):
         (
             "contacts.toe.normal",
             [0, 0, 0],
-            "contacts.toe.normal = [0, 0, 0]: must have a length (Normal of the surface",
+            "contacts.toe.normal = [0, 0, 0]: must have a length (Outward normal of the touched surface",
         ),
         ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
         (
@@ -218,9 +218,9 @@ def test_ranges(key, low, high):
             "contacts.grip.mask = [False, False, False, False, False, False]: it holds",
         ),
         ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: it is required, as the mask holds a rot"),
-        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (The axle"),
+        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (Direction"),
         ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
-        ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 (How"),
+        ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 ("),
         (
             "loops.bar.mask",
             [False] * 6,

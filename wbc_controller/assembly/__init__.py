@@ -1,1 +1,1 @@
-"""From settings to objects, and the checks before the robot moves."""
+"""Builds the objects of a robot from its settings, and checks the configuration before the robot moves."""

@@ -1,4 +1,4 @@
-"""The shapes of the robot's links, and which pairs of links are to be kept apart: from the URDF and the SRDF."""
+"""Builds the collision model from URDF and SRDF: the links' shapes, and the pairs of links to keep apart."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
 @dataclass(frozen=True, slots=True)
 class CollisionModel:
-    """Convex shapes, one for each link that has collision elements, and the pairs to be kept apart.
+    """Convex shapes, one for each link that has collision elements, and the pairs to keep apart.
 
     Attributes:
-        geometry: shapes named by their links, with the pairs.
-        near: pairs of links that are nearer than the margin in the nominal posture, and so are not kept apart.
+        geometry: shapes, named after their links, and pairs.
+        near: pairs of links that are nearer than the margin in the nominal posture, and so are left out.
     """
 
     geometry: pin.GeometryModel
@@ -33,7 +33,7 @@ class CollisionModel:
 
     @property
     def summary(self) -> str:
-        """One line for a person: how many pairs are kept apart, and which are not."""
+        """One readable line: the number of pairs kept apart, and the pairs left out."""
         text = f"{len(self.geometry.collisionPairs)} pairs of {len(self.geometry.geometryObjects)} links kept apart"
         if self.near:
             text += "; not those nearer than the margin in robot.posture: " + ", ".join(map("/".join, self.near))
@@ -51,22 +51,22 @@ def build_collision_model(
 ) -> CollisionModel:
     """Read the collision elements of a robot's URDF.
 
-    A link's shape is its collision element where it has a single one that is convex, else the convex hull of all its
-    elements. Pairs are those of all links of which neither carries the other by one or two joints (such links touch by
-    design, and their joints' limits keep them apart), less those that the SRDF disables, less those that are nearer
-    than the margin in the nominal posture.
+    A link with a single, convex collision element has that shape; any other link has the convex hull of all its
+    elements. By default all pairs of links are kept apart, except: links connected by one or two joints (they touch by
+    design, and their joint limits keep them apart), pairs that the SRDF disables, and pairs nearer than the margin in
+    the nominal posture.
 
     Args:
         model: the robot's model.
-        margin: least distance, m.
+        margin: smallest distance, m.
         srdf: the SRDF's text.
-        pairs: the pairs to be kept apart, each ``<link>/<link>``; none for the choice above.
-        visual: links whose visual elements count as well.
-        folder: where meshes that are named by a relative path are looked for.
+        pairs: the pairs to keep apart, each ``<link>/<link>``; empty for the default above.
+        visual: links whose visual elements serve as collision elements too.
+        folder: folder of meshes that are named by a relative path.
 
     Raises:
-        ConfigurationError: where the URDF has no collision elements, a mesh cannot be read, the SRDF is not one, or a
-            named link has no shape.
+        ConfigurationError: if the URDF has no collision elements, a mesh or the SRDF cannot be read, a named link has
+            no shape, a named pair is nearer than the margin, or no pair is left.
     """
     geometry = _shapes(model, _with_visuals(model.urdf, visual), folder)
     links = [shape.name for shape in geometry.geometryObjects]
@@ -94,10 +94,10 @@ def build_collision_model(
 
 
 def _with_visuals(urdf: str, links: Sequence[str]) -> str:
-    """The URDF with the visual elements of some links as collision elements."""
+    """Return the URDF with the visual elements of some links turned into collision elements."""
     if not links:
         return urdf
-    root = ElementTree.fromstring(urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
+    root = ElementTree.fromstring(urdf)  # noqa: S314  # the user's own file, already read by Pinocchio
     found = {str(link.get("name")): link.findall("visual") for link in root.iter("link")}
     seen = [name for name, elements in found.items() if elements]
     for name in links:
@@ -112,7 +112,7 @@ def _with_visuals(urdf: str, links: Sequence[str]) -> str:
 
 
 def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryModel:
-    """One convex shape for each link with collision elements."""
+    """Make one convex shape for each link with collision elements."""
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
     try:
@@ -130,14 +130,14 @@ def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryMo
         else:
             points = np.vstack([_points(element) @ element.placement.rotation.T + element.placement.translation
                                 for element in own])  # fmt: skip
-            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit takes a shape's origin for its centre
+            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit expects a shape's centre at its origin
             shape, placement = _hull(points - middle, frame.name), pin.SE3(np.eye(3), middle)
         geometry.addGeometryObject(pin.GeometryObject(frame.name, frame.parentJoint, frame_id, placement, shape))
     return geometry
 
 
 def _points(element: pin.GeometryObject) -> Array:
-    """Points whose convex hull encloses an element, in its own frame, (n, 3) in m: a mesh's vertices, else its box."""
+    """Points whose convex hull encloses an element, (n, 3) in its frame, m: a mesh's vertices, or a box's corners."""
     geometry = element.geometry
     if isinstance(geometry, coal.BVHModelBase):
         return np.array(geometry.vertices())
@@ -159,7 +159,7 @@ def _hull(points: Array, link: str) -> coal.ConvexBase:
 
 
 def _joined(model: RobotModel, geometry: pin.GeometryModel, first: int, second: int) -> bool:
-    """Whether two shapes cannot move relative to each other, or one carries the other by one or two joints."""
+    """Whether two shapes are on one body, or connected by one or two joints in series."""
     a, b = (geometry.geometryObjects[i].parentJoint for i in (first, second))
     parents = model.pinocchio.parents
     carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
@@ -182,7 +182,7 @@ def _named(pair: str, links: Sequence[str]) -> tuple[str, str]:
 def _disabled(srdf: str) -> set[frozenset[str]]:
     """Pairs of links whose collisions an SRDF disables."""
     try:
-        root = ElementTree.fromstring(srdf)  # noqa: S314  # a file that the user names, as is the URDF
+        root = ElementTree.fromstring(srdf)  # noqa: S314  # the user's own file, as the URDF is
     except ElementTree.ParseError as error:
         raise ConfigurationError(f"limits.self_collision.srdf: not a usable SRDF: {error}") from error
     return {
@@ -191,10 +191,10 @@ def _disabled(srdf: str) -> set[frozenset[str]]:
 
 
 def _drop_near(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:
-    """Take out the pairs that are nearer than the margin in the nominal posture, and name them."""
+    """Remove the pairs that are nearer than the margin in the nominal posture, and return their names."""
     data, placements = model.pinocchio.createData(), geometry.createData()
     pin.updateGeometryPlacements(model.pinocchio, data, geometry, placements, model.configuration(model.posture))
-    every = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # numbers: the pairs are views
+    every = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # numbers, since the pairs are views
     near = [
         pair
         for i, pair in enumerate(every)

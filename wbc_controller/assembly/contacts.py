@@ -1,4 +1,4 @@
-"""From the settings of contacts and loops to the contacts."""
+"""Builds contacts and loop closures from the settings."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
     """Build one contact.
 
     Raises:
-        ConfigurationError: where a frame is unknown, or a value cannot be used.
+        ConfigurationError: if a frame is unknown, or a value cannot be used.
     """
     if isinstance(contact, schema.FixedContact):
         return FixedContact(
@@ -76,16 +76,16 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
 
 
 def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPlan:
-    """Say how one contact is activated and deactivated, and whether it has an anchor."""
+    """Make the plan of one contact: whether it is active at first, its ramp, and its anchor if it has one."""
     anchored = contact if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0 else None
     return ContactPlan(enabled, ramp, anchored)
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:
-    """Build what closes a kinematic loop.
+    """Build the closure of a kinematic loop.
 
     Raises:
-        ConfigurationError: where a frame is unknown, or no joint is between the two.
+        ConfigurationError: if a frame is unknown, or there is no joint between the two frames.
     """
     return LoopClosure(
         name,

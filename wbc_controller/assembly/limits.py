@@ -1,4 +1,4 @@
-"""From settings to limits: the motors' torque-speed curve, and distances between links."""
+"""Builds limits from the settings: the motors' torque-speed curve, and self-collision avoidance."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _log = logging.getLogger(__name__)
 
 
 def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve | None:
-    """Build the torque-speed curve of the motors; None where it is not to be held.
+    """Build the torque-speed curve of the motors; None if it is disabled.
 
     Raises:
-        ConfigurationError: where an actuator is unknown, or a transmission has no speeds.
+        ConfigurationError: if an actuator is unknown, or an actuator of a transmission has no speeds.
     """
     curve = settings.limits.torque_speed
     if not curve.enabled:
@@ -44,10 +44,10 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
 
 
 def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionLimit:
-    """Build the limit that keeps links apart; says in the log which pairs it does not.
+    """Build the self-collision limit; logs the pairs of links that it leaves out.
 
     Raises:
-        ConfigurationError: where the URDF, its meshes or the SRDF cannot be used.
+        ConfigurationError: if the URDF, its meshes or the SRDF cannot be used.
     """
     own = settings.limits.self_collision
     srdf = None

@@ -1,4 +1,4 @@
-"""From settings, and a user's own classes, to the quadratic program."""
+"""Builds the quadratic program from the settings and a user's own tasks, contacts and limits."""
 
 from __future__ import annotations
 
@@ -37,13 +37,14 @@ def make_qp(
     Args:
         settings: the robot's settings.
         model: the robot's model.
-        timer: gives seconds, for the stage times.
-        tasks: a user's own, beside those of the settings: classes or functions that make one of the model.
-        contacts: likewise.
-        limits: likewise.
+        timer: returns seconds, for the stage times.
+        tasks: the user's own tasks, added to those of the settings: classes or functions that take the model and return
+            a task.
+        contacts: the user's own contacts, given in the same way.
+        limits: the user's own limits, given in the same way.
 
     Raises:
-        ConfigurationError: where settings and model do not fit, or a name is taken.
+        ConfigurationError: if settings and model do not fit together, or a name is already used.
     """
     require_solver(settings.solver.name)
     own = settings.limits
@@ -76,7 +77,7 @@ def _own(
     key: str,
     taken: Sequence[str],
 ) -> list[_Made]:
-    """Make what a user passed in, and see that it is of its kind and has a name of its own."""
+    """Make the user's own objects, and check that each has the right class and a unique name."""
     made: list[_Made] = []
     for make in makers:
         one = make(model)

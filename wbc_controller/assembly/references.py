@@ -1,4 +1,4 @@
-"""From settings to the board of references, and to what of it can change while the controller runs."""
+"""Builds the board of references, and the tuning that can change while the controller runs, from the settings."""
 
 from __future__ import annotations
 
@@ -28,25 +28,27 @@ def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
 
 
 def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
-    """Build the board that holds what the commands set."""
+    """Build the board that holds the references set by commands."""
     return ReferenceBoard(make_board_plan(settings, qp))
 
 
 def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
-    """Say how references, weights, contacts, gains and limits move: by the settings, and by a user's own objects.
+    """Collect initial values and ramp times of references, weights, contacts, gains and limits.
+
+    The values come from the settings, and for a user's own tasks and contacts from the objects themselves.
 
     Args:
         settings: the robot's settings, which may have changed since the program was built.
         qp: the robot's quadratic program.
 
     Raises:
-        ConfigurationError: where settings and model do not fit.
+        ConfigurationError: if settings and model do not fit together.
     """
     limits, model = settings.limits, qp.model
     own_tasks = [task for name, task in qp.tasks.items() if name not in settings.tasks]
     configured = [make_task(name, task, model, qp.contacts) for name, task in settings.tasks.items()]
     tuning = make_tuning(settings, [*configured, *own_tasks])
-    JointMotionLimit.of(model, tuning, position=limits.position, velocity=limits.velocity)  # raises what is wrong
+    JointMotionLimit.of(model, tuning, position=limits.position, velocity=limits.velocity)  # raises on invalid limits
     tasks = {
         name: TaskPlan(qp.tasks[name], task.weight, task.enabled, task.setpoint_duration)
         for name, task in settings.tasks.items()

@@ -1,4 +1,4 @@
-"""From settings to the robot's model."""
+"""Builds the robot's model from the settings."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
 
     Args:
         settings: the robot's settings.
-        urdf: the URDF's text, where it did not come from the settings.
+        urdf: the URDF's text; None to read the file named in the settings.
 
     Raises:
-        ConfigurationError: where the URDF and the settings do not fit.
+        ConfigurationError: if the URDF and the settings do not fit together.
     """
     robot = settings.robot
     return build_model(

@@ -1,4 +1,4 @@
-"""What can be known of a robot without Pinocchio, from the URDF's text and the settings; the waiting for the URDF."""
+"""Reads actuators and inertias from the URDF's text and the settings, without Pinocchio."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def read_urdf(urdf: str) -> str:
         urdf: value of ``robot.urdf``.
 
     Raises:
-        ConfigurationError: where there is none.
+        ConfigurationError: if no file is named, or it cannot be read.
     """
     if not urdf:
         raise ConfigurationError(
@@ -41,12 +41,12 @@ def read_urdf(urdf: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a URDF and the settings say of a robot's actuators.
+    """A robot's actuators, as described by the URDF and the settings.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         drive: the actuators.
-        effort_limits: largest torque of each that may be used, (na,) in N·m.
+        effort_limits: largest torque of each actuator that may be used, (na,) in N·m.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Description:
 
 
 def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
-    """The actuators of a robot that are not simply the motor of one joint, by name."""
+    """A robot's actuators other than the motors of single joints, by name."""
     return {
         name: Transmission(given.ratios, given.effort_limit, given.rotor_inertia)
         for name, given in robot.transmission.items()
@@ -63,14 +63,14 @@ def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
 
 
 def describe(urdf: str, robot: RobotSettings) -> Description:
-    """Read a URDF's text.
+    """Read a robot's actuators from a URDF's text.
 
     Args:
         urdf: text of the URDF.
-        robot: what the settings say of the robot.
+        robot: the settings of the robot.
 
     Raises:
-        ConfigurationError: where the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
+        ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
     """
     try:
         tree = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own description, which the controller reads too
@@ -109,12 +109,12 @@ def inertia_tensor(inertia: ElementTree.Element) -> Array:
 
 
 def some_body_has(moments: Array) -> bool:
-    """Whether a body has these principal moments, (3,) in rising order: none is more than the other two together."""
+    """Whether principal moments of inertia, (3,) in rising order, are possible: none exceeds the sum of the others."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
 
 
 def impossible_inertias(urdf: str) -> list[str]:
-    """Name the links whose inertia no body has; Pinocchio does not look at it, and MuJoCo refuses it."""
+    """Names of the links with a physically impossible inertia; Pinocchio does not check it, and MuJoCo refuses it."""
     links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - as in `describe`
     names = []
     for link in links:

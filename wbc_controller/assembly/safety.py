@@ -1,4 +1,4 @@
-"""From settings to the supervisor."""
+"""Builds the safety supervisor from the settings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
 
 
 def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:
-    """Collect what the supervisor holds."""
+    """Collect the times and limits that the supervisor enforces."""
     safety = settings.safety
     return SupervisorLimits(
         activation_ramp=safety.activation_ramp,

@@ -1,4 +1,4 @@
-"""From the settings of tasks to tasks."""
+"""Builds tasks from their settings."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts:
         contacts: the robot's contacts, by name.
 
     Raises:
-        ConfigurationError: where a frame, joint or contact is unknown.
+        ConfigurationError: if a frame, joint or contact is unknown, or the tolerance has a wrong size.
     """
     made = _make(name, task, model, contacts)
     made.level = task.level

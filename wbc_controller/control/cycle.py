@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.assembly.preflight import check_controller
+from wbc_controller.assembly.preflight import check_qp
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.live_settings import LiveSettings, live_part
@@ -92,7 +92,7 @@ class ControlCycle:
             self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
             self.live = LiveSettings(settings, partial(live_part, qp=self.qp))
             if preflight:
-                check_controller(settings, self.qp, ReferenceBoard(self.live.newest.board))
+                check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
         except ConfigurationError as error:
             raise ConfigurationError(self.config.named(str(error))) from error
         self._parts = self.live.newest

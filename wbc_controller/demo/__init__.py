@@ -1,1 +1,1 @@
-"""The demo: a run of the controller on the mock robot, what it observed, and the page that shows it."""
+"""The demo: a run of the controller on the mock robot, a recording of it, and an HTML report."""

@@ -1,4 +1,4 @@
-"""Leads a robot through a scenario, by topics alone, and keeps what it sees there."""
+"""Leads a robot through a scenario, only by topics, and logs the messages that it receives."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from wbc_controller.wire.topics import Direction, Endpoint, counterpart
 
 #: Wall time without a new state after which the demo is given up, s.
 _PATIENCE = 20.0
-#: Lead of a trajectory's start over the present, s: it has to arrive before it begins.
+#: Time from sending a trajectory to its start, s: it has to arrive before it starts.
 _LEAD = 0.1
 _SETTLE = 1.5
 
@@ -33,19 +33,19 @@ _STILL = np.zeros(3)
 
 
 class DemoFailed(WbcError):
-    """The demo could not go on: a robot that fell, a process that is gone."""
+    """The demo could not continue: the robot fell, or a process ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A span of simulated time in which something is measured, s."""
+    """A span of simulated time for a measurement, s."""
 
     start: float
     end: float
 
 
 class Log:
-    """The messages of each topic in order of arrival, still serialized. Filled by the transport's thread."""
+    """The serialized messages of each topic, in order of arrival; filled by the transport's thread."""
 
     def __init__(self) -> None:
         self.messages: dict[tuple[str, str, str], list[bytes]] = {}
@@ -68,20 +68,20 @@ class Log:
             transport.subscribe(counterpart(endpoint), kept.append)
 
     def last(self, owner: str, key: str, subject: str = "") -> Any | None:
-        """The newest message of a topic; None where none has come."""
+        """The newest message of a topic; None before the first."""
         place = (owner, key, subject)
         kept = self.messages[place]
         return decode(kept[-1], self.types[place]) if kept else None
 
     @property
     def time(self) -> float:
-        """Simulated time of the newest joint state, s; 0 where none has come."""
+        """Simulated time of the newest joint state, s; 0 before the first."""
         kept = self.messages["mock", "joint_states", ""]
         return header_time(kept[-1]) if kept else 0.0
 
 
 def header_time(payload: bytes) -> float:
-    """Time in the header that a serialized message starts with, s, without decoding the rest."""
+    """Time in the header at the start of a serialized message, s, without decoding the rest."""
     seconds, nanoseconds = struct.unpack_from("<iI", payload, 4)
     return float(seconds) + 1.0e-9 * float(nanoseconds)
 
@@ -90,11 +90,11 @@ class Director:
     """Plays a scenario.
 
     Attributes:
-        log: every message seen.
+        log: every message received.
         events: the phases so far.
-        windows: what is measured when, by name of the phase.
+        windows: time windows of the measurements, by name of the phase.
         references: centre-of-mass trajectories, in order of their start.
-        targets: position that each reach was sent to, by task.
+        targets: target position of each reach, by task.
     """
 
     def __init__(
@@ -107,16 +107,16 @@ class Director:
         advance: Callable[[Log], None],
         say: Callable[[str], None],
     ) -> None:
-        """Open all topics of both nodes, from the other side.
+        """Open the opposite ends of all topics of both nodes.
 
         Args:
             model: the robot's model.
-            frames: frame of each task that has one.
-            controller: topics of the controller.
-            mock: topics of the mock robot.
+            frames: frame of each frame task, by the task's name.
+            controller: endpoints of the controller.
+            mock: endpoints of the mock robot.
             transport: carries the messages.
-            advance: lets time go on until a new state has come, or a little while.
-            say: told what happens.
+            advance: lets time pass until a new state has arrived, or for a short while.
+            say: called with a line of text at each phase.
         """
         self.log = Log()
         self.events: list[Event] = []
@@ -144,7 +144,7 @@ class Director:
         """Play a scenario from the first state to the last shove.
 
         Raises:
-            DemoFailed: where it cannot go on.
+            DemoFailed: if it cannot continue.
         """
         self._begin("start")
         self._wait_for("the robot's first state", lambda: self.log.last("mock", "joint_states") is not None)
@@ -182,7 +182,7 @@ class Director:
         return "" if state is None else str(state.data)
 
     def _activate(self) -> None:
-        # Whoever has just been discovered may miss the first request.
+        # A controller that has just been discovered may miss the first request.
         for _ in range(20):
             self._command("activate")
             for _ in range(50):
@@ -205,7 +205,7 @@ class Director:
         raise DemoFailed(f"waited {_PATIENCE:g} s for {what} in vain")
 
     def _run(self, duration: float) -> None:
-        """Let simulated time go on, and see that the robot still stands."""
+        """Let simulated time pass, and check that the robot still stands."""
         self._let_pass(duration)
         self._look()
 
@@ -219,7 +219,7 @@ class Director:
                 raise DemoFailed(f"no state has come from the mock robot for {_PATIENCE:g} s")
 
     def _look(self) -> None:
-        """Stop where the robot has fallen or the controller has given up."""
+        """Raise `DemoFailed` if the robot has fallen or the controller is no longer active."""
         if not self._mode().startswith("active"):
             raise DemoFailed(f"the controller is no longer active: {self._mode()}")
         q, _ = self.state()
@@ -239,7 +239,7 @@ class Director:
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()[0]))
 
     def _move_to_standing(self) -> None:
-        """Make the present position of the centre of mass the reference, so that it is known here."""
+        """Command the present position of the centre of mass as its reference, so that the reference is known here."""
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
 
@@ -258,7 +258,7 @@ class Director:
         return start
 
     def _standing(self) -> Array:
-        """Where the centre of mass is asked to be now."""
+        """Present reference of the centre of mass."""
         return self.references[-1][1].sample(self.time).position
 
     def _stand(self, duration: float) -> None:

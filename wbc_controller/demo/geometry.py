@@ -1,6 +1,6 @@
 """A light visual geometry of a robot: one small convex hull for every visual of the URDF.
 
-The replay draws in a browser without a GPU, so that a few thousand triangles are all it can afford.
+The replay must also be drawn by a browser without a GPU, which can handle only a few thousand triangles.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ logger = logging.getLogger(__name__)
 
 #: Largest number of triangles of a hull. A hull of n corners has 2n - 4 triangles.
 TRIANGLES = 120
-#: A corner that would move the hull's surface by less than this is left out, m.
+#: A corner is left out if it would move the hull's surface by less, m.
 TOLERANCE = 2.0e-4
-#: Thickness of the bones that stand for meshes that are missing, m.
+#: Thickness of the bones that replace missing meshes, m.
 BONE = 0.03
 
-#: A part that sticks out of another one on the same joint by less than this is not drawn: painted from back to front,
-#: badges and sensors would only flicker, m.
+#: A part that protrudes from another part on the same joint by less is not drawn, m: painted from back to front, badges
+#: and sensors would only flicker.
 BADGE = 0.015
 
 _GREY = (0.62, 0.64, 0.67)
@@ -45,7 +45,7 @@ class Part:
 
     Attributes:
         name: name of the visual.
-        joint: index of the joint of `RobotModel.pinocchio` that carries it; 0 for the world.
+        joint: index of the joint of `RobotModel.pinocchio` that moves it; 0 for the world.
         vertices: corners in the joint's frame, (n, 3) in m.
         triangles: indices of the corners of each triangle, counter-clockwise seen from outside, (m, 3).
         color: red, green and blue from 0 to 1.
@@ -70,13 +70,13 @@ def build_parts(model: RobotModel) -> tuple[Part, ...]:
         The parts, in the order of the URDF.
 
     Raises:
-        ConfigurationError: where the visual geometry of the URDF cannot be read.
+        ConfigurationError: if the visual geometry of the URDF cannot be read.
     """
     folders = _package_folders(model.urdf)
     urdf, bare_links = _without_missing_meshes(model.urdf, folders)
     try:
-        # The frames of a reduced model know where they are on the joints that are left, so this places the visuals
-        # of links behind locked joints as well.
+        # The frames of a reduced model have placements on the remaining joints, so this also places the visuals of
+        # links behind locked joints.
         geometry = pin.buildGeomFromUrdfString(
             model.pinocchio, urdf, pin.VISUAL, package_dirs=[str(folder) for folder in folders]
         )
@@ -100,10 +100,10 @@ def build_parts(model: RobotModel) -> tuple[Part, ...]:
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Wrap points in a closed convex surface with few triangles.
+    """Enclose points in a closed convex surface with few triangles.
 
-    Corners are added where the surface is farthest from what it should hold, so that sharp ends stay sharp; the
-    points that are extreme along each axis come first, so that the bounding box is kept.
+    Corners are added where a point is farthest outside the surface, so that sharp ends stay sharp; the extreme points
+    along each axis come first, so that the bounding box is kept.
 
     Args:
         points: (n, 3) in m.
@@ -115,7 +115,7 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
     try:
         candidates = points[ConvexHull(points).vertices]
     except QhullError:
-        # Flat, or nearly so: the box around it, a millimetre thick at least.
+        # Flat, or nearly so: its bounding box, at least a millimetre thick.
         center, half = (points.max(0) + points.min(0)) / 2.0, np.maximum(np.ptp(points, axis=0) / 2.0, 5.0e-4)
         candidates = center + half * np.array(list(product((-1.0, 1.0), repeat=3)))
     directions = np.vstack([np.eye(3), -np.eye(3), list(product((-1.0, 1.0), repeat=3))])
@@ -139,7 +139,7 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
 
 
 def _points(shape: coal.CollisionGeometry) -> Array | None:
-    """Give points whose convex hull is the shape, (n, 3) in m."""
+    """Return points whose convex hull is the shape, (n, 3) in m."""
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))
     angles = np.arange(20) * 2.0 * np.pi / 20
     ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(20)])
@@ -159,7 +159,7 @@ def _points(shape: coal.CollisionGeometry) -> Array | None:
 
 
 def _embedded(part: Part, other: Part) -> bool:
-    """Tell whether a part lies within another one of the same joint, or nearly so."""
+    """Whether a part lies within another part of the same joint, or nearly so."""
     if part is other or part.joint != other.joint:
         return False
     equations = ConvexHull(other.vertices).equations
@@ -178,7 +178,7 @@ def _sphere() -> Array:
 
 
 def _package_folders(urdf: str) -> list[Path]:
-    """Find the folders that hold the packages that a URDF names."""
+    """Find the folders of the packages that a URDF names."""
     folders = []
     for package in sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf))):
         try:
@@ -189,10 +189,10 @@ def _package_folders(urdf: str) -> list[Path]:
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
-    """Take the visuals whose meshes are missing out of a URDF, on which Pinocchio would give up.
+    """Remove the visuals whose meshes are missing from a URDF, since Pinocchio would fail on them.
 
     Returns:
-        The URDF's text, and the names of the links concerned.
+        The URDF's text, and the names of the affected links.
     """
     root = ElementTree.fromstring(urdf)  # noqa: S314  # Pinocchio has read this text before
     bare = []

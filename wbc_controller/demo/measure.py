@@ -1,4 +1,4 @@
-"""From the messages of a run to a recording, and from that to the verdict."""
+"""Makes a recording from the messages of a run, and the verdict from the recording."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from wbc_controller.wire.messages import decode
 def make_recording(
     name: str, settings: Settings, model: RobotModel, director: Director, cycles: Mapping[str, Array]
 ) -> Recording:
-    """Decode what was seen.
+    """Decode the messages of a run.
 
     Args:
-        name: of the robot.
-        settings: its settings.
-        model: its model.
-        director: that played the scenario.
-        cycles: what the controller recorded, as `diagnostics.recorder.CycleRecorder` writes it.
+        name: name of the robot.
+        settings: settings of the robot.
+        model: model of the robot.
+        director: the director that played the scenario.
+        cycles: the controller's own record, as written by `diagnostics.recorder.CycleRecorder`.
     """
     log = director.log
     time, q = _states(log, model)
@@ -44,7 +44,7 @@ def make_recording(
     errors = {}
     for task, target in director.targets.items():
         window = director.windows.get(f"reach {task}")
-        frame = settings.tasks[task].frame  # type: ignore[union-attr]  # only frame tasks are reached with
+        frame = settings.tasks[task].frame  # type: ignore[union-attr]  # every reach uses a frame task
         distance = _frame_distance(model, frame, q, target)
         inside = (time >= window.start) & (time <= window.end) if window else np.zeros(len(time), dtype=bool)
         errors[task] = np.where(inside, distance, np.nan)
@@ -84,7 +84,7 @@ def make_recording(
 
 
 def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
-    """Times (n,) and configurations (n, nq): joint states with the base state of the same stamp."""
+    """Times (n,) and configurations (n, nq) from joint states and the base states of the same stamps."""
     order = JointOrder(model.joints)
     odometry = {header_time(payload): payload for payload in log.messages.get(("mock", "odom", ""), ())}
     times, configurations = [], []
@@ -105,7 +105,7 @@ def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
 
 
 def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: Callable[[Any], Any], size: int) -> Array:
-    """Values of a stamped topic at given times: the newest that is not later; NaN before the first."""
+    """Values of a stamped topic at given times: the last value up to that time; NaN before the first."""
     payloads = log.messages[key]
     stamps = np.array([header_time(payload) for payload in payloads])
     values = np.array([read(decode(payload, log.types[key])) for payload in payloads])
@@ -119,7 +119,7 @@ def _aligned(log: Log, key: tuple[str, str, str], time: Array, read: Callable[[A
 
 
 def _modes(cycles: Mapping[str, Array], start: float) -> tuple[tuple[float, str], ...]:
-    """The controller's modes, each from the time at which it began, s since the start."""
+    """The controller's modes, each with the time at which it began, s since the start."""
     modes = [str(mode) for mode in cycles["mode"]]
     times = [max(0.0, 1.0e-9 * float(stamp) - start) for stamp in cycles["stamp"]]
     changes = [i for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1]]
@@ -127,7 +127,7 @@ def _modes(cycles: Mapping[str, Array], start: float) -> tuple[tuple[float, str]
 
 
 def _audit(cycles: Mapping[str, Array], time: Array) -> dict[str, Array]:
-    """What the audit said last at given times."""
+    """Values of the last audit up to each of the given times."""
     stamps = 1.0e-9 * cycles["stamp"]
     index = np.searchsorted(stamps, time + 1.0e-9, side="right") - 1
     values = np.array(cycles["audit"])[np.maximum(index, 0)]
@@ -164,19 +164,19 @@ def judge(
     start: float,
     weight: float,
 ) -> tuple[Result, ...]:
-    """Hold a run against its targets.
+    """Compare a run with its targets.
 
     Args:
-        recording: of the run.
-        scenario: with the targets.
-        windows: what is measured when, on the clock of the states.
+        recording: recording of the run.
+        scenario: the scenario with the targets.
+        windows: time windows of the measurements, on the clock of the states.
         start: time of the recording's zero on that clock, s.
-        weight: of the robot, N.
+        weight: weight of the robot, N.
     """
     error = np.linalg.norm(recording.com - recording.com_reference, axis=1)
 
     def within(name: str, values: Array, after: float = 0.0) -> Array:
-        """The values in a window; none where it was not reached."""
+        """The values in a window; none if the run did not reach it."""
         window = windows.get(name)
         if window is None:
             return values[:0]
@@ -210,26 +210,26 @@ def judge(
         ]
         results.append(_audited(np.concatenate([within(name, recording.audit["warnings"]) for name in calm])))
     share = np.abs(recording.tau) / recording.effort_limits
-    sent = share[~np.isnan(share).all(axis=1)]  # before the first command there is nothing to look at
+    sent = share[~np.isnan(share).all(axis=1)]  # without the samples before the first command
     results.append(_torques(sent))
     return tuple(results)
 
 
 def _distance(name: str, values: Array, limit: float) -> Result:
-    """Largest of some distances in m against a limit; NaN, and no values at all, miss it."""
+    """Compare the largest of some distances in m with a limit; NaN, or no values at all, miss the target."""
     measured = f"{1e3 * np.max(values):.2f} mm" if len(values) else "not reached"
     return Result(name, f"below {1e3 * limit:g} mm", measured, len(values) > 0 and bool(np.max(values) < limit))
 
 
 def _share(name: str, values: Array, limit: float) -> Result:
-    """Largest of some deviations from the weight, as shares of it."""
+    """Compare the largest of some deviations from the weight, as shares of it, with a limit."""
     measured = f"{100.0 * np.max(values):.3f} % off" if len(values) else "not reached"
     good = len(values) > 0 and bool(np.max(values) <= limit)
     return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
 
 
 def _audited(warnings: Array) -> Result:
-    """While nothing disturbs the robot the audit has nothing to say."""
+    """Check that the audit does not warn while the robot is undisturbed."""
     measured = f"{int(np.count_nonzero(warnings))} of {len(warnings)} samples" if len(warnings) else "not reached"
     good = len(warnings) > 0 and not np.any(warnings != 0)
     return Result("model audit: false warnings", "none", measured, good)

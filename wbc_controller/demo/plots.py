@@ -1,4 +1,4 @@
-"""The plots of a report, as plotly figures. Colours of paper and text are the page's."""
+"""The plots of a report, as plotly figures; the page sets the colours of background and text."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from wbc_controller.records import Array
 #: Mid-tones that are legible on white and on black.
 PALETTE = ("#2f7de1", "#e5812b", "#22a06b", "#d6455d", "#8a63d2", "#149eb0", "#b58900", "#7d8794")
 GREY = "#8b95a3"
-#: Largest number of points of one line: more than the pixels it is drawn on.
+#: Largest number of points of one line: more than its pixels.
 POINTS = 2400
-#: Below this share of a contact's largest normal force, its use of friction is a quotient of noise and not shown.
+#: Share of a contact's largest normal force below which its use of friction is mere noise, and not shown.
 LIGHT = 0.05
 #: Joints whose torque is drawn as a line of its own.
 BUSIEST = 6
@@ -29,8 +29,8 @@ class Plot:
     """One plot of the page.
 
     Attributes:
-        key: its id in the page.
-        title: what it shows.
+        key: id of its element in the page.
+        title: title of the plot.
         caption: one sentence on how to read it.
         figure: the plotly figure.
         over_time: whether its x axis is the time of the run.
@@ -67,7 +67,7 @@ def phases(recording: Recording) -> list[tuple[float, float, str]]:
 
 
 def friction_use(wrench: Array, coefficient: float) -> Array:
-    """Give the share of the friction cone that a contact uses, |f_t| / (μ f_z), (n,); NaN while it bears little.
+    """Return the share of the friction cone that a contact uses, |f_t| / (μ f_z), (n,); NaN under a small load.
 
     Args:
         wrench: force or wrench of the contact, (n, k) in N, normal along the third axis.
@@ -81,7 +81,7 @@ def friction_use(wrench: Array, coefficient: float) -> Array:
 
 
 def decimate(time: Array, values: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Thin out a line so that it looks the same: of each stretch, the lowest and the highest sample stay.
+    """Thin out a line so that it looks the same: each stretch keeps its lowest and its highest sample.
 
     Args:
         time: (n,).
@@ -96,7 +96,7 @@ def decimate(time: Array, values: Array, points: int = POINTS) -> tuple[Array, A
     for start, end in pairwise(edges):
         stretch = values[start:end]
         if np.isnan(stretch).any():
-            # One gap and one value are enough to say where the line breaks.
+            # One gap and one value are enough to show where the line is interrupted.
             keep += [start, start + int(np.argmax(np.isnan(stretch)))]
             continue
         keep += [start + int(np.argmin(stretch)), start + int(np.argmax(stretch))]
@@ -209,7 +209,7 @@ def _audit(recording: Recording) -> Plot:
 def _cycles(recording: Recording) -> Plot:
     milliseconds = 1.0e3 * recording.cycle_seconds
     median, p99 = np.percentile(milliseconds, [50.0, 99.0])
-    # A few late cycles would squeeze all others into one bar: they are counted in the last one.
+    # A few late cycles would squeeze all others into one bar: they are counted in the last bar.
     end = float(max(np.percentile(milliseconds, 99.8) * 1.05, 1.25 * median))
     counts, edges = np.histogram(np.minimum(milliseconds, end), bins=70, range=(0.0, end))
     share = 100.0 * counts / len(milliseconds)
@@ -279,7 +279,7 @@ def _line(
 
 
 def _finish(figure: go.Figure, recording: Recording | None, height: int) -> None:
-    """Give a figure what all of them have: size, margins, and the phases of the run in its background."""
+    """Set the common properties of a figure: size, margins, and the phases of the run in its background."""
     figure.update_layout(
         # The page draws the legend, so that it wraps on narrow screens and never covers a line.
         template=None, height=height, showlegend=False, margin={"l": 74, "r": 16, "t": 8, "b": 46},
@@ -303,7 +303,7 @@ def _every_other(spans: Sequence[tuple[float, float, str]]) -> Iterator[tuple[fl
 
 
 def _at_least(figure: go.Figure, row: int, values: Array, span: float) -> None:
-    """Keep an axis from magnifying noise: it spans at least so much."""
+    """Give an axis a smallest span, so that it does not magnify noise."""
     values = values[np.isfinite(values)]
     if not len(values):
         return

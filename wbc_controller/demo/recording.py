@@ -1,4 +1,4 @@
-"""What a demo run observed over topics, as one frozen record of arrays that can be saved and loaded."""
+"""The recording of a demo run over topics: one frozen record of arrays that can be saved and loaded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, frozen, frozen_mapping
 from wbc_controller.settings import ContactSettings, SurfaceContact
 
-#: Raised by one whenever a saved recording changes its layout.
+#: Version of the file format, incremented whenever the layout of a saved recording changes.
 FORMAT = 3
 
 
@@ -27,7 +27,7 @@ class Event:
 
     Attributes:
         time: simulated time since the start, s.
-        name: what the robot does from then on, such as ``squat``.
+        name: name of the phase, such as ``squat``.
     """
 
     time: float
@@ -39,9 +39,9 @@ class Result:
     """One line of the verdict.
 
     Attributes:
-        name: what was measured.
-        target: what it had to be, for a person to read.
-        measured: what it was.
+        name: name of the measured quantity.
+        target: its target, as readable text.
+        measured: its measured value, as readable text.
         passed: whether the target was met.
     """
 
@@ -53,10 +53,10 @@ class Result:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Where a contact is on the robot, so that its forces can be drawn.
+    """Placement of a contact on the robot, for drawing its forces.
 
     Attributes:
-        frame: the frame of the URDF that carries it.
+        frame: frame of the URDF in which it is placed.
         placement: [position, quaternion] of the contact in that frame, (7,).
         corners: corners of the support in the contact's axes, (m, 3) in m.
     """
@@ -72,32 +72,32 @@ class Support:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What a demo run observed over topics.
+    """The recording of a demo run over topics.
 
     Arrays are copied and frozen. Shapes: n samples of the state, m cycles of the controller, na actuators.
 
     Attributes:
         robot: the robot's name.
-        actuators: their names, in the order of the command.
+        actuators: names of the actuators, in the order of the command.
         time: simulated time since the start, (n,) in s; never decreases.
         q: Pinocchio configuration, (n, nq).
         tau: commanded torques, (n, na) in N·m.
-        effort_limits: largest torques, (na,) in N·m.
+        effort_limits: effort limits, (na,) in N·m.
         com: centre of mass in the world, (n, 3) in m.
-        com_reference: its reference, (n, 3) in m; NaN where there is none.
-        frame_errors: per task, the norm of its error, (n,) in m or rad; NaN where the task is off.
-        contact_wrenches: per contact, what the quadratic program counts on, (n, k) in N and N·m: a wrench in the
-            contact's frame, force first (k = 6), or a force along the world's axes (k = 3). NaN or zero where broken.
-        true_wrenches: the same as the ground really gave it, by the same names.
+        com_reference: reference of the centre of mass, (n, 3) in m; NaN without a reference.
+        frame_errors: per task, the norm of its error, (n,) in m or rad; NaN while the task is disabled.
+        contact_wrenches: per contact, its force or wrench in the solution, (n, k) in N and N·m: a wrench in the
+            contact's frame, force first (k = 6), or a force along the world's axes (k = 3). NaN or zero while inactive.
+        true_wrenches: per contact, the true force or wrench in the simulation, in the same form.
         friction: per contact, its Coulomb coefficient.
         cycle_seconds: time that each cycle of the controller took, (m,) in s.
-        stage_seconds: the share of each stage in it, (m,) in s.
+        stage_seconds: per stage, its part of this time, (m,) in s.
         events: the phases of the run.
         results: the verdict.
         modes: the supervisor's mode from each time on, (time in s, mode).
-        supports: per contact, where it is on the robot; those that are missing are not drawn.
-        audit: what the live audit said, by name, each (n,): ``energy`` and ``throughput`` in W, ``force`` in N,
-            ``torque`` in N·m, and the number of ``warnings``; NaN where there was none.
+        supports: per contact, its placement on the robot; contacts without an entry are not drawn.
+        audit: results of the live audit by name, each (n,): ``energy`` and ``throughput`` in W, ``force`` in N,
+            ``torque`` in N·m, and the number of ``warnings``; NaN without an audit.
     """
 
     robot: str
@@ -169,10 +169,10 @@ class Recording:
         return float(self.time[-1] - self.time[0])
 
     def save(self, path: Path) -> None:
-        """Write the recording as a compressed ``.npz`` file, with everything but numbers as JSON inside it."""
+        """Write the recording as a compressed ``.npz`` file, with all other data than arrays as JSON inside it."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
         for name in _GROUPS:
-            # By position, since the names of tasks and contacts need not be valid names of files.
+            # Numbered, since names of tasks and contacts need not be valid file names.
             arrays |= {f"{name}.{i}": values for i, values in enumerate(getattr(self, name).values())}
         metadata = {
             "format": FORMAT,
@@ -194,10 +194,10 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> Recording:
-        """Read what `save` wrote.
+        """Read a recording written by `save`.
 
         Raises:
-            ConfigurationError: where the file cannot be read or does not hold a recording.
+            ConfigurationError: if the file cannot be read or does not hold a recording.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -233,7 +233,7 @@ _GROUPS = ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds",
 
 
 def supports_of(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
-    """Say where each contact of a configuration is on the robot.
+    """Collect the placement of each contact of a configuration on the robot.
 
     Args:
         contacts: the section ``contacts`` of the robot's settings.
@@ -248,7 +248,7 @@ def supports_of(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
 
 
 def _array(name: str, values: Any, shape: tuple[int | None, ...]) -> Array:
-    """Copy and freeze an array, and hold it to a shape in which None stands for any length."""
+    """Copy and freeze an array, and check its shape, in which None stands for any length."""
     array = frozen(values)
     if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
         wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"

@@ -23,7 +23,7 @@ from wbc_controller.demo.recording import Recording
 from wbc_controller.records import Array
 
 FRAME_RATE = 30.0
-#: Long runs are replayed from fewer frames per second, so that the page stays small.
+#: Largest number of frames; long runs have fewer frames per second, so that the page stays small.
 MAX_FRAMES = 3600
 _INT16 = 32767
 
@@ -32,13 +32,13 @@ def write_report(recording: Recording, model: RobotModel, path: Path) -> None:
     """Write the report of a run as one self-contained HTML file.
 
     Args:
-        recording: what the run observed.
-        model: the robot it was observed on.
+        recording: recording of the run.
+        model: the robot of the recording.
         path: the file to write.
 
     Raises:
-        ConfigurationError: where the robot's visual geometry cannot be read, or a support names an unknown frame.
-        ValueError: where the recording is of another robot.
+        ConfigurationError: if the robot's visual geometry cannot be read, or a support names an unknown frame.
+        ValueError: if the recording is of another robot.
     """
     if recording.q.shape[1] != model.nq:
         raise ValueError(f"the recording's q has {recording.q.shape[1]} columns; the model of the robot has {model.nq}")
@@ -58,16 +58,16 @@ def write_report(recording: Recording, model: RobotModel, path: Path) -> None:
         "page": _resource("page.js"),
     }
     template = _resource("report.html")
-    # One pass, so that a piece that happens to hold something like a placeholder is left alone.
+    # In one pass, so that text like a placeholder within a piece is not replaced.
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match.group(1)], template)
     path.write_text(page, encoding="utf-8")
 
 
 def replay_data(recording: Recording, model: RobotModel, parts: Sequence[Part]) -> dict[str, Any]:
-    """Collect what the replay draws: bodies, their poses in each frame, contact forces and the centre of mass.
+    """Collect the data of the replay: bodies, their poses in each frame, contact forces and the centre of mass.
 
     Returns:
-        What ``replay.js`` reads, ready for JSON. Arrays of numbers are base64 of little-endian bytes.
+        The input of ``replay.js``, ready for JSON. Arrays of numbers are base64 of little-endian bytes.
     """
     frames = frame_indices(recording.time)
     time = recording.time[frames]
@@ -117,13 +117,13 @@ def replay_data(recording: Recording, model: RobotModel, parts: Sequence[Part]) 
 
 
 def frame_indices(time: Array) -> npt.NDArray[np.intp]:
-    """Choose the samples that become the frames of the replay, evenly over the run and both ends included."""
+    """Choose the samples for the frames of the replay, evenly over the run with both ends included."""
     count = int(np.clip((time[-1] - time[0]) * FRAME_RATE + 1, 1, MAX_FRAMES))
     return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], count)))
 
 
 def joint_poses(q: Array, model: RobotModel, joints: Sequence[int]) -> Array:
-    """Compute where joints are in the world.
+    """Compute the poses of joints in the world.
 
     Args:
         q: configurations, (frames, nq).
@@ -160,13 +160,13 @@ def encode_poses(poses: Array) -> dict[str, Any]:
 
 
 def decode_poses(packed: Mapping[str, Any]) -> Array:
-    """Undo `encode_poses`, as ``replay.js`` does."""
+    """Decode the result of `encode_poses`, as ``replay.js`` does."""
     whole = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").reshape(packed["shape"])
     return np.asarray(whole * np.array(packed["scale"]) + np.array(packed["center"]))
 
 
 def _size(parts: Sequence[Part], pose: Array, joints: Sequence[int]) -> float:
-    """Give the diagonal of the robot's bounding box, m."""
+    """Return the diagonal of the robot's bounding box, m."""
     points = []
     for part in parts:
         placement = pin.XYZQUATToSE3(np.array(pose[joints.index(part.joint)]))
@@ -185,11 +185,11 @@ def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:
 
     Args:
         wrench: wrench in the contact's frame, (frames, 6), or force along the world's axes, (frames, 3).
-        pose: pose of the joint that carries the contact, (frames, 7).
-        placement: the contact on that joint.
+        pose: pose of the joint that moves the contact, (frames, 7).
+        placement: placement of the contact on that joint.
 
     Returns:
-        Where the force applies and the force, (frames, 6) in m and N. A wrench applies at its centre of pressure.
+        Point of application and force, (frames, 6) in m and N. A wrench applies at its centre of pressure.
     """
     lines = np.empty((len(wrench), 6))
     for frame, (values, where) in enumerate(zip(wrench, pose, strict=True)):
@@ -247,7 +247,7 @@ def _figure(plot: Plot) -> str:
 
 
 def _json(value: Any) -> str:
-    """Write JSON that cannot end the script element that it stands in."""
+    """Write JSON that cannot end the script element around it."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 

@@ -1,4 +1,4 @@
-"""The demo: a controller and a mock robot, led through a scenario by topics, and judged."""
+"""Runs the demo: a controller and a mock robot are led through a scenario by topics, and the run is judged."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.topics import MOCK_TOPICS, Endpoint, endpoints
 
-#: Domains 100 to 199 are the demo's, chosen by process, so that two demos on one machine do not meet.
+#: The demo uses domains 100 to 199, chosen by process, so that two demos on one machine do not interfere.
 _FIRST_DOMAIN = 100
 
 
-#: The user's transport, what lets time go on, and the controller's own record, filled at the end.
+#: The user's transport, the function that lets time pass, and the controller's own record, filled at the end.
 _Play = tuple[Transport, Callable[[Log], None], dict[str, Array]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """What a demo plays on."""
+    """The robot, scenario and folder of a demo."""
 
     name: str
     settings: Settings
@@ -63,16 +63,16 @@ def run_demo(robot: str, folder: Path, *, lockstep: bool = False, real_time_fact
     """Run the demo of a robot, print a table and write the report.
 
     Args:
-        robot: name of a robot that is shipped.
-        folder: for the report.
-        lockstep: in one process, without real time.
+        robot: name of a shipped robot.
+        folder: folder of the report.
+        lockstep: run in one process, without real time.
         real_time_factor: simulated seconds per second.
 
     Returns:
         Whether every target was met.
 
     Raises:
-        ConfigurationError: where there is no such demo.
+        ConfigurationError: if there is no such demo.
     """
     scenario = find_scenario(robot)
     settings = load_settings(find_configuration(robot))
@@ -114,7 +114,7 @@ def _mock_endpoints(settings: Settings) -> list[Endpoint]:
 
 @contextmanager
 def _progress(console: Console, stage: _Stage) -> Iterator[Callable[[str], None]]:
-    """A bar that moves on with each phase; plain lines where the output is no terminal."""
+    """A progress bar that advances with each phase; plain lines if the output is not a terminal."""
     scenario = stage.scenario
     phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
     columns = (
@@ -138,7 +138,7 @@ def _progress(console: Console, stage: _Stage) -> Iterator[Callable[[str], None]
 
 @contextmanager
 def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
-    """Two processes, and this one as the user."""
+    """Run controller and mock robot in two processes, with this process as the user."""
     from wbc_controller.transports.dds import DdsTransport
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
@@ -182,7 +182,7 @@ def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) 
 
 @contextmanager
 def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
-    """Everything in this process, one step at a time: the run is the same every time."""
+    """Run everything in this process, one step at a time, which makes the run reproducible."""
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()

@@ -1,4 +1,4 @@
-"""What each robot is asked to do in the demo, and the targets it has to meet."""
+"""The motions and targets of each robot's demo."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ class Move:
     """A motion of the centre of mass through points at rest.
 
     Attributes:
-        name: of the phase.
-        points: (seconds since the start of the move, offset from the standing position (3,) in m).
+        name: name of the phase.
+        points: pairs of the time since the start of the move, s, and the offset from the standing position, (3,) in m.
         target_rms: largest root mean square of the tracking error, m.
     """
 
@@ -29,11 +29,11 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """A frame-pose task is switched on and sent to a pose by topic.
+    """A frame pose task that is enabled and sent to a pose by topic.
 
     Attributes:
         task: name of the task.
-        offset: of the target from where the frame is, world axes, (3,) in m.
+        offset: offset of the target from the frame's present position, world axes, (3,) in m.
         duration: time allowed, s.
         target: largest distance at the end, m.
     """
@@ -49,8 +49,8 @@ class Shove:
     """A force on the base for a tenth of a second.
 
     Attributes:
-        name: of the direction.
-        impulse: world axes, (3,) in N·s.
+        name: name of the direction.
+        impulse: impulse in world axes, (3,) in N·s.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Scenario:
         moves: motions of the centre of mass.
         reaches: motions of a hand.
         shoves: disturbances.
-        recovery: time after which the centre of mass is to be back, s.
+        recovery: time after which the centre of mass must have returned, s.
         recovery_target: largest distance then, m.
         force_target: largest deviation of the sum of vertical forces from the weight, as a share of it.
     """
@@ -121,7 +121,7 @@ def find_scenario(robot: str) -> Scenario:
     """Look up a robot's demo.
 
     Raises:
-        ConfigurationError: where there is none.
+        ConfigurationError: if the robot has no demo.
     """
     if robot not in SCENARIOS:
         raise ConfigurationError(f"there is no demo of {robot!r}; {valid_choices(robot, SCENARIOS)}")

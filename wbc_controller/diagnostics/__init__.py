@@ -1,1 +1,1 @@
-"""What the controller says about itself: diagnostics by topic, and recordings of cycles."""
+"""What the controller reports about itself: diagnostics, markers, the live audit, and recordings of cycles."""

@@ -1,8 +1,8 @@
-"""The live audit: do the laws of motion hold between the states that come in and the torques that went out?
+"""The live audit: checks that the latched states and the torques sent obey the laws of motion.
 
 Between two states the energy must change by the work of the torques (equation (29) of the note; S6), the momentum by
-gravity and contact forces (equation (26); S5), and every joint must accelerate as the equations of motion say (S1).
-What is left over means a wrong model, a torque that did not arrive as it was sent, or a force that nobody knows of.
+gravity and contact forces (equation (26); S5), and every joint must accelerate by the equations of motion (S1). A
+residual indicates a wrong model, a torque that did not arrive as it was sent, or an unknown external force.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
 
-#: States further apart, in control periods, are not compared: something was lost in between.
+#: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
 
 
 @dataclass(frozen=True, slots=True)
 class AuditLimits:
-    """How large the residuals may be.
+    """Limits on the residuals.
 
     Attributes:
-        time_constant: of the filter on the residuals, s.
-        patience: how long a residual is too large before there is a warning, s.
-        energy: largest energy residual, as a share of the joints' power.
-        power: power of the joints below which it is not measured against, W.
-        force: largest unaccounted force on the centre of mass, N.
-        torques: largest unaccounted torque of each joint, (nj,) in N·m.
+        time_constant: time constant of the filter on the residuals, s.
+        patience: time for which a residual must be too large before there is a warning, s.
+        energy: largest energy residual, as a share of the joint power.
+        power: smallest joint power for that comparison, W.
+        force: largest unexplained force on the centre of mass, N.
+        torques: largest unexplained torque of each joint, (nj,) in N·m.
         period: control period, s.
     """
 
@@ -49,25 +49,25 @@ class AuditLimits:
 
 @dataclass(frozen=True, slots=True)
 class _Sent:
-    """A state and what was sent in answer to it."""
+    """A state, the torques sent for it, and the external wrenches assumed."""
 
     state: RobotState
     tau: Array
-    solution: Solution | None  # None where other torques than its own were sent: then it predicts nothing
+    solution: Solution | None  # None if other torques were sent: it then predicts nothing
     contacts: tuple[ExternalWrench, ...]
     external: tuple[ExternalWrench, ...]
 
 
 class ModelAudit:
-    """Compares each state with what the last one and its torques should have led to."""
+    """Compares each state with the motion predicted from the previous state and its torques."""
 
     def __init__(self, model: RobotModel, contacts: Mapping[str, Contact], limits: AuditLimits) -> None:
         """Make an audit.
 
         Args:
             model: the robot's model.
-            contacts: by name.
-            limits: how large the residuals may be.
+            contacts: the robot's contacts, by name.
+            limits: limits on the residuals.
         """
         self._model = model
         self._contacts = contacts
@@ -90,23 +90,23 @@ class ModelAudit:
         solution: Solution | None,
         command: JointCommand | None,
     ) -> AuditReport | None:
-        """Compare one more state with the last one.
+        """Compare this cycle's state with the previous one.
 
         Args:
-            state: of this cycle.
-            dynamics: the snapshot at that state.
-            solution: of this cycle.
-            command: that was sent.
+            state: latched state of this cycle.
+            dynamics: dynamics at that state.
+            solution: solution of this cycle.
+            command: command sent in this cycle.
 
         Returns:
-            The report; None where there is nothing to compare: no torques were sent, or states were lost.
+            The report; None if there is nothing to compare, as no torques were sent or states were lost.
         """
         sent, self._sent = self._sent, self._remember(state, dynamics, solution, command)
         if sent is None:
             self._forget()
             return None
         gap = (state.stamp - sent.state.stamp) * 1.0e-9
-        if gap <= 0.0:  # the same state again: go on from the older one
+        if gap <= 0.0:  # the same state again: keep the older one, with its torques
             self._sent = sent
             return None
         if gap > _LARGEST_GAP * self._limits.period:
@@ -145,12 +145,12 @@ class ModelAudit:
         model = self._model
         share = gap / (self._limits.time_constant + gap)
         force = model.actuation.generalized_force(sent.tau)
-        if model.passive is not None:  # the mean of a spring's forces at both ends gives its work exactly
+        if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
             ends = (sent.state, state)
             force += 0.5 * sum(model.passive_force(end.q, end.v) for end in ends)
-        if model.actuation.rotors is not None:  # Pinocchio's energy has the links' and the armature's part alone
+        if model.actuation.rotors is not None:  # Pinocchio's energy covers only links and armature
             force -= model.actuation.rotors @ (state.v - sent.state.v) / gap
-        # Contacts do not move along what they hold, so they do no work.
+        # Contact forces do no work: a contact does not move along the axes that it holds.
         energy: EnergyBalance = energy_residual(
             model.pinocchio, sent.state, state, force, sent.external, data=self._data
         )

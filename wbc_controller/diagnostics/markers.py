@@ -1,8 +1,8 @@
-"""What the controller sees and counts on, as a visualization_msgs/MarkerArray for RViz and Foxglove.
+"""State, references and contact forces as a visualization_msgs/MarkerArray, for RViz and Foxglove.
 
-Everything is in the world frame. A kind of thing is a namespace, to be switched on and off by, and one marker where it
-can be: markers cost more than points. What is no longer there is not deleted but goes with its lifetime, and so it
-does when the controller dies.
+Everything is in the world frame. Each kind of shape has its own namespace, so that a viewer can switch it on and off,
+and is one marker where possible, since a marker costs more than a point. Old markers are not deleted: they expire after
+their lifetime, also when the controller dies.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from wbc_controller.views.scene import ARROW, COLORS, LINE_LIST, LINE_STRIP, SPH
 from wbc_controller.wire.messages import TYPES, header, message, stamp
 
 WORLD_FRAME = "world"
-#: Numbers of visualization_msgs/Marker.
+#: Values of the field `type` of a visualization_msgs/Marker.
 _KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}
 
 
 class MarkerScene:
-    """Draws one state with what is wanted and what was answered."""
+    """Draws one state with its references and its solution."""
 
     def __init__(
         self, model: RobotModel, tasks: Mapping[str, Task], contacts: Mapping[str, Contact], lifetime: float
@@ -36,22 +36,22 @@ class MarkerScene:
 
         Args:
             model: the robot's model.
-            tasks: by name.
-            contacts: by name.
-            lifetime: time after which a marker that was not sent again goes, s; none where it is not finite.
+            tasks: the tasks, by name.
+            contacts: the contacts, by name.
+            lifetime: time after which a marker expires unless it is sent again, s; inf for never.
         """
         self._tasks, self._contacts = tasks, contacts
         self._lifetime = _duration(lifetime)
-        # One of its own: the controller's snapshot is that of its last solution, and is not to be touched.
+        # A separate object, since the controller's dynamics must remain those of its last solution.
         self._dynamics = Dynamics(model)
 
     def message(self, state: RobotState, references: References | None, solution: Solution | None) -> Any:
         """Make the message.
 
         Args:
-            state: where the robot is.
-            references: what is wanted, where the controller is active.
-            solution: its answer, if there is one.
+            state: the latched state.
+            references: references of the cycle, if the controller is active.
+            solution: solution of the cycle, if there is one.
         """
         self._dynamics.update(state.q, state.v)
         shapes = draw(self._dynamics, self._tasks, self._contacts, references, solution)
@@ -60,10 +60,10 @@ class MarkerScene:
         )
 
     def _marker(self, time: int, shape: Shape) -> Any:
-        """One marker in the colour of its namespace."""
+        """Make one marker, in the colour of its namespace."""
         r, g, b, a = COLORS[shape.group]
         size = shape.size
-        # Of an arrow: diameters of shaft and head, length of the head; of balls: three diameters; of lines: the width.
+        # Arrows: diameter of the shaft, diameter and length of the head; balls: three diameters; lines: the width.
         x, y, z = {ARROW: (size, 2.0 * size, 2.5 * size), SPHERE_LIST: (size, size, size)}.get(
             shape.kind, (size, 0.0, 0.0)
         )

@@ -1,4 +1,4 @@
-"""Keeps what the cycles did, for a file at the end: torques, modes and times."""
+"""Records torques, modes, times and audits of the cycles, and saves them to a file at the end."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from wbc_controller.records import CycleReport
 
-#: What stands in the columns of ``audit``.
+#: Columns of ``audit``.
 AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
 
 
 class CycleRecorder:
-    """Collects the torques and times of every cycle that sent a command."""
+    """Collects the torques, times and audits of every cycle that sent a command."""
 
     def __init__(self) -> None:
         self._stamps: list[int] = []
@@ -23,7 +23,7 @@ class CycleRecorder:
         self._audits: list[tuple[float, float, float, float, int]] = []
 
     def add(self, report: CycleReport) -> None:
-        """Take one report."""
+        """Add the report of a cycle."""
         if report.command is None:
             return
         self._stamps.append(report.command.stamp)
@@ -46,9 +46,9 @@ class CycleRecorder:
     def save(self, path: Path) -> None:
         """Write an .npz file.
 
-        It holds stamp (n,) in ns, tau (n, na) in N·m, mode (n,), seconds/<stage> (n,) in s, and audit (n, 5),
-        columns as in `AUDIT_COLUMNS`: energy residual and throughput in W, unaccounted force in N, largest unaccounted
-        joint torque in N·m, and the number of warnings; NaN where there was no audit.
+        It holds stamp (n,) in ns, tau (n, na) in N·m, mode (n,), seconds/<stage> (n,) in s, and audit (n, 5) with the
+        columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in N, largest unexplained
+        joint torque in N·m, and the number of warnings. Without an audit the residuals are NaN.
         """
         stages = sorted({stage for seconds in self._seconds for stage in seconds})
         times = {

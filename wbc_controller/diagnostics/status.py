@@ -1,4 +1,4 @@
-"""Cycle reports summed up as a diagnostic_msgs/DiagnosticArray."""
+"""Summarises cycle reports as a diagnostic_msgs/DiagnosticArray."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ _LEVELS = {
 
 
 class StatusSummary:
-    """Collects reports, and sums up those since the last message."""
+    """Collects the reports since the last message, and summarises them."""
 
     def __init__(self, node: str, hardware: str) -> None:
         """Make a summary.
 
         Args:
-            node: name of the node, with its namespace: two robots in one graph share the topic.
+            node: name of the node with its namespace, since two robots in one graph share the topic.
             hardware: name of the robot.
         """
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
         self._reports: list[CycleReport] = []
 
     def add(self, report: CycleReport) -> None:
-        """Take one report."""
+        """Add the report of a cycle."""
         self._reports.append(report)
 
     def message(self, wall: int) -> Any:
-        """Make the message, and start over.
+        """Make the message, and discard the reports collected so far.
 
         Args:
-            wall: time of day, ns.
+            wall: time for the header, ns.
         """
         reports, self._reports = self._reports, []
         values, warnings = _values(reports)
@@ -56,13 +56,13 @@ class StatusSummary:
 
 
 def _per(constraint: str) -> str:
-    """Unit of a binding constraint's multiplier: the cost itself has none."""
+    """Unit of a binding constraint's multiplier, as the cost itself has no unit."""
     kind = constraint.partition(":")[0]
     return {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}.get(kind, "1/(m/s²)")
 
 
 def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
-    """Key values of some cycles, and sentences worth a warning."""
+    """Key-value pairs that summarise some cycles, and their warnings."""
     last = reports[-1]
     values = {
         "mode": last.mode.value,

@@ -1,4 +1,4 @@
-"""What holds the mock robot's links besides the floor: grips at fixed contacts, and the joints that close loops."""
+"""Constraints on the mock robot's links besides the floor: grips at fixed contacts, and joints that close loops."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, LoopSettings
 
-#: Distance of the two points that make a hinge, m.
+#: Distance between the two points that make a hinge, m.
 HINGE_LENGTH = 0.1
 #: Length that makes MuJoCo hold a rotation as stiffly as a translation, m.
 _TORQUE_SCALE = 1.0
-#: Rows whose part outside of the others' span is smaller are redundant.
+#: A row is redundant if its part outside the span of the other rows is smaller.
 _REDUNDANT = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A link at a link or at the world.
+    """The attachment of a link to another link, or to the world.
 
     Attributes:
-        names: of MuJoCo's equality constraints that make it: one weld, or one or two points held together.
-        points: of these, in the attached frame, (n, 3) in m; None for a weld.
-        joints: Pinocchio joints that move what holds, and the link that is held; 0 for the world.
-        placements: of the attached frame on these joints; the first one is where it belongs.
+        names: names of its equality constraints in MuJoCo: one weld, or one or two points held together.
+        points: these points in the attached frame, (n, 3) in m; None for a weld.
+        joints: Pinocchio joints that move the holder and the held link; 0 for the world.
+        placements: placements of the attached frame on these joints; the first is its target on the holder.
     """
 
     names: tuple[str, ...]
@@ -44,10 +44,10 @@ class Attachment:
 
 
 def points_of(mask: Sequence[bool], key: str) -> Array | None:
-    """Points of a frame that have to stay in place so that the axes of a mask are held; None for all six.
+    """Points of a frame that must be fixed to hold the axes of a mask; None for all six axes.
 
     Raises:
-        ConfigurationError: where MuJoCo has no constraint for them.
+        ConfigurationError: if MuJoCo has no constraint for the mask.
     """
     turns = [int(axis) for axis in np.flatnonzero(mask[3:])]
     if all(mask):
@@ -64,7 +64,7 @@ def points_of(mask: Sequence[bool], key: str) -> Array | None:
 
 
 def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict[str, Attachment]:
-    """What holds the links of fixed contacts, by contact."""
+    """The grips that hold the links of fixed contacts, by the contact's name."""
     grips = {}
     for name, contact in contacts.items():
         if not isinstance(contact, FixedContact):
@@ -79,7 +79,7 @@ def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict
 
 
 def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[str, Attachment]:
-    """The joints that close loops, by loop: frame_b is held in frame_a."""
+    """The joints that close loops, by the loop's name: frame_b is held in frame_a."""
     closures = {}
     for name, loop in loops.items():
         points = points_of(_effective_mask(model, name, loop), f"loops.{name}.mask")
@@ -99,10 +99,10 @@ def _joint_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
 
 
 def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bool]:
-    """Add to the axes that a loop holds those along which it cannot move anyway: of a planar one, out of plane."""
+    """Extend a loop's mask by the axes along which it cannot move anyway, such as those out of a planar loop."""
     whole = make_loop_closure(name, loop.model_copy(update={"mask": [True] * 6}), model)
     dynamics = Dynamics(model)
-    # Anywhere but in the nominal posture, where joints may be in line.
+    # Away from the nominal posture, which may be singular.
     step = 0.3 * np.cos(np.arange(model.nv))
     dynamics.update(pin.integrate(model.pinocchio, dynamics.q, step), np.zeros(model.nv))
     J = whole.jacobian(dynamics)
@@ -114,7 +114,7 @@ def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bo
 def add_attachment(
     spec: Any, attachment: Attachment, bodies: tuple[str, str], solref: list[float], solimp: list[float]
 ) -> None:
-    """Add the constraints of an attachment to MuJoCo's specification; where they act is written by `place`."""
+    """Add the constraints of an attachment to MuJoCo's specification; `place` sets their placement."""
     for constraint in attachment.names:
         equality = spec.add_equality()
         equality.name = constraint
@@ -127,18 +127,18 @@ def add_attachment(
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
-    """Write where an attachment acts.
+    """Set the placement of an attachment.
 
     Args:
         model: MuJoCo's model.
-        attachment: to be written.
-        holder: where the attached frame belongs, in what holds it.
+        attachment: the attachment.
+        holder: target placement of the attached frame, in the holder's frame.
     """
     link = attachment.placements[1]
     for index, constraint in enumerate(attachment.names):
         data = model.eq_data[model.equality(constraint).id]
         if attachment.points is None:
-            # The same point in both bodies, the second one first, and how the second is turned in the first.
+            # The common point in the second body, then in the first, then the second body's orientation in the first.
             data[:3], data[3:6] = link.translation, holder.translation
             turn = pin.SE3((holder * link.inverse()).rotation, np.zeros(3))
             data[6:10] = np.array(pin.SE3ToXYZQUAT(turn))[[6, 3, 4, 5]]
@@ -148,7 +148,7 @@ def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
 
 
 def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
-    """What an attachment exerts on its link, about the origin of the attached frame, in world axes, (6,)."""
+    """The wrench of an attachment on its link, about the origin of the attached frame, world axes, (6,) in N, N·m."""
     body = int(model.eq_obj2id[model.equality(attachment.names[0]).id])
     link = pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body])
     origin = link.act(attachment.placements[1].translation)
@@ -158,10 +158,10 @@ def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
         rows = np.flatnonzero(equality & (data.efc_id[: data.nefc] == model.equality(constraint).id))
         if not len(rows):
             continue
-        force = -data.efc_force[rows]  # MuJoCo's rows are those of the first body less the second
+        force = -data.efc_force[rows]  # MuJoCo's rows are those of the first body minus the second
         total[:3] += force[:3]
         if attachment.points is None:
-            # The rows of the rotation are half the difference of the angular velocities, in the second body's axes.
+            # The rotation rows are half the difference of the angular velocities, in the second body's axes.
             total[3:] += 0.5 * _TORQUE_SCALE * link.rotation @ force[3:]
         else:
             arm = link.act(attachment.placements[1].act(attachment.points[index])) - origin

@@ -1,4 +1,4 @@
-"""The hoist that holds the mock robot's base where it starts, takes hold gently and lets go gently."""
+"""The hoist that holds the mock robot's base at its start, and is engaged and released along ramps."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import pinocchio as pin
 
 from wbc_controller.mock.mechanism import HOIST, IMPEDANCE, STIFF_STEPS, position_and_wxyz
 
-#: Time over which the hoist takes hold or lets go, s: long enough that nobody feels a kick.
+#: Time over which the hoist is engaged or released, s: long enough to avoid a kick.
 RAMP = 0.3
-#: Speeds at which it carries a base that has gone elsewhere back to where it started, m/s and rad/s.
+#: Speeds at which it carries a displaced base back to its start, m/s and rad/s.
 SPEED, TURN = 0.5, 1.0
 
 
 class Hoist:
-    """A weld between world and base, whose strength and place follow ramps.
+    """A weld between world and base, whose strength and placement follow ramps.
 
     Attributes:
-        start: where it holds the base, in the world.
+        start: placement in the world at which it holds the base.
     """
 
     def __init__(self, model: Any, data: Any, start: pin.SE3) -> None:
-        """Take hold of the base at `start`, at full strength.
+        """Hold the base at `start`, at full strength.
 
         Args:
             model: MuJoCo's model, with the weld in it.
@@ -42,11 +42,11 @@ class Hoist:
 
     @property
     def held(self) -> bool:
-        """Whether it holds the base, or is about to."""
+        """Whether it holds the base, or is being engaged."""
         return self._rate > 0.0 or (self._rate == 0.0 and self._strength == 1.0)
 
     def take(self, base: pin.SE3, ramp: float) -> None:
-        """Take hold of the base where it is, and carry it to the start.
+        """Engage at the present placement of the base, and carry it to the start.
 
         Args:
             base: present placement of the base in the world.
@@ -59,11 +59,11 @@ class Hoist:
         self._set_off(1.0, ramp)
 
     def let_go(self, ramp: float) -> None:
-        """Let go of the base within `ramp` seconds; 0 for at once."""
+        """Release the base within `ramp` seconds; 0 for at once."""
         self._set_off(-1.0, ramp)
 
     def advance(self) -> None:
-        """Go one step along the ramps."""
+        """Advance the ramps by one step."""
         if self._rate == 0.0 and self._way_rate == 0.0:
             return
         self._strength = min(1.0, max(0.0, self._strength + self._rate))
@@ -82,8 +82,8 @@ class Hoist:
     def _write(self) -> None:
         target = pin.SE3.Interpolate(self._from, self.start, self._way)
         self._model.eq_data[self._id, 3:10] = position_and_wxyz(target)
-        # The impedance d blends the free acceleration with that of a spring, (1 - d) a_free + d (-k r - b dr/dt): taken
-        # down to zero it lets go without a kick. MuJoCo divides k and b by d, which is undone here.
+        # The impedance d blends the free acceleration with that of a spring, (1 - d) a_free + d (-k r - b dr/dt): a
+        # ramp of d to zero releases the base without a kick. MuJoCo divides k and b by d, which is undone here.
         d = IMPEDANCE * self._strength
         time_constant = STIFF_STEPS * self._step
         self._model.eq_solref[self._id] = -d / time_constant**2, -2.0 * d / time_constant

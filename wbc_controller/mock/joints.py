@@ -1,4 +1,4 @@
-"""What MuJoCo's model has of joints beyond a motor at each: locked, sprung, geared, or following others."""
+"""Joints of MuJoCo's model that are more than a motor: locked, passive, geared and mimic joints."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def lock(joint: ET.Element, position: float) -> None:
     """Lock a joint of a URDF at a position.
 
     Args:
-        joint: to be changed.
-        position: rad.
+        joint: the joint's element, changed in place.
+        position: position at which to lock it, rad or m.
     """
     if position != 0.0:
         origin = joint.find("origin")
@@ -40,13 +40,13 @@ def lock(joint: ET.Element, position: float) -> None:
 
 
 def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
-    """Let joints follow others.
+    """Couple mimic joints to their leaders.
 
     Args:
         spec: MuJoCo's specification.
-        followers: the joints.
+        followers: the mimic joints.
         stiff: MuJoCo's solref of the coupling.
-        impedance: its solimp.
+        impedance: MuJoCo's solimp of the coupling.
     """
     for name, mimic in followers.mimics.items():
         equality = spec.add_equality()
@@ -59,14 +59,14 @@ def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[
 
 
 def gear(spec: Any, model: RobotModel) -> None:
-    """Let the rotors of transmissions turn: fixed tendons over their joints, with their inertia.
+    """Add the rotors of transmissions, as fixed tendons over their joints with the rotors' inertia.
 
     Args:
         spec: MuJoCo's specification.
         model: the robot.
 
     Raises:
-        ConfigurationError: where a rotor couples joints of different branches: MuJoCo leaves their coupling out.
+        ConfigurationError: if a rotor couples joints of different branches, a coupling that MuJoCo neglects.
     """
     drive = model.actuation
     for name, ratios, inertia in zip(drive.names, drive.ratios, drive.rotor_inertia.tolist(), strict=True):
@@ -89,10 +89,10 @@ def gear(spec: Any, model: RobotModel) -> None:
 
 
 def spring(model: Any, passive: PassiveForces) -> None:
-    """Put springs and dampers at joints.
+    """Add springs and dampers to joints.
 
     Args:
-        model: MuJoCo's model. Not its specification: from MuJoCo 4 on a joint's stiffness is a polynomial there.
+        model: MuJoCo's model; not its specification, in which a joint's stiffness is a polynomial from MuJoCo 4 on.
         passive: the springs and dampers.
     """
     for name, given in passive.joints.items():

@@ -1,4 +1,4 @@
-"""MuJoCo's model of the robot: mechanism, floor, feet and hoist, from the URDF and the configuration alone."""
+"""Builds MuJoCo's model of the robot from the URDF and the configuration: mechanism, floor, feet and hoist."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _log = logging.getLogger(__name__)
 
 #: Name of the equality constraint that holds the base.
 HOIST = "hoist"
-#: Time constant of contacts, joint stops and hoist, in steps of the physics; MuJoCo asks for two at least.
+#: Time constant of contacts, joint stops and hoist, in simulation steps; MuJoCo requires at least two.
 STIFF_STEPS = 4.0
-#: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the rest gives, which keeps redundant
+#: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
 #: contacts well posed.
 IMPEDANCE = 0.98
-#: Radius of the balls under the corners of a flat foot, m. Small, so that the lowest point stays at the corner.
+#: Radius of the balls under the corners of a flat foot, m: small, so that the lowest point stays at the corner.
 CORNER_RADIUS = 0.001
 #: Half the thickness of a wheel, m: it touches with its rim.
 RIM_RADIUS = 0.001
-#: Half side and half thickness of what a contact between two links touches, m.
+#: Half side and half thickness of the slab that a contact between two links touches, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
-#: How much stiffer friction is than the normal direction: soft friction would let a standing foot creep.
+#: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
 FRICTION_STIFFNESS = 10.0
 _ROOT_ALIAS = "root_link"
 
@@ -49,7 +49,7 @@ def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tup
         The Pinocchio joint that moves it, and its placement in that joint's frame.
 
     Raises:
-        ConfigurationError: where it names no frame of the robot.
+        ConfigurationError: if it does not name a frame of the robot.
     """
     model.frame_id(contact.frame, f"contacts.{name}.frame")
     joint, placement = frame_on_joint(model, contact.frame)
@@ -57,13 +57,13 @@ def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tup
 
 
 def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
-    """Give the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
+    """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
     frame = model.pinocchio.frames[model.pinocchio.getFrameId(name)]
     return int(frame.parentJoint), frame.placement
 
 
 def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
-    """Give the balls that a contact touches with, or the wheel: centres in the contact frame, and half-axes of each.
+    """Return the balls, or the wheel, of a contact: centres in the contact frame, and their half-axes.
 
     Returns:
         Centres (n, 3), and half-axes in m, the one along a wheel's axle last, (3,).
@@ -79,7 +79,7 @@ def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
 
 
 def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
-    """Height of a contact's lowest point along a normal, where its frame has a placement in the world, m."""
+    """Height of a contact's lowest point along a normal, m, for a placement of its frame in the world."""
     centres, axes = balls_of(contact)
     rotation = frame.rotation @ _axle_frame(contact)
     reach = np.linalg.norm(axes * (rotation.T @ normal))
@@ -87,7 +87,7 @@ def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
 
 
 def _axle_frame(contact: ContactSettings) -> Array:
-    """Axes of the shape that touches in the contact frame: z along a wheel's axle."""
+    """Axes of the touching shape in the contact frame: z along a wheel's axle."""
     if not isinstance(contact, RollingContact):
         return np.eye(3)
     return rotation_to(np.array(contact.axis))
@@ -110,15 +110,15 @@ def position_and_wxyz(placement: pin.SE3) -> Array:
 
 
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
-    """Reduce a URDF to the mechanism that Pinocchio has of it.
+    """Reduce a URDF to the mechanism of Pinocchio's model.
 
-    Shapes go: only feet touch. Joints that do not move are fixed where the configuration locks them. Friction and
-    damping that the URDF gives joints go, as they are not part of the controller's dynamics either.
+    Shapes are removed, as only contacts touch. Joints that do not move are fixed at their locked positions. Joint
+    friction and damping of the URDF are removed, as they are not part of the controller's dynamics either.
 
     Returns:
         The URDF and the name of its root link.
     """
-    tree = ET.fromstring(model.urdf)  # noqa: S314  # the text is the configuration's own; Pinocchio has read it before
+    tree = ET.fromstring(model.urdf)  # noqa: S314  # the user's own file, already read by Pinocchio
     children = set()
     for joint in tree.findall("joint"):
         if joint.get("name") not in model.moving_joints:
@@ -131,7 +131,7 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
             children.add(child.get("link"))
     root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
     if root == "world" and model.floating_base:
-        # MuJoCo takes a link of this name for the world itself.
+        # MuJoCo would use a link of this name as the world itself.
         for tag, key in (("link", "name"), ("joint/parent", "link")):
             for element in tree.findall(tag):
                 if element.get(key) == root:
@@ -144,8 +144,8 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     for element in [element for element in tree if element.tag not in ("link", "joint")]:
         tree.remove(element)
     extension = ET.SubElement(tree, "mujoco")
-    # Masses and inertias stay exactly what the URDF says. Links without a joint stay bodies of their own: MuJoCo 3.3
-    # gets the inertia wrong where it fuses them.
+    # Masses and inertias stay exactly those of the URDF. Links without a joint stay separate bodies, since MuJoCo 3.3
+    # computes a wrong inertia when it fuses them.
     ET.SubElement(extension, "compiler", balanceinertia="false", boundmass="0", boundinertia="0", fusestatic="false")
     return tree, root
 
@@ -153,8 +153,8 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
 def _write_inertias(spec: Any, tree: ET.Element) -> None:
     """Give MuJoCo the principal inertias of every link.
 
-    MuJoCo 3.3's own reading of a URDF gets the inertia of a link wrong whose inertial origin is turned, and its
-    principal axes are good to seven digits only.
+    MuJoCo 3.3's own URDF reader gives a wrong inertia to a link whose inertial origin is rotated, and its principal
+    axes are accurate to seven digits only.
     """
     balanced = []
     for link in tree.findall("link"):
@@ -168,10 +168,10 @@ def _write_inertias(spec: Any, tree: ET.Element) -> None:
             rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
         moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        if not some_body_has(moments):  # common in links that are there for a frame; MuJoCo refuses it
+        if not some_body_has(moments):  # common in links that only carry frames; MuJoCo refuses it
             balanced.append(str(link.get("name")))
             moments = np.full(3, moments.mean())
-        # A flat link's largest moment is the sum of the others; rounding must not make it impossible.
+        # A flat link's largest moment is the sum of the others; rounding must not push it beyond.
         moments[2] = min(moments[2], moments[0] + moments[1])
         body.explicitinertial = True
         body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
@@ -196,7 +196,7 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
 
 
 def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int, placement: pin.SE3, root: str) -> Any:
-    """Put what a contact is against on its link: a slab whose face is where the contact is in the nominal posture."""
+    """Add the slab that a contact touches to its link, with its face at the contact in the nominal posture."""
     data = model.pinocchio.createData()
     pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
     other, frame = frame_on_joint(model, str(contact.against))
@@ -225,13 +225,13 @@ def compile_mechanism(
 
     Args:
         model: the robot.
-        contacts: of the configuration.
-        step: of the physics, s.
-        floor_normal: of the floor through the world's origin, of any length but zero, (3,).
-        attachments: grips and joints.
+        contacts: contacts of the configuration.
+        step: time step of the simulation, s.
+        floor_normal: normal of the floor through the world's origin, of any non-zero length, (3,).
+        attachments: grips, and joints that close loops.
 
     Raises:
-        ConfigurationError: where MuJoCo refuses the URDF.
+        ConfigurationError: if MuJoCo refuses the URDF.
     """
     tree, root = _mechanism(model)
     stiff = [STIFF_STEPS * step, 1.0]
@@ -270,7 +270,7 @@ def compile_mechanism(
     for number, (name, contact) in enumerate(contacts.items()):
         joint, placement = contact_frame(model, name, contact)
         body = _body(spec, model, joint, root)
-        # Each contact touches its own link alone, or the floor: they meet by a bit of their own.
+        # Each contact touches only its own slab, or the floor: matched by a collision bit of their own.
         bit = 1
         if contact.against is not None and not isinstance(contact, FixedContact):
             bit = 2 << (1 + number % 28)
@@ -286,7 +286,7 @@ def compile_mechanism(
             geom.size = [axes[0], 0.0, 0.0] if round_ else axes
             geom.mass = 0.0
             geom.condim = 3
-            # Of two geoms MuJoCo takes the larger friction, unless one has priority: then it takes that one's.
+            # MuJoCo uses the larger friction of two geoms, unless one has priority: then it uses that geom's friction.
             geom.priority = 1
             geom.friction = [getattr(contact, "friction", 0.0), 0.0, 0.0]
             geom.solref = stiff

@@ -1,8 +1,8 @@
 """The physics of the mock robot: MuJoCo, built from the same URDF and configuration as the controller's own model.
 
-What is physical about a robot comes from the URDF (links, inertias, joints, effort and position limits) and from
-`settings` (armature, contacts, friction, step); nothing here describes a robot a second time. Everything that goes in
-or comes out follows the conventions of `wbc_controller.records`, which are Pinocchio's; the conversions are made here.
+All physical parameters come from the URDF (links, inertias, joints, effort and position limits) and from `settings`
+(armature, contacts, friction, step). All inputs and outputs follow the conventions of `wbc_controller.records`, which
+are Pinocchio's; the conversions to MuJoCo's are made here.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from wbc_controller.mock.mechanism import (
 from wbc_controller.records import Array
 from wbc_controller.settings import FixedContact, Settings, SurfaceContact
 
-#: Largest force or torque of a push, N or N·m: more is a mistaken unit, and would break the physics.
+#: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
 PUSH_LIMIT = 1.0e5
-#: Largest share of a joint's velocity that damping may take within one step.
+#: Largest share of a joint's velocity that damping may remove within one step.
 DAMPING_SHARE = 0.25
-#: A base tilted further than this has fallen, rad; so has one below this share of its initial height.
+#: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height.
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """A MuJoCo body and where a frame of the URDF sits on it."""
+    """A MuJoCo body, and the placement of a URDF frame on it."""
 
     id: int
     placement: pin.SE3
@@ -48,7 +48,7 @@ class _Body:
 
 @dataclass(frozen=True, slots=True)
 class _Push:
-    """A wrench at a frame's origin, world axes, up to and without the step `end`."""
+    """A wrench at a frame's origin, world axes, acting before the step `end`."""
 
     at: _Body
     wrench: Array
@@ -56,11 +56,11 @@ class _Push:
 
 
 class Plant:
-    """The simulated robot, its floor, and a hoist that holds a floating base where it starts.
+    """The simulated robot, its floor, and a hoist that holds a floating base at its start.
 
-    After construction, `step`, `set_state` and `forward`, everything that can be read belongs to the present state:
-    accelerations and contact forces are those that the present torques, pushes and hoist cause in it. The same calls
-    give the same results bit for bit.
+    After construction, `step`, `set_state` and `forward`, all quantities belong to the present state: accelerations and
+    contact forces are those caused in it by the present torques, pushes and hoist. Equal calls give bit-identical
+    results.
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
@@ -71,15 +71,15 @@ class Plant:
             settings: the configuration that the model was built from.
 
         Raises:
-            ConfigurationError: where MuJoCo cannot use the URDF, or a contact names no frame.
+            ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
         """
         self._robot = model
         period = 1.0 / settings.control.rate
-        #: Steps of the physics in one control period.
+        #: Number of simulation steps in one control period.
         self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
-        #: Step of the physics, s: the largest one up to ``settings.mock.step`` of which a period is a multiple.
+        #: Time step of the simulation, s: the largest divisor of the period that is at most ``settings.mock.step``.
         self.step_seconds = period / self.steps_per_period
-        #: Largest torque of each actuator, (na,) in N·m, whatever share of it a controller may use.
+        #: Effort limit of each actuator, (na,) in N·m, regardless of the share that a controller may use.
         self.effort_limits = model.actuation.effort_limits
         self._contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self._contacts), closures_of(model, settings.loops)
@@ -97,14 +97,14 @@ class Plant:
         self._count = 0
         self._tau = np.zeros(model.na)
         self._damping: Array | None = None
-        # A sampled drive that damps more shakes the joint itself: step times damping times (M⁻¹)ⱼⱼ stays well below 1.
+        # Sampled damping is stable only if step times damping times (M⁻¹)ⱼⱼ stays well below 1.
         most = DAMPING_SHARE / (self.step_seconds * self._model.dof_invweight0[self._dof])
-        # Through a transmission only one damping for all joints is sure to brake.
+        # Through a transmission, damping is certain to brake only if it is equal for all joints.
         self._most_damping = most if model.actuation.direct else np.full(model.nj, most[model.actuation.driven].min())
         self._pushes: list[_Push] = []
         self._stale = False
         start = self._initial_base()
-        # Without contacts there is no floor to fall on.
+        # Without contacts there is no floor.
         self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self._contacts else -math.inf
         self._hoist = Hoist(self._model, self._data, start) if model.floating_base else None
         for closure in self._closures.values():
@@ -120,12 +120,12 @@ class Plant:
 
     @property
     def stamp(self) -> int:
-        """Simulated time, ns; counted in steps, so that no error adds up."""
+        """Simulated time, ns; counted in steps, so that no error accumulates."""
         return round(self._count * self.step_seconds * 1e9)
 
     @property
     def held(self) -> bool:
-        """Whether the hoist holds the base, or is about to."""
+        """Whether the hoist holds the base, or is being engaged."""
         return self._hoist is not None and self._hoist.held
 
     @property
@@ -134,21 +134,21 @@ class Plant:
         if not self._robot.floating_base:
             return False
         base = self._base()
-        # Written this way round so that a state that is not a number counts as fallen.
+        # Written this way round so that NaN counts as fallen.
         upright = base.rotation[2, 2] >= math.cos(FALLEN_TILT)
         high = base.translation[2] >= self._fallen_height
         return not (upright and high)
 
     @property
     def applied_torques(self) -> Array:
-        """Torques of the actuators, (na,) in N·m: commanded ones within the limits, or those of the damping."""
+        """Torques of the actuators, (na,) in N·m: the commanded torques within the limits, or the damping torques."""
         tau = self._tau
         if self._damping is not None:
             tau = -self._robot.actuation.from_joints(self._damping * self._data.qvel[self._dof])
         return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
 
     def state(self) -> tuple[Array, Array]:
-        """Give the configuration q, (nq,), and the generalized velocity v, (nv,), as Pinocchio has them."""
+        """Return the configuration q, (nq,), and the generalized velocity v, (nv,), in Pinocchio's conventions."""
         q, v = self._robot.state(self._data.qpos[self._qpos], self._data.qvel[self._dof])
         if self._robot.floating_base:
             q[:3] = self._data.qpos[:3]
@@ -159,9 +159,9 @@ class Plant:
         return q, v
 
     def acceleration(self) -> Array:
-        """Give the generalized acceleration, (nv,), as Pinocchio has it.
+        """Return the generalized acceleration, (nv,), in Pinocchio's conventions.
 
-        The base's linear part is the derivative of a velocity that is expressed in a turning frame:
+        The base's linear part is the derivative of a velocity that is expressed in a rotating frame:
         v̇ = Rᵀ a − ω × v, with a the acceleration of the base's origin in world axes.
         """
         v_dot = np.zeros(self._robot.nv)
@@ -190,12 +190,12 @@ class Plant:
         return self._quaternion(), np.array(self._data.qvel[3:6]), force
 
     def contact_wrenches(self) -> dict[str, Array]:
-        """Give the true force of the floor on the robot at each contact of the configuration.
+        """Return the true force or wrench on the robot at each contact of the configuration.
 
         Returns:
-            For a surface or fixed contact the wrench about the contact's origin in the contact frame, (6,) in N and
-            N·m, force first; for a point or wheel the force in N, (3,), in world axes, or in those of the link that it
-            is against.
+            For a surface or fixed contact, the wrench about the contact's origin in the contact frame, (6,) in N and
+            N·m, force first; for a point or wheel, the force in N, (3,), in world axes, or in the axes of the frame
+            `against`.
         """
         force = {name: np.zeros(3) for name in self._contacts}
         moment = {name: np.zeros(3) for name in self._contacts}
@@ -206,7 +206,7 @@ class Plant:
             first, second = (self._foot_of_geom.get(int(geom)) for geom in touch.geom)
             name, sign = (str(first), -1.0) if second is None else (second, 1.0)
             mujoco.mj_contactForce(self._model, self._data, index, local)
-            # The rows of a contact's frame are its axes, the normal first; the force is that on the second geom.
+            # The rows of a contact's frame are its axes, the normal first; the force acts on the second geom.
             at_point = sign * touch.frame.reshape(3, 3).T @ local[:3]
             force[name] += at_point
             moment[name] += np.cross(touch.pos - frames[name].translation, at_point)
@@ -226,12 +226,12 @@ class Plant:
         return wrenches
 
     def penetration(self) -> float:
-        """Give the largest depth of a foot in the floor, m; 0 where none touches."""
+        """Return the largest penetration of a foot into the floor, m; 0 if no foot touches it."""
         depths = [-float(self._data.contact[index].dist) for index in range(self._data.ncon)]
         return max([0.0, *depths])
 
     def coupling_error(self) -> float:
-        """Give the largest distance of a follower from where its leader should have it, rad or m; 0 without any."""
+        """Return the largest error of a mimic joint's position relative to its leader, rad or m; 0 without any."""
         followers = self._robot.followers
         if followers is None or self._following is None:
             return 0.0
@@ -245,7 +245,7 @@ class Plant:
             tau: torques in the order of the actuators, (na,) in N·m.
 
         Raises:
-            InputRefused: where the size is wrong or a value is not finite; the torques stay as they were.
+            InputRefused: if the size is wrong or a value is not finite; the torques are then unchanged.
         """
         torques = np.asarray(tau, dtype=np.float64)
         self.check_torques(torques)
@@ -255,7 +255,7 @@ class Plant:
         """Refuse torques that `apply` would refuse.
 
         Raises:
-            InputRefused: where the size is wrong or a value is not finite.
+            InputRefused: if the size is wrong or a value is not finite.
         """
         if tau.shape != (self._robot.na,):
             raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per actuator in their order")
@@ -266,10 +266,10 @@ class Plant:
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
-        """Let go of the torques and damp every joint instead, as its drive does by itself; it saturates too.
+        """Drop the commanded torques and damp every joint instead, as its drive would; this saturates too.
 
         Args:
-            damping: N·m·s/rad; less where this would be too much for the step of the physics.
+            damping: joint damping, N·m·s/rad; reduced if it would be unstable with the simulation's time step.
         """
         self._damping, self._stale = np.minimum(damping, self._most_damping), True
 
@@ -277,12 +277,12 @@ class Plant:
         """Push the robot from now on. Pushes may overlap; they add up.
 
         Args:
-            frame: link or joint of the URDF at whose origin the push acts; it moves along.
+            frame: link or joint of the URDF at whose origin the push acts; the push moves with it.
             wrench: force and torque in world axes, (6,) in N and N·m.
-            duration: s; rounded to steps, one at least.
+            duration: duration, s; rounded to steps, at least one.
 
         Raises:
-            InputRefused: where the frame is unknown or does not move, or a value is not usable.
+            InputRefused: if the frame is unknown or does not move, or a value is not usable.
         """
         values = np.array(wrench, dtype=np.float64)
         if values.shape != (6,):
@@ -302,13 +302,13 @@ class Plant:
         self._stale = True
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
-        """Hang the base where it started, or let it go. On a fixed base this does nothing.
+        """Hold the base at its start, or release it. On a fixed base this does nothing.
 
-        A base that has gone elsewhere is carried back at a bounded speed.
+        A displaced base is carried back at a bounded speed.
 
         Args:
             held: whether to hold it.
-            ramp: time over which the hoist takes hold or lets go, s; 0 for at once.
+            ramp: time over which the hoist is engaged or released, s; 0 for at once.
         """
         if self._hoist is None or held == self._hoist.held:
             return
@@ -319,14 +319,14 @@ class Plant:
         self.forward()
 
     def grip(self, contact: str, held: bool) -> None:
-        """Hold the link of a fixed contact where it is from now on, or let it go.
+        """Hold the link of a fixed contact at its present placement, or release it.
 
         Args:
             contact: name of the contact.
             held: whether to hold it.
 
         Raises:
-            InputRefused: where there is no fixed contact of this name.
+            InputRefused: if there is no fixed contact of this name.
         """
         if contact not in self._grips:
             raise InputRefused(f"a grip at {contact!r}: {valid_choices(contact, list(self._grips))}")
@@ -339,14 +339,14 @@ class Plant:
         self.forward()
 
     def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
-        """Put the robot into a state, without memory of the one before; time, torques, pushes and hoist stay.
+        """Put the robot into a state, independent of the previous one; time, torques, pushes and hoist stay.
 
         Args:
             q: configuration, (nq,).
             v: generalized velocity, (nv,).
 
         Raises:
-            InputRefused: where a size is wrong or a value is not finite.
+            InputRefused: if a size is wrong or a value is not finite.
         """
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
         if q.shape != (self._robot.nq,) or v.shape != (self._robot.nv,):
@@ -373,16 +373,16 @@ class Plant:
         self.forward()
 
     def forward(self) -> None:
-        """Compute accelerations and contact forces anew in the present state, without stepping."""
+        """Recompute accelerations and contact forces in the present state, without stepping."""
         mujoco.mj_fwdPosition(self._model, self._data)
         mujoco.mj_fwdVelocity(self._model, self._data)
         self._respond()
 
     def step(self) -> None:
-        """Go one step of `step_seconds` ahead.
+        """Simulate one step of `step_seconds`.
 
         Raises:
-            WbcError: where the physics has diverged.
+            WbcError: if the simulation has diverged.
         """
         if self._stale:
             self._respond()
@@ -396,7 +396,7 @@ class Plant:
             raise WbcError(f"the physics diverged at {self.time:.3f} s; a smaller mock.step may help")
 
     def _respond(self) -> None:
-        """Compute the accelerations from the forces, positions and velocities being known."""
+        """Compute the accelerations from the present forces; positions and velocities are already computed."""
         self._data.xfrc_applied[:] = 0.0
         for push in self._pushes:
             arm = self._placement(push.at).translation - self._data.xipos[push.at.id]
@@ -429,7 +429,7 @@ class Plant:
         return pin.XYZQUATToSE3(np.concatenate([self._data.qpos[:3], self._quaternion()]))
 
     def _quaternion(self) -> Array:
-        """Give the base's orientation, (4,) as (x, y, z, w)."""
+        """Return the base's orientation, (4,) as (x, y, z, w)."""
         quaternion = self._data.qpos[[4, 5, 6, 3]]
         return np.array(quaternion / np.linalg.norm(quaternion))
 
@@ -438,7 +438,7 @@ class Plant:
         return pin.SE3(self._data.xmat[body.id].reshape(3, 3), self._data.xpos[body.id]) * body.placement
 
     def _addresses(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Find joints in MuJoCo's qpos and in its qvel, two times (k,)."""
+        """Return the indices of joints in MuJoCo's qpos and qvel, (k,) each."""
         joints = [self._model.joint(name) for name in names]
         qpos, dof = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
         return np.array(qpos, dtype=np.intp), np.array(dof, dtype=np.intp)

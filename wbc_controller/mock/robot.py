@@ -1,6 +1,6 @@
-"""The mock robot as a node: a `Plant` behind the topics of `interface.MOCK_TOPICS`, on any transport.
+"""The mock robot as a node: a `Plant` on the topics of `wire.topics.MOCK_TOPICS`, over any transport.
 
-One period is: publish the state, let a controller answer, apply its torques, step the physics::
+In one period it publishes the state, receives the controller's torques, applies them, and steps the physics::
 
     robot = MockRobot(model, settings, transport)
     robot.run(stop)                    # in real time, or in lockstep, until the event is set
@@ -32,28 +32,28 @@ from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire import messages
 from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, endpoints
 
-#: Name of the node, after which its private topics are called.
+#: Name of the node, and prefix of its private topics.
 NODE_NAME = "mock_robot"
-#: Frame that poses are given in.
+#: Reference frame of poses.
 WORLD_FRAME = "world"
-#: Rate of the contact wrenches and the transform, Hz of simulated time: they are for people to look at.
+#: Rate of the contact wrenches and the transform, Hz of simulated time; they are for viewers only.
 SLOW_RATE = 100.0
 #: Wall time after which lockstep publishes an unanswered state again, s.
 REPUBLISH_AFTER = 0.05
-#: Lateness at which real time is given up and starts anew, s: catching up on more would flood the controller.
+#: Lateness at which the real-time schedule restarts, s: catching up on more would flood the controller.
 MAX_LATE = 0.2
 
 _log = logging.getLogger(__name__)
 
 
 class MockRobot:
-    """Publishes the plant's state every control period and applies the torques that come back.
+    """Publishes the plant's state every control period, and applies the controller's torques.
 
-    The transport's callbacks only leave bytes in an inbox; everything else happens on the thread that calls.
+    The transport's callbacks only store serialized messages in an inbox; everything else runs on the caller's thread.
 
     Attributes:
         plant: the physics.
-        rebased: how often real time was lost by more than `MAX_LATE` and started anew.
+        rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
     """
 
     def __init__(
@@ -73,17 +73,17 @@ class MockRobot:
         Args:
             model: the robot.
             settings: the configuration that the model was built from.
-            transport: where the topics are opened; the caller closes it.
-            real_time_factor: simulated seconds per second; without meaning in lockstep.
-            lockstep: whether each period waits for the answer to its own state, on the topic ``joint_commands``;
-                otherwise the newest torques on the topic ``effort`` count.
+            transport: carries the messages; the caller closes it.
+            real_time_factor: simulated seconds per second; unused in lockstep.
+            lockstep: whether each period waits for the command for its own state, on the topic ``joint_commands``;
+                otherwise it uses the newest torques on the topic ``effort``.
             clock: monotonic wall time, s.
             namespace: namespace of the node, starting with a slash.
-            remappings: as in `interface.resolve`.
+            remappings: as in `wire.topics.resolve`.
 
         Raises:
-            ConfigurationError: where the plant cannot be built, or the real-time factor is not positive.
-            TransportError: where a topic cannot be opened.
+            ConfigurationError: if the plant cannot be built, or the real-time factor is not positive.
+            TransportError: if a topic cannot be opened.
         """
         if not (0.0 < real_time_factor < float("inf")):
             raise ConfigurationError(f"real-time factor {real_time_factor}: it must be positive and finite")
@@ -116,24 +116,24 @@ class MockRobot:
     def stamp(self) -> int:
         """Time of the present state, ns of simulated time.
 
-        It starts at one control period, as a stamp of zero means in ROS that there is none.
+        It starts at one control period, as a zero stamp means "no stamp" in ROS.
         """
         return self._first_stamp + self.plant.stamp
 
     def run(self, stop: threading.Event) -> None:
         """Run until the event is set.
 
-        In real time, periods end at absolute deadlines, so that lateness does not add up. Torques that arrive before
-        the end of the period act from the state that they answer.
+        In real time, periods end at absolute deadlines, so that lateness does not accumulate. Torques that arrive
+        before the end of a period act from the state at its beginning.
 
         Args:
-            stop: ends the run.
+            stop: event that ends the run.
 
         Raises:
-            WbcError: where the physics has diverged.
+            WbcError: if the simulation has diverged.
         """
         gc.collect()
-        gc.freeze()  # as in the control loop: a collection of all that was built takes longer than a state may be old
+        gc.freeze()  # as in the control loop: a full garbage collection takes longer than the largest age of a state
         deadline = self._clock()
         while not stop.is_set():
             self.publish()
@@ -151,15 +151,15 @@ class MockRobot:
             self.advance()
 
     def step_period(self, stop: threading.Event | None = None) -> bool:
-        """Do one period as fast as possible: publish, in lockstep wait for the answer, advance.
+        """Run one period as fast as possible: publish, in lockstep wait for the command, advance.
 
-        Where messages are delivered within ``publish()``, as in memory, the controller's answer counts at once.
+        If messages are delivered within ``publish()``, as in memory, the controller's command is used at once.
 
         Args:
-            stop: ends the waiting.
+            stop: event that ends the wait.
 
         Returns:
-            Whether the period was done; false where `stop` was set before an answer came.
+            Whether the period was completed; False if `stop` was set before a command arrived.
         """
         self.publish()
         if self._lockstep and not self.wait_for_answer(stop):
@@ -168,7 +168,7 @@ class MockRobot:
         return True
 
     def publish(self) -> None:
-        """Publish the time and the present state. The joint states come last, as they are what starts a cycle."""
+        """Publish the time and the present state. The joint states come last, as they trigger a control cycle."""
         stamp, base = self.stamp, self._robot.base_link
         self._publish("clock", "", messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp)))
         q, v = self.plant.state()
@@ -192,13 +192,13 @@ class MockRobot:
                 self._publish("contact_wrench", name, _wrench(stamp, frame, wrench))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
-        """Wait, in lockstep, for the answer to the present state; publish the state again while none comes.
+        """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
 
         Args:
-            stop: ends the waiting, within `REPUBLISH_AFTER`.
+            stop: event that ends the wait, within `REPUBLISH_AFTER`.
 
         Returns:
-            Whether an answer came; false where `stop` was set.
+            Whether a command arrived; False if `stop` was set.
         """
         due = self._clock() + REPUBLISH_AFTER
         while not self._answered():
@@ -211,10 +211,10 @@ class MockRobot:
         return True
 
     def advance(self) -> None:
-        """Serve the requests, take the newest torques, and go one control period ahead.
+        """Process the requests, apply the newest torques, and simulate one control period.
 
         Raises:
-            WbcError: where the physics has diverged.
+            WbcError: if the simulation has diverged.
         """
         uses = {"push": self._push, "hold": self._hold}
         for key, contact, payload in self._inbox.take_requests():
@@ -249,7 +249,7 @@ class MockRobot:
         self._publishers[key, subject](messages.encode(content))
 
     def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
-        """Decode and use a message; log a refusal, once while it stays the same."""
+        """Decode and use a message; a refusal is logged only when its text changes."""
         try:
             use(messages.decode(payload, self._types[key]))
         except InputRefused as error:
@@ -284,7 +284,7 @@ class MockRobot:
         self._tau, self._tau_time = tau, self.plant.time
 
     def _answered(self) -> bool:
-        """Take the answer to the present state from the inbox, if it is there; older ones are dropped."""
+        """Take the command for the present state from the inbox, if it has arrived; older commands are dropped."""
         for payload in self._inbox.take_answers():
             try:
                 answers = messages.nanoseconds(messages.decode(payload, self._types["joint_commands"]).header.stamp)
@@ -309,12 +309,12 @@ class MockRobot:
 
 
 class _Inbox:
-    """Where the transport's threads leave bytes, and the robot's thread takes them."""
+    """Passes serialized messages from the transport's threads to the robot's thread."""
 
     def __init__(self) -> None:
         self._arrived = threading.Condition()
         self._effort: bytes | None = None
-        # Bounded, because nobody empties them while the robot waits.
+        # Bounded, because they are not emptied while the robot waits.
         self._answers: deque[bytes] = deque(maxlen=10)
         self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
 
@@ -349,7 +349,7 @@ class _Inbox:
             return requests
 
     def wait_for_answer(self, timeout: float) -> None:
-        """Wait until an answer is there, at most `timeout` seconds."""
+        """Wait until a command has arrived, at most `timeout` seconds."""
         with self._arrived:
             self._arrived.wait_for(lambda: bool(self._answers), timeout)
 
@@ -409,7 +409,7 @@ def _imu(stamp: int, base: str, quaternion: Array, angular_velocity: Array, spec
 
 
 def _wrench(stamp: int, frame: str, wrench: Array) -> Any:
-    """Make a WrenchStamped of a force, (3,), or a wrench, (6,)."""
+    """Make a WrenchStamped from a force, (3,), or a wrench, (6,)."""
     torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
     content = messages.message("geometry_msgs/msg/Wrench", force=_vector(wrench[:3]), torque=_vector(torque))
     return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)

@@ -29,14 +29,14 @@ def run_mock(
     Args:
         settings: the robot's settings.
         transport: carries the messages.
-        stop: ends the run.
+        stop: event that ends the run.
         namespace: namespace of the node.
-        remappings: of topic names.
+        remappings: topic remappings, from name to name.
         real_time_factor: simulated seconds per second.
-        lockstep: wait for the controller's answer to each state.
+        lockstep: wait for the controller's command for each state.
 
     Raises:
-        ConfigurationError: where settings and model do not fit.
+        ConfigurationError: if settings and model do not fit together.
     """
     model = make_model(settings)
     robot = MockRobot(

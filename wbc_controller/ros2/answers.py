@@ -1,4 +1,4 @@
-"""What became of a command that came by a service."""
+"""Outcomes of commands that arrive by services."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from wbc_controller.records import CycleReport, Mode
 
-#: Command of each service, and the modes that mean that it was obeyed (none: every one).
+#: Command of each service, and the modes that confirm it (empty: any mode).
 SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
     "activate": ("activate", frozenset({Mode.ACTIVE, Mode.HOLDING})),
     "deactivate": ("deactivate", frozenset()),
@@ -17,28 +17,28 @@ SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
 
 
 class Answers:
-    """Finds out what became of a command that a service left in the command's mailbox."""
+    """Determines the outcome of a command that a service has put into the command mailbox."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._waiting: list[_Waiting] = []
 
     def ask(self, word: str, send: Callable[[], None], answer: Callable[[bool, str], None]) -> None:
-        """Send a command, and have `answer` called with whether it was obeyed and what happened."""
-        # Under the lock, so that of the next two reports the second is of a cycle that began after the sending.
+        """Send a command; `answer` is called later with its success and a message."""
+        # Under the lock, so that the second of the next two reports is of a cycle that began after the sending.
         with self._lock:
             self._waiting.append(_Waiting(word, answer))
             send()
 
     def observe(self, report: CycleReport) -> None:
-        """Look at a cycle, on the loop's thread."""
+        """Process the report of a cycle, on the loop's thread."""
         if not self._waiting:
             return
         with self._lock:
             self._waiting = [waiting for waiting in self._waiting if not waiting.observe(report)]
 
     def end(self, reason: str) -> None:
-        """Answer all who wait: there are no more cycles."""
+        """Answer all pending commands, as there are no more cycles."""
         with self._lock:
             ended, self._waiting = self._waiting, []
         for waiting in ended:
@@ -46,7 +46,7 @@ class Answers:
 
 
 class _Waiting:
-    """One who waits for the end of a command."""
+    """A pending command."""
 
     def __init__(self, word: str, answer: Callable[[bool, str], None]) -> None:
         self.answer = answer
@@ -55,7 +55,7 @@ class _Waiting:
         self._cycles = 0
 
     def observe(self, report: CycleReport) -> bool:
-        """Look at a cycle; whether that was the last one to look at."""
+        """Process the report of a cycle; returns whether the command is answered."""
         self._refusals += [text for text in report.refused if text.startswith(f"command {self._word!r}")]
         self._cycles += 1
         if self._cycles < 2:

@@ -35,7 +35,7 @@ from wbc_controller.wire.topics import CONTROLLER_TOPICS, endpoints
 
 _log = logging.getLogger(__name__)
 
-#: Time between two reminders that the URDF has not come yet, s.
+#: Time between two reminders that the URDF has not arrived yet, s.
 _REMINDER = 5.0
 #: Longest time for shutting down on an executor that may have failed, s.
 _PATIENCE = 5.0
@@ -52,10 +52,10 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     the command ``activate``; deactivating ends the loop, with zero torques.
 
     Args:
-        leave: called with an exit status when the node cannot do what it was started for.
+        leave: called with an exit status if the autostart fails.
         arguments: the command line.
-        context: of rclpy; the default one where None.
-        options: for ``rclpy.node.Node``, such as ``parameter_overrides``.
+        context: rclpy's context; None for the default one.
+        options: options of ``rclpy.node.Node``, such as ``parameter_overrides``.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self.create_service(Trigger, f"~/{name}", partial(self._on_trigger, word), callback_group=group)
 
     def start(self) -> None:
-        """Configure and activate, where the parameter `autostart` says so; on the executor's thread."""
+        """Configure and activate, if the parameter `autostart` is true; on the executor's thread."""
         if not self.get_parameter("autostart").value:
             return
         self._starting = self.trigger_configure() != TransitionCallbackReturn.SUCCESS
@@ -119,7 +119,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return self._attempt("deactivate", self._deactivate)
 
     def on_cleanup(self, state: Any) -> Any:
-        """Close the topics and forget the model."""
+        """Close the topics and delete the model."""
         return self._attempt("clean up", self._clean_up)
 
     def on_shutdown(self, state: Any) -> Any:
@@ -128,12 +128,12 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return self._attempt("shut down", self._clean_up)
 
     def on_error(self, state: Any) -> Any:
-        """Back to unconfigured, with nothing left running."""
+        """Return to unconfigured, with nothing left running."""
         _log.error("error processing: everything is closed, the node is unconfigured; configure it again")
         return self._attempt("process the error", self._clean_up)
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
-        """Do a transition; its errors go to the log, since rclpy drops them."""
+        """Run a transition, and log its errors, since rclpy drops them."""
         try:
             transition()
         except WbcError as error:
@@ -223,14 +223,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._answers.end("the control loop has ended")
 
     def _after_failure(self) -> None:
-        """Leave the active state, by way of error processing."""
+        """Leave the active state through error processing."""
         if self._gate is not None and self._gate.open:
             self.trigger_deactivate()
 
     def _deactivate(self) -> None:
         self._stop.set()
         if self._thread is not None and self._loop is not None:
-            self._loop.wake()  # where no joint states come, it waits until they are stale
+            self._loop.wake()  # without joint states, it would wait until they are stale
             self._thread.join()
             self._thread = None
         if self._gate is not None:
@@ -254,14 +254,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             response.message = "the node is not active; ros2 lifecycle says how it is"
             return response
         future = Future(executor=self.executor)
-        future.add_done_callback(lambda done: None)  # what wakes the executor, so that it looks again
+        future.add_done_callback(lambda done: None)  # a done callback wakes the executor
         self._answers.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
         response.success, response.message = await future
         return response
 
 
 def serve(executor: Any, stop: threading.Event) -> int:
-    """Run the node until the event is set; gives the exit status."""
+    """Run the node until the event is set, and return the exit status."""
     status: list[int] = []
 
     def leave(code: int) -> None:

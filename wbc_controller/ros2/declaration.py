@@ -15,17 +15,17 @@ _FILE_PARAMETERS: dict[str, tuple[Any, str]] = {
 
 
 def declare(node: Any, parameters: dict[str, tuple[Any, str]]) -> tuple[str, ...]:
-    """Declare a node's own parameters, where the command line has not done so."""
+    """Declare a node's own parameters, unless the command line has already done so."""
     for name, (default, description) in (parameters | _FILE_PARAMETERS).items():
         descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
         if node.has_parameter(name):
             node.set_descriptor(name, descriptor)
-        elif name != ROBOT:  # beside robot.urdf and the like it would keep `ros2 param dump` from its work
+        elif name != ROBOT:  # with robot.urdf and the like, `ros2 param dump` would fail on it
             node.declare_parameter(name, default, descriptor)
     return tuple(parameters)
 
 
 def values(node: Any) -> dict[str, Any]:
-    """The values of a node's parameters by name, without those that have none."""
+    """The values of a node's parameters by name, without parameters that are not set."""
     parameters = node.get_parameters_by_prefix("").items()
     return {name: parameter.value for name, parameter in parameters if parameter.value is not None}

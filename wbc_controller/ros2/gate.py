@@ -1,4 +1,4 @@
-"""What a managed node promises: messages are taken while it is active, and at no other time."""
+"""Ensures that a managed node accepts messages only while it is active."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _log = logging.getLogger(__name__)
 
 
 class Gate:
-    """A transport through which messages come only while it is open.
+    """A transport that delivers messages only while it is open.
 
     Attributes:
-        open: whether messages are taken.
+        open: whether messages are delivered.
     """
 
     def __init__(self, transport: Transport) -> None:
@@ -29,7 +29,7 @@ class Gate:
         return self._transport.advertise(endpoint)
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; what comes while the gate is closed is dropped, requests with a warning."""
+        """Open a topic for reading; while the gate is closed messages are dropped, requests with a warning."""
         if endpoint.key == "command":
             self._command = callback
 
@@ -42,7 +42,7 @@ class Gate:
         self._transport.subscribe(endpoint, deliver)
 
     def command(self, word: str) -> None:
-        """Leave a command where those of the command topic arrive."""
+        """Deliver a command as if it had arrived on the command topic."""
         self._command(encode(message("std_msgs/msg/String", data=word)))
 
     def close(self) -> None:

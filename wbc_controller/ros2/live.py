@@ -18,15 +18,15 @@ _log = logging.getLogger(__name__)
 
 
 class LiveParameters:
-    """Keeps the parameters of a node and the settings of its controller the same.
+    """Keeps the parameters of a node and the settings of its controller in agreement.
 
-    While there is a controller, what is set is held to the schema first, and refused with the reason; then the
-    controller's loop goes over to it between two cycles. While there is none, anything may be set: it is read, and held
-    to the schema, when the node is configured.
+    While there is a controller, a new value is first checked against the schema, and refused with the reason if it is
+    invalid; the controller's loop then adopts it between two cycles. Without a controller any value may be set: it is
+    checked against the schema when the node is configured.
 
     Args:
         node: the node.
-        own: parameters of the node itself.
+        own: names of the node's own parameters.
     """
 
     def __init__(self, node: Any, own: Sequence[str]) -> None:
@@ -38,7 +38,7 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self._accept)
 
     def show(self, live: LiveSettings) -> None:
-        """Declare the settings as parameters; from now on they are changed live."""
+        """Declare the settings as parameters, which from then on change live."""
         settings = {
             key: (value, ParameterDescriptor(description=description, dynamic_typing=True))
             for key, value, description in self._showable(live)
@@ -53,7 +53,7 @@ class LiveParameters:
         live.changed = self._on_change
 
     def hide(self) -> None:
-        """Forget the controller, and the parameters that `show` declared; those that were set since stay."""
+        """Drop the controller, and undeclare the parameters of `show`, except those that were set since."""
         self._live = None
         for key, value in self._shown.items():
             if self._node.has_parameter(key) and _plain(self._node.get_parameter(key).value) == value:
@@ -61,7 +61,7 @@ class LiveParameters:
         self._shown = {}
 
     def _showable(self, live: LiveSettings) -> list[tuple[str, Any, str]]:
-        """The settings, but for the section of a name that has a value: `ros2 param dump` cannot write both."""
+        """The settings, except sections whose name is also a parameter: `ros2 param dump` cannot write both."""
         named = self._node.has_parameter(ROBOT)
         return [each for each in flat(live.settings) if not (named and each[0].startswith(f"{ROBOT}."))]
 
@@ -88,11 +88,11 @@ class LiveParameters:
             return
         try:
             self._live.accept(nested(change), "parameters")
-        except ConfigurationError as error:  # a change on ~/update has come between the check and this
+        except ConfigurationError as error:  # a change on ~/update has come in since the check
             _log.error("%s", error)
 
     def _on_change(self) -> None:
-        """Have what was changed on ``~/update`` shown; called on any thread."""
+        """Have changes by ``~/update`` shown as parameters; may be called on any thread."""
         executor = self._node.executor
         if executor is not None:
             executor.create_task(self._follow)
@@ -111,5 +111,5 @@ class LiveParameters:
 
 
 def _plain(value: Any) -> Any:
-    """A parameter's value as the settings have it: arrays are lists."""
+    """Convert a parameter's value to the form of the settings: arrays become lists."""
     return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else value

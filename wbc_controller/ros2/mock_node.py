@@ -26,7 +26,7 @@ _PARAMETERS: dict[str, tuple[Any, str]] = {
 
 
 def serve(executor: Any, stop: threading.Event) -> int:
-    """Run the node until the event is set; gives the exit status."""
+    """Run the node until the event is set, and return the exit status."""
     node = Node(NODE_NAME, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own = declare(node, _PARAMETERS)
     transport = Ros2Transport(node)

@@ -1,4 +1,4 @@
-"""From the parameters of a ROS 2 node to a robot's settings. Knows their form, not rclpy."""
+"""Converts the parameters of a ROS 2 node to a robot's settings, without rclpy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings, shipped_configurations
 from wbc_controller.settings.nesting import merged, nested
 
-#: Parameters that ROS 2 itself gives to nodes, by the first part of their names.
+#: Parameters that ROS 2 itself adds to nodes, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: Parameters that name a whole configuration: a shipped robot, or a file.
 ROBOT, CONFIG = "robot", "config"
@@ -25,13 +25,13 @@ def is_of_the_robot(name: str, own: Sequence[str] = ()) -> bool:
 
     Args:
         name: dotted name of the parameter.
-        own: parameters of the node itself.
+        own: names of the node's own parameters.
     """
     return name.partition(".")[0] not in OF_ROS2 and name not in (ROBOT, CONFIG, *own)
 
 
 def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
-    """Every setting that has a value: its dotted name, its value, and a description for people."""
+    """Yield every setting that has a value: its dotted name, its value, and a readable description."""
     live: tuple[str, ...] = getattr(settings, "live", ())
     for name, field in type(settings).model_fields.items():
         value, key = getattr(settings, name), f"{prefix}{name}"
@@ -48,24 +48,24 @@ def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]
 def settings_from(
     parameters: Mapping[str, Any], node: str, arguments: Sequence[str], own: Sequence[str] = ()
 ) -> tuple[Settings, str]:
-    """Validate what a node was given.
+    """Validate the parameters of a node.
 
-    The parameter ``robot`` or ``config`` gives a whole file, and other parameters are put over it; without them the
-    parameters are the whole configuration. A node that was given none, because no section of the parameter file is
-    for its name, takes the file's section ``wbc_controller``: so the mock robot and a controller in a namespace are
-    started with the same file.
+    The parameter ``robot`` or ``config`` names a whole file, whose values other parameters override; without it the
+    parameters are the whole configuration. A node without parameters, because no section of the parameter file matches
+    its name, uses the file's section ``wbc_controller``, so that the mock robot and a controller in a namespace can
+    be started with the same file.
 
     Args:
         parameters: values by dotted name.
         node: fully qualified name of the node, for messages.
         arguments: the command line.
-        own: names of parameters that are the node's own, and not the robot's.
+        own: names of the node's own parameters, which are not the robot's.
 
     Returns:
-        The settings, and where they are from.
+        The settings, and their source.
 
     Raises:
-        ConfigurationError: with one line per problem.
+        ConfigurationError: with one line per mistake.
     """
     given = {name: value for name, value in parameters.items() if is_of_the_robot(name, own)}
     path = _named_file(parameters, node)
@@ -89,7 +89,7 @@ def settings_from(
 
 
 def parameter_files(arguments: Sequence[str]) -> list[Path]:
-    """The files of ``--params-file`` on a command line, in order."""
+    """The parameter files on a command line (``--params-file``), in order."""
     return [Path(path) for flag, path in itertools.pairwise(arguments) if flag == "--params-file"]
 
 

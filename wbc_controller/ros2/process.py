@@ -1,7 +1,7 @@
 """The process of a node: signals, the executor's thread, the log.
 
-Four threads: the main one waits for a signal; one spins the executor, for services, timers and parameters; the
-transport's reads the topics; and one runs the control loop. The mock robot's physics are on the main one.
+There are four threads: the main thread waits for a signal; one spins the executor, for services, timers and parameters;
+the transport's thread reads the topics; and one runs the control loop. The mock robot's physics run on the main thread.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from wbc_controller.service.signals import set_by_signals
 
 _log = logging.getLogger(__name__)
 
-#: Time without another look after each callback, s.
+#: Pause of the executor after each callback, s.
 _PAUSE = 0.02
 
 
 class PacedExecutor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
-    """An executor for what is not urgent: services, timers, parameters, and the clock that rclpy keeps for itself.
+    """An executor for non-urgent callbacks: services, timers, parameters, and rclpy's own clock subscription.
 
-    rclpy looks through all that a node has before each callback: half a millisecond, in which the control loop cannot
-    run. On a simulator's clock that would be a quarter of a processor.
+    rclpy goes through all entities of a node before each callback: half a millisecond, in which the control loop cannot
+    run. With a simulator's clock that would take a quarter of a processor.
     """
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Do one callback, then nothing for a moment."""
+        """Run one callback, then pause."""
         super().spin_once(timeout_sec)
         time.sleep(_PAUSE)
 
 
 def run(serve: Callable[[Any, threading.Event], int]) -> int:
-    """Set up ROS 2 around a service, and take it down again.
+    """Start ROS 2, run a service, and shut ROS 2 down again.
 
     Args:
-        serve: the service; it is given an executor, and the event that a signal sets.
+        serve: the service; it is called with an executor, and the event that a signal sets.
 
     Returns:
         The exit status.
@@ -51,7 +51,7 @@ def run(serve: Callable[[Any, threading.Event], int]) -> int:
     stop = threading.Event()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy has no common base for what a wrong command line or parameter file raises
+    except Exception as error:  # rclpy's errors on a wrong command line or parameter file have no common base class
         print(f"error: {error}", file=sys.stderr)
         return 2
     try:
@@ -63,7 +63,7 @@ def run(serve: Callable[[Any, threading.Event], int]) -> int:
 
 @contextlib.contextmanager
 def logging_to(node: Any) -> Iterator[None]:
-    """Let this package's log go to a node's."""
+    """Forward this package's log to a node's log."""
     package = logging.getLogger("wbc_controller")
     handler = _RosLog(node.get_logger())
     package.addHandler(handler)
@@ -84,7 +84,7 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
         try:
             while not ended.is_set():
                 executor.spin_once()
-        except (ExternalShutdownException, ShutdownException):  # this is how an executor ends
+        except (ExternalShutdownException, ShutdownException):  # the regular end of an executor
             pass
         except Exception:
             _log.exception("the executor has failed")
@@ -97,13 +97,13 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
         yield
     finally:
         ended.set()
-        executor.create_task(lambda: None)  # so that it looks
+        executor.create_task(lambda: None)  # wakes the executor
         thread.join()
-        executor.shutdown()  # not before: it takes away what the spinning uses
+        executor.shutdown()  # only now, as spinning needs what this destroys
 
 
 class _RosLog(logging.Handler):
-    """Passes this package's log on to the node's."""
+    """Forwards this package's log to a node's log."""
 
     def __init__(self, logger: Any) -> None:
         super().__init__()
@@ -111,7 +111,7 @@ class _RosLog(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        # One line of code for each severity: rclpy refuses a call that changes it.
+        # One call per severity: rclpy refuses a call whose severity changes.
         if record.levelno >= logging.ERROR:
             self._logger.error(text)
         elif record.levelno >= logging.WARNING:

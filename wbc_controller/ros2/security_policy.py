@@ -1,7 +1,7 @@
-"""An SROS 2 policy with least privilege, generated from the topic table: what each node may do, and nothing else.
+"""An SROS 2 policy with least privilege, generated from the topic table.
 
-Format: the policy schema 0.2.0 of ROS 2 (design article "ROS 2 Access Control Policies"). DDS holds the permissions of
-an enclave, so every node has one of its own.
+Format: the policy schema 0.2.0 of ROS 2 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per
+enclave, so every node has its own enclave.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from wbc_controller.wire.topics import (
     resolve,
 )
 
-#: Names of the other nodes. The operator is whoever commands: the ``ros2`` command line, or a planner of yours.
+#: Names of other nodes. The operator sends the commands: the ``ros2`` command line, or your planner.
 MOCK, OPERATOR = "mock_robot", "operator"
-#: What rclpy opens in every node of Jazzy.
+#: Publishers that rclpy opens in every node of Jazzy.
 NODE_PUBLISHES = ("/rosout", "/parameter_events")
 NODE_SERVES = (
     "describe_parameters",
@@ -38,9 +38,9 @@ NODE_SERVES = (
     "set_parameters",
     "set_parameters_atomically",
 )
-#: What it subscribes to with ``use_sim_time``.
+#: Subscription of a node with ``use_sim_time``.
 CLOCK = "/clock"
-#: What it opens besides in a lifecycle node.
+#: Publisher of a lifecycle node, in addition.
 LIFECYCLE_PUBLISHES = "~/transition_event"
 LIFECYCLE_SERVES = (
     "change_state",
@@ -62,8 +62,8 @@ def security_policy(
     Args:
         settings: the robot's settings.
         model: the robot's model.
-        namespace: of the nodes.
-        remappings: of topic names.
+        namespace: namespace of the nodes.
+        remappings: topic remappings, from name to name.
 
     Returns:
         XML.

@@ -1,1 +1,1 @@
-"""The controller and the guard as services on any transport: inputs, the loop, outputs."""
+"""The controller and the guard as services on any transport: inputs, the control loop, outputs."""

@@ -1,4 +1,4 @@
-"""From settings to the live audit of the model."""
+"""Builds the live audit of the model from the settings."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from wbc_controller.settings import Settings
 
 
 def joint_efforts(model: RobotModel) -> Array:
-    """The largest torque that the actuators can give at each joint, (nj,) in N·m.
+    """The largest torque that the actuators can apply at each joint, (nj,) in N·m.
 
-    At a joint that none drives it is the median of the others: what there is to measure its torques against.
+    An undriven joint takes the median of the others, as a scale for its torque residual.
     """
     efforts = np.asarray(model.effort_limits @ np.abs(model.actuation.ratios))
     driven = efforts > 0.0

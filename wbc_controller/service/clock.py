@@ -1,4 +1,4 @@
-"""Clocks of the loop: the machine's, that of a simulator, and one that is set by hand."""
+"""Clocks of the loop: the machine's monotonic clock, a simulator's clock, and one that is set by hand."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Measures ages and durations; it never goes back."""
+    """Measures ages and durations; it never runs backwards."""
 
     def now(self) -> float:
         """Time since some fixed instant, s."""
         ...
 
     def stamp(self) -> int:
-        """Time for the headers of messages, ns."""
+        """Time for message headers, ns."""
         ...
 
     def trouble(self) -> str | None:
-        """Why no age can be told at this moment, where that is so; asked once per cycle."""
+        """Why ages cannot be measured at this moment, None if they can; called once per cycle."""
         ...
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Let time pass on this clock, or until the event is set."""
+        """Wait for a duration on this clock, or until the event is set."""
         ...
 
 
@@ -39,31 +39,32 @@ class MonotonicClock:
         return time.time_ns()
 
     def trouble(self) -> str | None:
-        """None: it always runs."""
+        """Return None, as this clock always runs."""
         return None
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Let time pass, or until the event is set."""
+        """Wait for a duration, or until the event is set."""
         stop.wait(seconds)
 
 
 class SimulatedClock:
-    """A simulator's clock: it shows what the messages on the topic of the clock say, and stands still between them.
+    """A simulator's clock: it shows the time of the last message on the clock topic, and stands still in between.
 
-    Where the simulator begins anew, this clock goes on from where it was, and tells its trouble once.
+    When the simulated time jumps back, as on a restart, this clock continues from its last time and reports the jump
+    once, in `trouble`.
     """
 
-    #: Longest wall time before it is looked whether the waiting is to end, s.
+    #: Longest wall time between two checks of whether `wait` is to end, s.
     _LOOK = 0.05
 
     def __init__(self) -> None:
         self._moved = threading.Condition()
         self._stamp: int | None = None
-        self._gone_back = 0  # sum of all steps back, ns
+        self._gone_back = 0  # sum of all jumps back, ns
         self._trouble: str | None = None
 
     def set(self, stamp: int) -> None:
-        """Take a simulator's time, ns; on any thread."""
+        """Set the simulator's time, ns; may be called on any thread."""
         with self._moved:
             if self._stamp is not None and stamp < self._stamp:
                 self._gone_back += self._stamp - stamp
@@ -72,16 +73,16 @@ class SimulatedClock:
             self._moved.notify_all()
 
     def now(self) -> float:
-        """Time since some fixed instant, s; 0 until there is any."""
+        """Time since some fixed instant, s; 0 before the first message."""
         with self._moved:
             return 0.0 if self._stamp is None else (self._stamp + self._gone_back) * 1.0e-9
 
     def stamp(self) -> int:
-        """The simulator's time, ns; 0 until there is any."""
+        """The simulator's time, ns; 0 before the first message."""
         return self._stamp or 0
 
     def trouble(self) -> str | None:
-        """That no time has come yet, or that it has gone back since this was asked last."""
+        """Reports that no time has arrived yet, or that it has jumped back since the last call; None otherwise."""
         with self._moved:
             if self._stamp is None:
                 return "use_sim_time is set, and no time has come on the topic of the clock"
@@ -89,7 +90,7 @@ class SimulatedClock:
             return trouble
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Let simulated time pass, or until the event is set."""
+        """Wait for a duration of simulated time, or until the event is set."""
         end = self.now() + seconds
         while not stop.is_set() and self.now() < end:
             with self._moved:
@@ -97,27 +98,27 @@ class SimulatedClock:
 
 
 class ManualClock:
-    """A clock that stands still until it is set: for lockstep runs and tests.
+    """A clock that stands still until it is set, for lockstep runs and tests.
 
     Attributes:
-        time: what it shows, s.
+        time: the time shown, s.
     """
 
     def __init__(self, time: float = 0.0) -> None:
         self.time = time
 
     def now(self) -> float:
-        """What it shows, s."""
+        """The time shown, s."""
         return self.time
 
     def stamp(self) -> int:
-        """What it shows, ns."""
+        """The time shown, ns."""
         return round(self.time * 1.0e9)
 
     def trouble(self) -> str | None:
-        """None."""
+        """Return None, as no trouble is possible."""
         return None
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Let wall time pass, or until the event is set."""
+        """Wait for a duration of wall time, or until the event is set."""
         stop.wait(seconds)

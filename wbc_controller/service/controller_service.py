@@ -46,17 +46,17 @@ def run_controller(
     Args:
         settings: the robot's settings.
         transport: carries the messages.
-        stop: ends the run.
+        stop: event that ends the run.
         node: name of the node.
         namespace: namespace of the node.
-        remappings: of topic names.
+        remappings: topic remappings, from name to name.
         activate: activate as soon as the inputs are fresh, without a command.
-        use_sim_time: measure ages and durations by the topic of the clock.
-        record: file for torques and cycle times.
+        use_sim_time: measure ages and durations by the time on the clock topic.
+        record: file in which torques and cycle times are saved.
 
     Raises:
-        ConfigurationError: where settings and model do not fit.
-        TransportError: where a topic cannot be opened.
+        ConfigurationError: if settings and model do not fit together.
+        TransportError: if a topic cannot be opened.
     """
     urdf = None
     if not settings.robot.urdf:
@@ -98,20 +98,20 @@ def make_loop(
     observers: Sequence[Callable[[CycleReport], None]] = (),
     node: str = NODE_NAME,
 ) -> ControlLoop:
-    """Put a controller behind its topics.
+    """Connect a controller to its topics.
 
     Args:
-        controller: decides.
+        controller: computes the command of each cycle.
         transport: carries the messages.
         clock: measures ages and durations.
-        topics: from `controller_endpoints`.
-        timer: gives seconds, for the stage times.
+        topics: the node's endpoints, from `controller_endpoints`.
+        timer: returns seconds, for the stage times.
         observers: called with the report of every cycle.
         node: name of the node with its namespace, for diagnostics.
 
     Raises:
-        ConfigurationError: where settings and model do not fit.
-        TransportError: where a topic cannot be opened.
+        ConfigurationError: if settings and model do not fit together.
+        TransportError: if a topic cannot be opened.
     """
     settings, model, qp = controller.config.settings, controller.model, controller.qp
     published = {name: qp.contacts[name] for name in settings.contacts}
@@ -137,11 +137,11 @@ def make_loop(
 
 
 def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:
-    """A simulator's clock, by the topic of it.
+    """Make a clock that follows the simulated time on the clock topic.
 
     Args:
-        topics: of the node.
-        transport: carries the messages; those of the clock come in every mode and state of the node.
+        topics: the node's endpoints.
+        transport: carries the messages; it delivers clock messages in every mode and lifecycle state of the node.
     """
     clock = SimulatedClock()
     (endpoint,) = [topic for topic in topics if topic.key == "clock"]

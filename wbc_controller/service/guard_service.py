@@ -1,7 +1,7 @@
-"""The guard as a node: `safety.guard.Guard` behind the topics of `interface.GUARD_TOPICS`, on any transport.
+"""The guard as a node: `safety.guard.Guard` on the topics of `wire.topics.GUARD_TOPICS`, over any transport.
 
-It shares no process with the controller, whose death it is there for, and imports neither Pinocchio nor a solver: it
-starts in half the time, takes a third of the memory, and has less that can go wrong.
+It runs in a process of its own, so that it survives the death of the controller. It imports neither Pinocchio nor a
+solver: it starts in half the time, takes a third of the memory, and has less that can go wrong.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, diagnostics, encode, message, torques
 from wbc_controller.wire.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
 
-#: Name of the node, after which its private topics are called.
+#: Name of the node, and prefix of its private topics.
 NODE_NAME = "guard"
-#: Letters of a refusal that are passed on: it may quote what was sent.
+#: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
 _LONGEST_REASON = 300
 
-#: Time that commands which have come already are given to be taken, before the guard takes over, s.
+#: Time before a takeover in which the callbacks can still process commands that have already arrived, s.
 _SECOND_LOOK = 0.001
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -41,13 +41,13 @@ _log = logging.getLogger(__name__)
 
 
 class GuardService:
-    """Listens to the controller, and sends what the guard decides.
+    """Monitors the controller's topics, and sends the torques of the guard.
 
-    The transport's callbacks take the commands' torques and leave the rest in slots; the thread that calls does
-    everything else.
+    The transport's callbacks decode commands and modes, and store joint states undecoded; everything else runs on the
+    thread that calls `cycle`.
 
     Attributes:
-        guard: decides.
+        guard: decides when to take over and which torques to send.
     """
 
     def __init__(
@@ -63,14 +63,14 @@ class GuardService:
 
         Args:
             settings: the robot's settings.
-            robot: what the URDF and the settings say of its actuators.
-            topics: of the guard's node.
+            robot: the actuators, as described by the URDF and the settings.
+            topics: endpoints of the guard's node.
             transport: carries the messages.
-            clock: dates the messages.
-            namespace: of the node, for diagnostics.
+            clock: gives each message its time of arrival.
+            namespace: namespace of the node, for diagnostics.
 
         Raises:
-            TransportError: where a topic cannot be opened.
+            TransportError: if a topic cannot be opened.
         """
         self.guard = Guard(guard_limits(settings, robot.effort_limits))
         self._clock = clock
@@ -105,7 +105,7 @@ class GuardService:
         now = self._clock.now()
         try:
             (tau,) = self._commands.columns(decode(payload, self._types["joint_commands"]), "effort")
-        except InputRefused as refusal:  # what no robot could follow is no command
+        except InputRefused as refusal:  # the guard does not count a malformed message as a command
             self._refuse("joint_commands", refusal)
             return
         with self._lock:
@@ -155,29 +155,29 @@ class GuardService:
             )
 
     def cycle(self) -> float:
-        """Decide once, and send what is to be sent.
+        """Run one cycle: decide, send torques if the guard has taken over, and publish its state.
 
         Returns:
-            Time at which to do so again, s on the clock.
+            Time of the next cycle, s on the clock.
         """
         now, heard = self._clock.now(), self._heard()
         if not self.guard.sending and now >= self.guard.deadline(heard):
-            # Whoever kept this thread from the processor kept the one that takes the commands from it too.
+            # If this thread was kept off the processor, so was the transport's thread: commands may be waiting.
             time.sleep(_SECOND_LOOK)
             now, heard = self._clock.now(), self._heard()
         tau = self.guard.step(now, heard)
         if tau is not None:
             payload = encode(torques(self._drive.command(tau)))
-            if heard.command_at == self._command_at:  # the last moment to be silent
+            if heard.command_at == self._command_at:  # send nothing if a command arrived during this cycle
                 self._publish["effort"](payload)
         self._say(now, heard)
         if self.guard.sending:
             return now + self._period
-        # A joint state that comes from now on is owed a command after the patience, at the earliest.
+        # The deadline for answering a joint state that arrives from now on is at least the patience away.
         return min(self.guard.deadline(heard), now + self.guard.limits.patience)
 
     def _say(self, now: float, heard: Heard) -> None:
-        """Publish the state where it has changed, and diagnostics where they are due."""
+        """Publish the state if it has changed, and diagnostics if they are due."""
         guard, stale = self.guard, ""
         if guard.mode is GuardMode.DAMPING and guard.blind(now, heard):
             note = f" ({self._refused['joint_states']})" if "joint_states" in self._refused else ""
@@ -207,9 +207,9 @@ class GuardService:
         return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
 
     def run(self, stop: threading.Event) -> None:
-        """Run until stopped; what is sent last is never a damping torque."""
+        """Run until stopped; the last message sent is never a damping torque."""
         gc.collect()
-        gc.freeze()  # what was built at start-up is never garbage: collections in mid-run stay short
+        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
         try:
             while not stop.is_set():
                 stop.wait(max(0.0, self.cycle() - self._clock.now()))
@@ -219,11 +219,11 @@ class GuardService:
 
 
 def guard_limits(settings: Settings, effort: Array) -> GuardLimits:
-    """The guard's limits from a robot's settings.
+    """Derive the guard's limits from a robot's settings.
 
     Args:
         settings: the robot's settings.
-        effort: largest torque of each actuator, (na,) in N·m.
+        effort: effort limit of each actuator, (na,) in N·m.
     """
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
@@ -252,13 +252,13 @@ def run_guard(
     Args:
         settings: the robot's settings.
         transport: carries the messages.
-        stop: ends the run.
+        stop: event that ends the run.
         namespace: namespace of the node.
-        remappings: of topic names.
+        remappings: topic remappings, from name to name.
 
     Raises:
-        ConfigurationError: where the URDF and the settings do not fit.
-        TransportError: where a topic cannot be opened.
+        ConfigurationError: if the URDF and the settings do not fit together.
+        TransportError: if a topic cannot be opened.
     """
     robot = settings.robot
     if robot.urdf:

@@ -1,4 +1,4 @@
-"""Messages in: from the mailboxes of one cycle to a state, requests and changes; what cannot be used is refused."""
+"""Incoming messages: latches the mailboxes into a state, commands and changes; unusable messages are refused."""
 
 from __future__ import annotations
 
@@ -24,21 +24,22 @@ from wbc_controller.wire.topics import Direction, Endpoint
 _log = logging.getLogger(__name__)
 
 _REQUEST_DEPTH = 100
-#: Letters of a refusal that are passed on: it may quote what was sent.
+#: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
 _LONGEST_REASON = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Latched:
-    """Everything that came in, latched at the start of one cycle.
+    """All inputs, latched at the start of one cycle.
 
     Attributes:
-        state: the newest state; None until both of its parts have arrived.
+        state: the newest state; None until all of its parts have arrived (joint states, and odometry for a floating
+            base).
         joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
-        ages: age of each part of the state, s; infinite where it has not arrived.
-        notes: for the parts of the state, why the last message was refused, where it was.
-        commands: words on the command topic, in order.
-        changes: sets of changes, in order; each is applied whole or not at all.
+        ages: age of each part of the state, s; infinite if it has never arrived.
+        notes: for each part of the state whose last message was refused, the reason.
+        commands: words on the command topic, in order of arrival.
+        changes: sets of changes, in order of arrival; each set is applied whole or not at all.
         refused: a sentence for each message that was refused.
     """
 
@@ -53,7 +54,7 @@ class Latched:
 
 @dataclass(slots=True)
 class _Part:
-    """One of the messages that the state is made of."""
+    """Newest message of one part of the state: joint states or odometry."""
 
     received: float = -np.inf
     stamp: int = 0
@@ -62,7 +63,7 @@ class _Part:
 
 
 class Inputs:
-    """Subscribes to every incoming topic, and latches what has arrived.
+    """Subscribes to every incoming topic, and latches the messages that have arrived.
 
     Attributes:
         arrived: set when a joint state arrives.
@@ -76,14 +77,14 @@ class Inputs:
         transport: Transport,
         clock: Clock,
     ) -> None:
-        """Subscribe.
+        """Subscribe to the incoming topics.
 
         Args:
             model: the robot's model.
             vocabulary: the names that messages may use.
-            endpoints: of the controller's node.
+            endpoints: endpoints of the controller's node.
             transport: carries the messages.
-            clock: dates them.
+            clock: gives each message its time of arrival.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -107,11 +108,11 @@ class Inputs:
             transport.subscribe(endpoint, box.put)
 
     def age_of_joint_states(self) -> float:
-        """Age of the newest joint state that was read, s; infinite where none was."""
+        """Age of the newest joint state that was latched, s; infinite if there is none."""
         return self._clock.now() - self._parts["joint_states"].received
 
     def latch(self) -> Latched:
-        """Read all mailboxes."""
+        """Empty all mailboxes and decode their messages."""
         now = self._clock.now()
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
@@ -122,13 +123,13 @@ class Inputs:
             if turned_away:
                 refused.append(f"{endpoint.name}: {turned_away} messages refused: more than {_REQUEST_DEPTH} at once")
             arrivals += [(received, endpoint, payload) for received, payload in messages]
-        arrivals.sort(key=lambda arrival: arrival[0])  # of two requests for one thing the last one counts
+        arrivals.sort(key=lambda arrival: arrival[0])  # in order of arrival: a later request overrides an earlier one
         for received, endpoint, payload in arrivals:
             try:
                 self._read(endpoint, received, payload, commands, changes)
             except InputRefused as refusal:
                 self._refuse(endpoint, str(refusal), refused)
-            except Exception as error:  # a message that finds a defect must not end the loop
+            except Exception as error:  # a defect in a reader must not end the loop
                 _log.exception("reading a message on %s failed", endpoint.name)
                 self._refuse(endpoint, f"cannot be read: {type(error).__name__}: {error}", refused)
         ages = {name: now - part.received for name, part in self._parts.items()}

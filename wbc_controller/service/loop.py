@@ -1,4 +1,4 @@
-"""The loop: read, decide, write. One way through, once per cycle."""
+"""The control loop: in each cycle it latches the inputs, runs the controller and publishes the result."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from wbc_controller.service.outputs import Outputs
 
 _log = logging.getLogger(__name__)
 
-#: Time for which a sentence that was logged is not logged again, s.
+#: Time for which a logged sentence is not repeated, s.
 _SILENCE = 1.0
 
 
 class ControlLoop:
-    """Owns the ends of a cycle, and hands what comes in to the controller and its answer to what goes out.
+    """Passes the latched inputs to the controller and its result to the outputs, once per cycle.
 
     Attributes:
-        controller: decides.
+        controller: computes the command of each cycle.
         observers: called with the report of every cycle.
     """
 
@@ -47,12 +47,12 @@ class ControlLoop:
         """Make a loop.
 
         Args:
-            controller: decides.
-            inputs: what comes in.
-            outputs: what goes out.
-            audit: compares the model with the motion.
+            controller: computes the command of each cycle.
+            inputs: latch the incoming messages.
+            outputs: publish the outgoing messages.
+            audit: compares the model with the measured motion.
             clock: measures ages and durations.
-            timer: gives seconds, for the stage times.
+            timer: returns seconds, for the stage times.
             observers: called with the report of every cycle.
         """
         self.controller = controller
@@ -108,18 +108,18 @@ class ControlLoop:
         return report
 
     def _say(self, report: CycleReport, now: float) -> None:
-        """Log what was refused and why a mode was left; of what recurs in every cycle, one line per second."""
+        """Log refusals and faults; a sentence that recurs in every cycle is logged once per second."""
         sentences = [f"refused {sentence}" for sentence in report.refused]
         if report.fault is not None:
             sentences.append(f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}")
         for sentence in sentences:
-            topic = sentence[:60]  # the rest may hold figures that change from cycle to cycle
+            topic = sentence[:60]  # further on, figures may change from cycle to cycle
             if not (now - self._said.get(topic, -math.inf) < _SILENCE):
                 self._said[topic] = now
                 _log.warning("%s", sentence)
 
     def _audited(self, report: CycleReport, state: RobotState | None) -> CycleReport:
-        """Hold the motion against the model, when the robot has its torques already."""
+        """Compare the motion with the model; called after the torques are sent, so that they need not wait."""
         if state is None:
             return report
         audit = self._audit.look(state, self.controller.qp.dynamics, report.solution, report.command)
@@ -143,10 +143,10 @@ class ControlLoop:
         """Run cycles until stopped.
 
         Args:
-            stop: ends the loop.
+            stop: event that ends the loop.
             period: time between cycles, s.
-            triggered: run one cycle for each joint state, and at the period where none come; otherwise run on absolute
-                deadlines.
+            triggered: run one cycle for each joint state, and once they are stale one cycle per period; otherwise run
+                on absolute deadlines.
             activate: activate as soon as the inputs are fresh, without a command.
         """
         self._activate_when_fresh = activate
@@ -156,7 +156,7 @@ class ControlLoop:
             self._shut_down()
 
     def wake(self) -> None:
-        """End the waiting for a joint state, so that a loop that was told to stop does so at once."""
+        """Interrupt the wait for a joint state, so that a loop whose `stop` event is set ends at once."""
         self._inputs.arrived.set()
 
     def _shut_down(self) -> None:
@@ -166,7 +166,7 @@ class ControlLoop:
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
-        gc.freeze()  # what was built at start-up is never garbage: collections in mid-run stay short
+        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:
@@ -179,11 +179,11 @@ class ControlLoop:
             if now > deadline:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
-                deadline += missed * period  # stay on the grid: lateness does not add up
+                deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
             self._clock.wait(stop, deadline - now if deadline > now else 0.0)
             deadline += period
 
     def _patience(self, period: float) -> float:
-        """How long to wait for a joint state: until the last one is stale, then one period at a time."""
+        """Time to wait for the next joint state, s: until the last one is stale, then one period at a time."""
         timeout = self.controller.state_timeout
         return max(period, min(timeout - self._inputs.age_of_joint_states(), timeout))

@@ -1,4 +1,4 @@
-"""One-slot mailboxes for streams, and bounded queues for requests: all that a transport's thread touches."""
+"""One-slot mailboxes for streams, and bounded queues for requests: the only objects that a transport's thread uses."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from wbc_controller.service.clock import Clock
 class Mailbox:
     """Keeps the newest messages of one topic, with the time each arrived.
 
-    With a depth of 1 a newer message replaces the one that has not been read. With more, requests are kept in order,
-    and when the queue is full the newest is turned away and counted: nothing is lost silently.
+    With a depth of 1 a newer message replaces an unread one. With a larger depth messages are queued in order; when the
+    queue is full, new ones are rejected and counted, so that no message is lost silently.
     """
 
     def __init__(self, clock: Clock, depth: int, arrived: threading.Event | None = None) -> None:
         """Make a mailbox.
 
         Args:
-            clock: dates the messages.
-            depth: number of messages kept.
-            arrived: set on each message, for a loop that waits for it.
+            clock: gives each message its time of arrival.
+            depth: largest number of messages kept.
+            arrived: event set on each message, for a loop that waits for one.
         """
         self._clock = clock
         self._depth = depth
@@ -31,7 +31,7 @@ class Mailbox:
         self._turned_away = 0
 
     def put(self, payload: bytes) -> None:
-        """Take a serialized message: the callback of a transport."""
+        """Store a serialized message; called by the transport, on its own thread."""
         received = self._clock.now()
         with self._lock:
             if self._depth == 1:
@@ -44,10 +44,10 @@ class Mailbox:
             self._arrived.set()
 
     def take(self) -> tuple[list[tuple[float, bytes]], int]:
-        """Empty the box.
+        """Empty the mailbox.
 
         Returns:
-            The messages in order of arrival, each with the time it arrived; and how many were turned away.
+            The messages in order of arrival, each with its time of arrival; and the number of rejected ones.
         """
         with self._lock:
             messages, self._messages = list(self._messages), deque()

@@ -1,4 +1,4 @@
-"""Messages out: commands, contact wrenches, the mode, and diagnostics."""
+"""Outgoing messages: commands, contact wrenches, the mode, diagnostics and markers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wbc_controller.wire.topics import Direction, Endpoint
 
 
 class Outputs:
-    """Publishes what a cycle leads to."""
+    """Publishes the results of a cycle."""
 
     def __init__(
         self,
@@ -34,12 +34,12 @@ class Outputs:
 
         Args:
             model: the robot's model.
-            contacts: those whose forces are published, by name.
-            endpoints: of the controller's node.
+            contacts: contacts whose forces are published, by name.
+            endpoints: endpoints of the controller's node.
             transport: carries the messages.
-            diagnostics_period: s between two diagnostics.
+            diagnostics_period: time between two diagnostics messages, s.
             scene: draws the markers.
-            markers_period: s between two messages of them; inf for none.
+            markers_period: time between two marker messages, s; inf for none.
             node: name of the node, with its namespace.
         """
         self._actuation = model.actuation
@@ -59,7 +59,7 @@ class Outputs:
         self._markers_due = -np.inf if markers_period < np.inf else np.inf
 
     def publish_command(self, report: CycleReport) -> None:
-        """Send the torques and the forces counted on: the part of a cycle that the robot waits for."""
+        """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
         command = report.command
         if command is not None:
             self._send("effort", torques(self._actuation.command(command.tau)))
@@ -82,12 +82,12 @@ class Outputs:
                     self._send("contact_wrench", wrench, name)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send the mode where it has changed, and diagnostics where they are due.
+        """Send the mode if it has changed, and diagnostics if they are due or a message was refused.
 
         Args:
-            report: of the cycle.
-            now: s, on the clock of the loop.
-            wall: time of day for the headers, ns.
+            report: report of the cycle.
+            now: time on the clock of the loop, s.
+            wall: time for the headers, ns.
         """
         said = (report.mode, report.fault)
         if said != self._state_said:
@@ -104,13 +104,13 @@ class Outputs:
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
     ) -> None:
-        """Send a picture of the cycle where one is due.
+        """Send the markers of the cycle if they are due.
 
         Args:
-            now: s, on the clock of the loop.
-            state: where the robot is, where that is known.
-            references: what is wanted, in a cycle that was solved.
-            solution: the answer, if there is one.
+            now: time on the clock of the loop, s.
+            state: latched state; None before the first one.
+            references: references of the cycle, if its program was solved.
+            solution: solution of the cycle, if there is one.
         """
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period

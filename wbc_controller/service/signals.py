@@ -1,4 +1,4 @@
-"""Ending on a signal."""
+"""Shutting down on SIGINT and SIGTERM."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
     """Let SIGINT and SIGTERM set an event, and do nothing else.
 
-    It is set on a thread of its own. A signal's handler runs on the main thread, in the middle of what that does; where
-    it is in the event's `wait`, it holds the lock that `set` would wait for, for ever.
+    The event is set on a thread of its own. A signal handler interrupts the main thread; if that is inside the event's
+    `wait`, it holds the lock that `set` needs, and a handler that called `set` would wait for ever.
 
     Args:
         stop: the event.
@@ -25,7 +25,7 @@ def set_by_signals(stop: threading.Event) -> Iterator[None]:
     os.set_blocking(writing, False)
 
     def watch() -> None:
-        while numbers := os.read(reading, 1):  # nothing where the other end is closed
+        while numbers := os.read(reading, 1):  # no bytes once the other end is closed
             if numbers[0] in ENDING:
                 stop.set()
 

@@ -1,4 +1,4 @@
-"""The waiting for the URDF, where it comes on a topic."""
+"""Waiting for a URDF that is published on a topic."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def wait_for_urdf(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> str:
-    """Wait for the latched URDF, saying so; empty where `stop` was set before it came.
+    """Wait for the latched URDF, with a warning every 5 s; empty if `stop` is set before it arrives.
 
     Args:
-        transport: where the topic is opened.
-        stop: ends the waiting, within 5 s.
-        table: of the node's topics; its row ``robot_description`` is opened.
+        transport: transport on which the topic is opened.
+        stop: event that ends the wait, within 5 s.
+        table: the node's topics, of which the row ``robot_description`` is opened.
         node: name of the node.
-        namespace: of the node.
-        remappings: of topic names.
+        namespace: namespace of the node.
+        remappings: topic remappings, from name to name.
     """
     arrived = threading.Event()
     payloads: list[bytes] = []

@@ -1,4 +1,4 @@
-"""The table of topics, and the names that messages may use, for one robot."""
+"""The endpoints of the controller, and the names that messages may use, for one robot."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
         if isinstance(task, schema.ContactWrenchTask):
             contact = settings.contacts[task.contact]
             whole = isinstance(contact, schema.SurfaceContact | schema.FixedContact)
-            frame = contact.frame if whole else contact.against  # the forces of others on the world are in its axes
+            frame = contact.frame if whole else contact.against  # None (world axes) for a point or wheel on the world
             if frame is not None:
                 reference_frames[name] = frame
     return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), reference_frames)
 
 
 def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
-    """Frames on which external wrenches are accepted: the base, and every frame that a task or contact names."""
+    """Frames that accept external wrenches: the base, and every frame named by a task or contact."""
     named = [task.frame for task in settings.tasks.values() if hasattr(task, "frame")]
     named += [contact.frame for contact in settings.contacts.values()]
     return tuple(dict.fromkeys([model.base_link, *named]))

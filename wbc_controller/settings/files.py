@@ -1,4 +1,4 @@
-"""Configuration files: where they are, how they are read, and a readable line for everything that is wrong in one."""
+"""Configuration files: finding them, reading them, and one readable line per mistake in them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def find_configuration(name: str) -> Path:
     """Find a configuration by a shipped robot's name, such as ``g1``, or by path.
 
     Raises:
-        ConfigurationError: where there is none.
+        ConfigurationError: if there is no such configuration.
     """
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
@@ -52,7 +52,7 @@ def load_settings(path: Path) -> Settings:
         path: a ROS 2 parameter file.
 
     Raises:
-        ConfigurationError: with one line per problem: file, key, value, and the valid choices.
+        ConfigurationError: with one line per mistake: file, key, value, and the valid choices.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -66,7 +66,7 @@ def load_settings(path: Path) -> Settings:
         where = f"{path}:{mark.line + 1}" if mark else str(path)
         raise ConfigurationError(f"{where}: not valid YAML: {error.problem or error.context}") from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # The last three are what impossible dates and numbers, keys that are lists, and deep nesting end in.
+        # The last three are raised on impossible dates and numbers, on keys that are lists, and on deep nesting.
         raise ConfigurationError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
     return parse_settings(_parameters_of(content, path), str(path))
 
@@ -75,8 +75,8 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
     """Validate a nested dictionary of parameters.
 
     Args:
-        parameters: what stands below ``ros__parameters``.
-        source: where it came from, for messages.
+        parameters: the content of ``ros__parameters``.
+        source: its origin, for messages.
 
     Raises:
         ConfigurationError: as in `load_settings`.
@@ -89,7 +89,7 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
 
 
 def _refuse_duplicates(node: yaml.Node | None, path: Path, keys: tuple[str, ...] = ()) -> None:
-    """Refuse a key that stands twice, of which YAML itself would let the last one win."""
+    """Refuse a duplicate key, since YAML itself would silently use the last one."""
     if not isinstance(node, yaml.MappingNode):
         return
     lines: dict[str, int] = {}
@@ -97,7 +97,7 @@ def _refuse_duplicates(node: yaml.Node | None, path: Path, keys: tuple[str, ...]
         line = key_node.start_mark.line + 1
         key = str(key_node.value)
         if key in lines:
-            dotted = ".".join([*keys[2:], key])  # as in all messages, without the node and ros__parameters
+            dotted = ".".join([*keys[2:], key])  # without the node and ros__parameters, as in all messages
             raise ConfigurationError(
                 f"{path}:{line}: {dotted}: the key {key!r} stands twice, first in line {lines[key]}; keep one of them"
             )
@@ -119,10 +119,10 @@ def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
 
 
 def _explain(problem: Any, source: str) -> str:
-    """Turn one of pydantic's problems into a line: file, key, value, valid choices."""
+    """Turn one of pydantic's errors into a line: file, key, value, valid choices."""
     location = [part for part in problem["loc"] if part not in (NUMBER, LIST)]
     if len(location) > 2 and location[2] in _tags_of(str(location[0])):
-        del location[2]  # the type of the task or contact, which is no key of the file
+        del location[2]  # the kind of the task or contact, which is not a key of the file
     key = ".".join(str(part) for part in location)
     about = _description(problem["loc"])
     about = f" ({about})" if about else ""
@@ -139,7 +139,7 @@ def _explain(problem: Any, source: str) -> str:
         return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), tags)}"
     reason = problem["msg"].removeprefix("Value error, ")
     value = problem["input"]
-    if problem["type"] == "value_error" and isinstance(value, dict):  # of a validator that looks at several keys
+    if problem["type"] == "value_error" and isinstance(value, dict):  # from a validator of several keys
         return f"{source}: {key}{'.' if key else ''}{reason}"
     shown = "" if isinstance(value, dict) else f" = {reprlib.repr(value)}"
     return f"{source}: {key}{shown}: {reason[0].lower()}{reason[1:]}{about}"
@@ -157,7 +157,7 @@ def _tags_of(section: str) -> set[str]:
 
 
 def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
-    """The keys that are known where the last part of a location stands."""
+    """The valid keys at the level of a location's last part."""
     if len(location) == 1:
         return Settings.model_fields
     section = str(location[0])
@@ -177,7 +177,7 @@ def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
 
 
 def _description(location: tuple[Any, ...]) -> str:
-    """What a key holds; an item of a list is described by the key of the list."""
+    """Description of a key, for messages; an item of a list has the description of the list's key."""
     keys = tuple(part for part in location if part not in (NUMBER, LIST))
     if keys and isinstance(keys[-1], int):
         keys = keys[:-1]

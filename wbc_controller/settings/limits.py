@@ -1,4 +1,4 @@
-"""Which limits the quadratic program holds."""
+"""Settings of the limits in the quadratic program."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class ActuatorTorqueSpeed(Section):
 
 
 class TorqueSpeedSettings(Section):
-    """What torque the motors have at which speed: in the direction of motion it falls above the corner speed."""
+    """Torque-speed curve of the motors: above the corner speed, less torque is available in the direction of motion."""
 
-    enabled: bool = Field(False, description="Hold the torque-speed curve.")
+    enabled: bool = Field(False, description="Enforce the torque-speed curve.")
     corner: Positive = Field(
         0.5,
         le=10.0,
@@ -41,7 +41,7 @@ class TorqueSpeedSettings(Section):
         1.0, le=10.0, description="Speed at which no torque is available, as a share of the URDF's velocity limit."
     )
     actuators: dict[str, ActuatorTorqueSpeed] = Field(
-        default_factory=dict, description="Actuators with values of their own; those of `robot.transmission` need them."
+        default_factory=dict, description="Values of single actuators; required for those in `robot.transmission`."
     )
 
     @model_validator(mode="after")
@@ -50,55 +50,55 @@ class TorqueSpeedSettings(Section):
 
 
 class SelfCollisionSettings(Section):
-    """Links that could collide are kept at a distance from each other."""
+    """Self-collision avoidance: links that could collide are kept at a distance from each other."""
 
     enabled: bool = Field(False, description="Keep links apart, by the collision elements of the URDF.")
-    margin: Annotated[Positive, Field(le=0.5)] = Field(0.02, description="Least distance, m.")
+    margin: Annotated[Positive, Field(le=0.5)] = Field(0.02, description="Smallest distance, m.")
     acceleration: Annotated[Positive, Field(le=1.0e3)] = Field(
         20.0,
-        description="Deceleration with which links have to be able to stop before the margin, m/s²: choose what the "
-        "motors can do with the arm stretched out.",
+        description="Deceleration with which approaching links must be able to stop before the margin, m/s²: choose a "
+        "value that the motors reach with the arm stretched out.",
     )
     horizon: NonNegative = Field(
         0.02,
         le=1.0,
-        description="Time over which the limit looks ahead, at least one period, s, as `position_horizon`.",
+        description="Time over which the limit looks ahead, s, at least one period; as `position_horizon`.",
     )
-    max_pairs: int = Field(12, ge=1, le=200, description="Number of pairs that are held in one cycle: the most urgent.")
+    max_pairs: int = Field(12, ge=1, le=200, description="Number of pairs constrained in one cycle: the most urgent.")
     srdf: str = Field(
-        "", description="An SRDF, in the form of `robot.urdf`: pairs that it disables are not held. Empty: none."
+        "", description="Path of an SRDF, in the form of `robot.urdf`; pairs it disables are left out. Empty: none."
     )
     visual: list[str] = Field(
         default_factory=list,
-        description="Links of which the visual elements count too: those that have no collision elements.",
+        description="Links whose visual elements serve as collision elements; meant for links without any.",
     )
     pairs: list[str] = Field(
         default_factory=list,
-        description="The pairs to be held, each `<link>/<link>`. Empty: all but links that carry each other by "
+        description="The pairs to keep apart, each `<link>/<link>`. Empty: all pairs but links that are connected by "
         "one or two joints, those that the SRDF disables, and those nearer than the margin in `robot.posture`.",
     )
 
 
 class LimitSettings(Section):
-    """Which limits the quadratic program holds. Torque limits always apply."""
+    """Limits in the quadratic program; the torque limits always apply."""
 
     live = ("position_margin", "position_horizon", "velocity_scale", "acceleration", "torque_rate")
 
-    position: bool = Field(True, description="Hold the URDF's joint position limits.")
-    position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from them, rad.")
+    position: bool = Field(True, description="Enforce the URDF's joint position limits.")
+    position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from the position limits, rad.")
     position_horizon: NonNegative = Field(
         0.02,
         le=1.0,
-        description="Time over which the position limits look ahead, at least one period, s: a longer one brakes "
-        "earlier, and is softer against noise in the measured positions.",
+        description="Time over which the position limits look ahead, s, at least one period: a longer horizon brakes "
+        "earlier, and is less sensitive to noise in the measured positions.",
     )
-    velocity: bool = Field(True, description="Hold the URDF's joint velocity limits.")
-    velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Share of them that may be used.")
+    velocity: bool = Field(True, description="Enforce the URDF's joint velocity limits.")
+    velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Usable share of the velocity limits.")
     acceleration: Positive = Field(
         200.0,
         le=1.0e5,
-        description="Largest joint acceleration, rad/s². With it a joint has to be able to brake before its position "
-        "limit: choose what the motors can do.",
+        description="Largest joint acceleration, rad/s². A joint must be able to brake with it before its position "
+        "limit: choose a value that the motors can reach.",
     )
     torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
     self_collision: SelfCollisionSettings = Field(SelfCollisionSettings(), description="Distances between links.")

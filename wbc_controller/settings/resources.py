@@ -1,4 +1,4 @@
-"""Files that come with packages: robot models, and this package's own configurations."""
+"""Finding files that packages install: robot models, and this package's own configurations."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ PACKAGE_SCHEME = "package://"
 def locate(uri: str, key: str = "robot.urdf") -> Path:
     """Find a file given by path or as ``package://<distribution>/<path below its share folder>``.
 
-    The distribution is a Python one, such as ``example-robot-data``, whose files stand below ``share/<distribution>/``;
-    ROS 2 packages are looked for in the same form on ``AMENT_PREFIX_PATH``.
+    The distribution is a Python one, such as ``example-robot-data``, with its files below ``share/<distribution>/``, or
+    a ROS 2 package on ``AMENT_PREFIX_PATH``.
 
     Args:
-        uri: the file.
-        key: the configuration key that names it, for the error.
+        uri: path or ``package://`` address of the file.
+        key: the configuration key that names the file, for the error.
 
     Raises:
-        ConfigurationError: where there is no such file.
+        ConfigurationError: if there is no such file.
     """
     if not uri.startswith(PACKAGE_SCHEME):
         path = Path(uri).expanduser()
@@ -41,7 +41,7 @@ def share_folder(package: str) -> Path:
     """Find the share folder of a Python distribution or of a ROS 2 package.
 
     Raises:
-        ConfigurationError: where neither is installed.
+        ConfigurationError: if neither is installed.
     """
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / "share" / package
@@ -49,7 +49,7 @@ def share_folder(package: str) -> Path:
             return folder
     try:
         distribution = importlib.metadata.distribution(package)
-    except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError: no name at all
+    except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError: the name is empty
         raise ConfigurationError(
             f"package {package!r} is not installed; robot models come with: pip install 'wbc_controller[robots]'"
         ) from None

@@ -1,4 +1,4 @@
-"""The robot: its model, its joints, and what drives them."""
+"""Settings of the robot: its model, its joints and its actuators."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from wbc_controller.settings.values import Finite, NonNegative, Positive, Sectio
 
 
 class PassiveJointSettings(Section):
-    """A joint without a motor of its own: its spring and its damper, torque = stiffness · (rest - q) - damping · q̇."""
+    """Spring and damper of a joint without a motor of its own: torque = stiffness · (rest - q) - damping · q̇."""
 
-    stiffness: NonNegative = Field(0.0, le=1.0e6, description="Of its spring, N·m/rad.")
-    damping: NonNegative = Field(0.0, le=1.0e5, description="Of its damper, N·m·s/rad.")
-    rest: Finite = Field(0.0, description="Where the spring is at rest, rad.")
+    stiffness: NonNegative = Field(0.0, le=1.0e6, description="Stiffness of the spring, N·m/rad.")
+    damping: NonNegative = Field(0.0, le=1.0e5, description="Coefficient of the damper, N·m·s/rad.")
+    rest: Finite = Field(0.0, description="Joint position at which the spring is at rest, rad.")
 
 
 class TransmissionSettings(Section):
-    """An actuator that is not simply the motor of one joint."""
+    """An actuator other than the motor of a single joint, such as one that drives several joints."""
 
     ratios: dict[str, Finite] = Field(
         min_length=1,
-        description="For joints by name, how far the actuator turns per turn of the joint: its speed is the sum of "
-        "ratio times joint speed, and it gives ratio times its torque at each of these joints.",
+        description="Ratio by joint name: turns of the actuator per turn of the joint. The actuator's speed is the sum "
+        "of ratio times joint speed, and its torque acts at each of these joints as ratio times torque.",
     )
     effort_limit: Positive = Field(description="Largest torque of the actuator, N·m.")
     rotor_inertia: NonNegative = Field(
-        0.0, le=10.0, description="Inertia of what turns with the actuator, at its own speed, kg·m²."
+        0.0, le=10.0, description="Inertia of the parts that turn at the actuator's speed, kg·m²."
     )
 
 
 class RobotSettings(Section):
-    """The robot: its model, its joints, what drives them, and how it stands."""
+    """The robot: its model, its joints, their actuators, and the nominal posture."""
 
     urdf: str = Field(
         "",
@@ -42,31 +42,31 @@ class RobotSettings(Section):
     base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
     joints: list[str] = Field(
         min_length=1,
-        description="Joints that move and are measured. Joints that the URDF lets mimic one of these follow it; all "
-        "others are locked.",
+        description="Joints that move and are measured. A joint that mimics one of them in the URDF follows it; all "
+        "other joints are locked.",
     )
     actuators: list[str] = Field(
         default_factory=list,
-        description="The actuators, in the order of the effort command: joints with a motor of their own, and names of "
-        "`transmission`. Empty: one motor at each joint that is not passive, in the order of `joints`.",
+        description="Actuators in the order of the effort command: names of joints with a motor of their own, and "
+        "names in `transmission`. Empty: one motor at each joint that is not passive, in the order of `joints`.",
     )
     transmission: dict[str, TransmissionSettings] = Field(
-        default_factory=dict, description="Actuators that are not simply the motor of one joint."
+        default_factory=dict, description="Actuators other than the motor of a single joint, by name."
     )
     command: Literal["actuators", "joints"] = Field(
         "actuators",
-        description="What the effort command holds: torques of the actuators, or, for a robot whose drivers know its "
-        "transmissions, the torques at the joints that are driven, in the order of `joints`.",
+        description="Content of the effort command: torques of the actuators; or, for a robot whose drivers handle the "
+        "transmissions, torques at the driven joints in the order of `joints`.",
     )
     passive_joints: dict[str, PassiveJointSettings] = Field(
-        default_factory=dict, description="Those of `joints` that have no motor of their own."
+        default_factory=dict, description="The joints in `joints` that have no motor of their own."
     )
     locked_joints: dict[str, Finite] = Field(
-        default_factory=dict, description="Position of joints that are locked elsewhere than at zero, rad."
+        default_factory=dict, description="Positions of joints that are locked at a position other than zero, rad."
     )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
     effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
-        1.0, description="Share of the effort limits, of the URDF and of `transmission`, that may be used."
+        1.0, description="Usable share of the effort limits in the URDF and in `transmission`."
     )
     armature: NonNegative = Field(
         0.0, le=10.0, description="Reflected rotor inertia of every joint that has a motor of its own, kg·m²."

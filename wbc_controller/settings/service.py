@@ -1,4 +1,4 @@
-"""The service around the quadratic program: loop, solver, safety, guard, audit, mock robot."""
+"""Settings of the service around the quadratic program: loop, solver, safety, guard, audit, mock robot."""
 
 from __future__ import annotations
 
@@ -19,16 +19,14 @@ class ControlSettings(Section):
     trigger: Literal["timer", "joint_states"] = Field(
         "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state."
     )
-    weight_ramp: NonNegative = Field(
-        0.5, le=60.0, description="Time in which new weights, gains and limits are reached, s."
-    )
+    weight_ramp: NonNegative = Field(0.5, le=60.0, description="Time of the ramp to new weights, gains and limits, s.")
     diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
         10.0, description="Messages per second on /diagnostics."
     )
     markers_rate: NonNegative = Field(
         10.0,
         le=100.0,
-        description="Messages per second on ~/markers, at most, drawn when the torques are out; 0 for none.",
+        description="Most messages per second on ~/markers, made after the torques are sent; 0 for none.",
     )
 
 
@@ -38,72 +36,72 @@ class SolverSettings(Section):
     name: str = Field(
         "daqp",
         description="daqp, osqp and proxqp are persistent and warm-started; any other installed "
-        "solver of qpsolvers is called through it.",
+        "solver of qpsolvers can be named too, and is called through qpsolvers.",
     )
     regularization_acceleration: Positive = Field(
         1.0e-5,
         le=1.0,
-        description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and the rate of the "
-        "momentum about the centre of mass per mass; (rad/s²)⁻², (m/s²)⁻².",
+        description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and the rate of change of the "
+        "momentum about the centre of mass divided by the mass; (rad/s²)⁻², (m/s²)⁻².",
     )
     regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
 
 
 class SafetySettings(Section):
-    """Freshness, and the ladder down."""
+    """Freshness of the inputs, activation, and the way down to zero torque."""
 
     live = ("state_timeout", "activation_ramp", "hold_time", "damping_time", "damping")
 
     state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
-        0.05, description="Oldest joint state or base state that torques may be computed from, s."
+        0.05, description="Largest age of a joint state or base state from which torques are computed, s."
     )
-    activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp in, s.")
-    hold_time: NonNegative = Field(0.1, le=1.0, description="Longest time without a solution before damping, s.")
+    activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp up, s.")
+    hold_time: NonNegative = Field(0.1, le=1.0, description="Longest time without a solution before damping mode, s.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
     damping: Gain = Field(2.0, description="Joint damping while holding and damping, N·m·s/rad.")
 
 
 class GuardSettings(Section):
-    """The guard, a process of its own that damps the robot when the controller's commands stop."""
+    """The guard, a separate process that damps the robot when the controller's commands stop."""
 
     patience: Annotated[Positive, Field(le=1.0)] = Field(
-        0.012, description="How late a command may be, in wall time, before the guard takes over, s."
+        0.012, description="Lateness of a command, in wall time, at which the guard takes over, s."
     )
     damping: Gain = Field(2.0, description="Joint damping, N·m·s/rad.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
     torque: Annotated[Positive, Field(le=1.0)] = Field(
         0.2,
-        description="Largest damping torque, as a share of the effort limit: a controller that comes back takes over "
-        "from at most this.",
+        description="Largest damping torque, as a share of the effort limit; also the largest torque from which a "
+        "returning controller takes over.",
     )
 
 
 class AuditSettings(Section):
-    """The live audit: how large the residuals between model and motion may be before `/diagnostics` warns."""
+    """The live audit: limits on the residuals between model and motion, above which `/diagnostics` warns."""
 
-    time_constant: Positive = Field(0.2, le=10.0, description="Of the filter on the residuals, s.")
+    time_constant: Positive = Field(0.2, le=10.0, description="Time constant of the filter on the residuals, s.")
     patience: NonNegative = Field(
-        0.4, le=10.0, description="How long a residual is too large before there is a warning, s."
+        0.4, le=10.0, description="Time for which a residual must be too large before there is a warning, s."
     )
-    energy: Positive = Field(0.05, le=10.0, description="Largest energy residual, as a share of the joints' power.")
-    power: Positive = Field(1.0, le=1.0e5, description="Power of the joints below which it is not measured against, W.")
+    energy: Positive = Field(0.05, le=10.0, description="Largest energy residual, as a share of the joint power.")
+    power: Positive = Field(1.0, le=1.0e5, description="Smallest joint power for that comparison, W.")
     force: Positive = Field(
         0.0025,
         le=10.0,
-        description="Largest force on the centre of mass that is unaccounted for, as a share of the weight.",
+        description="Largest unexplained force on the centre of mass, as a share of the weight.",
     )
     torque: Positive = Field(
-        0.01, le=10.0, description="Largest joint torque that is unaccounted for, as a share of the effort limit."
+        0.01, le=10.0, description="Largest unexplained joint torque, as a share of the effort limit."
     )
 
 
 class MockSettings(Section):
     """The mock robot."""
 
-    step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Step of the physics, s.")
-    floor_normal: Direction = Field([0.0, 0.0, 1.0], description="Normal of the floor, of any length but zero.")
-    push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="How long a push lasts, s.")
+    step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Time step of the simulation, s.")
+    floor_normal: Direction = Field([0.0, 0.0, 1.0], description="Normal of the floor, of any non-zero length.")
+    push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="Duration of a push, s.")
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
         0.1, description="Age of the torques at which the robot damps its joints by itself, s."
     )
-    damping: Gain = Field(2.0, description="Joint damping where no torques arrive, N·m·s/rad.")
+    damping: Gain = Field(2.0, description="Joint damping while no torques arrive, N·m·s/rad.")

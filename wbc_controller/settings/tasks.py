@@ -1,4 +1,4 @@
-"""The tasks: a class per kind."""
+"""Settings of the tasks: one class per kind."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, 
 
 
 class _Task(Section):
-    #: Number of axes, masked or not; 0 where the file alone does not tell it.
+    #: Number of axes, masked or not; 0 if it depends on the robot.
     axes: ClassVar[int] = 3
 
     live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 
     weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
-    enabled: bool = Field(True, description="Whether the task is on at activation.")
+    enabled: bool = Field(True, description="Whether the task is enabled at activation.")
     level: int = Field(
         0,
         ge=0,
         le=15,
-        description="Priority: 0 is the highest, and no task worsens one of a smaller level. Tasks of one level "
-        "compete by weight.",
+        description="Priority level: 0 is the highest, and no task worsens a task of a smaller level. Tasks of one "
+        "level compete by weight.",
     )
     tolerance: Gains | None = Field(
         None,
-        description="How far from its reference the task may be at no cost, in the unit of its error; one number, or a "
-        "list with one per axis.",
+        description="Task error up to which there is no cost, in the unit of the error; one number, or a list with one "
+        "per axis.",
     )
     setpoint_duration: NonNegative = Field(
-        1.0, le=600.0, description="Time in which a new setpoint is reached, s; 0 for setpoints that are streamed."
+        1.0, le=600.0, description="Time in which the reference reaches a new setpoint, s; 0 for streamed setpoints."
     )
 
     @model_validator(mode="after")
@@ -50,8 +50,7 @@ class _MotionTask(_Task):
     stiffness: Gains = Field(100.0, description="Proportional gain, 1/s²; one number, or a list with one per axis.")
     damping: Gains | None = Field(
         None,
-        description="Derivative gain, 1/s; one number, or a list with one per axis; 2·√stiffness (critical) where it "
-        "is not given.",
+        description="Derivative gain, 1/s; one number, or a list with one per axis; default 2·√stiffness (critical).",
     )
 
 
@@ -61,14 +60,14 @@ class PostureTask(_MotionTask):
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["posture"]
-    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all that are driven.")
+    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven joints.")
 
 
 class ComTask(_MotionTask):
     """Centre of mass, m, world frame."""
 
     type: Literal["com"]
-    mask: list[bool] = Field([True, True, True], min_length=3, max_length=3, description="World axes concerned.")
+    mask: list[bool] = Field([True, True, True], min_length=3, max_length=3, description="World axes of the task.")
 
 
 class _FrameTask(_MotionTask):
@@ -82,7 +81,7 @@ class FramePoseTask(_FrameTask):
 
     type: Literal["frame_pose"]
     mask: list[bool] = Field(
-        [True] * 6, min_length=6, max_length=6, description="World axes concerned: position, then orientation."
+        [True] * 6, min_length=6, max_length=6, description="World axes of the task: position, then orientation."
     )
 
 
@@ -90,18 +89,18 @@ class FramePositionTask(_FrameTask):
     """Position of a frame's origin, world frame."""
 
     type: Literal["frame_position"]
-    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
+    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes of the task.")
 
 
 class FrameOrientationTask(_FrameTask):
     """Orientation of a frame, world frame."""
 
     type: Literal["frame_orientation"]
-    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
+    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes of the task.")
 
 
 class RelativePoseTask(_FrameTask):
-    """Position and orientation of a frame relative to another one on the robot, in the axes of that one."""
+    """Position and orientation of a frame relative to a second frame on the robot, in the axes of the second frame."""
 
     axes: ClassVar[int] = 6
 
@@ -111,24 +110,24 @@ class RelativePoseTask(_FrameTask):
         [True] * 6,
         min_length=6,
         max_length=6,
-        description="Axes of `reference_frame` concerned: position, then orientation.",
+        description="Axes of `reference_frame` used by the task: position, then orientation.",
     )
 
 
 class _AlignmentTask(_FrameTask):
     axes: ClassVar[int] = 2
 
-    axis: Vector3 = Field(description="An axis fixed in the frame, of any length but zero.")
+    axis: Vector3 = Field(description="An axis fixed in the frame, of any non-zero length.")
 
 
 class AxisAlignmentTask(_AlignmentTask):
-    """An axis fixed in a frame points along a direction of the world; the spin about it is free."""
+    """An axis fixed in a frame points along a direction in the world; the rotation about it is free."""
 
     type: Literal["axis_alignment"]
 
 
 class GazeTask(_AlignmentTask):
-    """An axis fixed in a frame, through its origin, points at a point of the world; the spin about it is free."""
+    """An axis through a frame's origin, fixed in it, points at a point in the world; the rotation about it is free."""
 
     type: Literal["gaze"]
 
@@ -136,9 +135,9 @@ class GazeTask(_AlignmentTask):
 class _MomentumTask(_Task):
     damping: Gains = Field(
         10.0,
-        description="How fast the error decays, 1/s; one number, or a list with one per axis. There is no stiffness.",
+        description="Decay rate of the error, 1/s; one number, or a list with one per axis. There is no stiffness.",
     )
-    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes concerned.")
+    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes of the task.")
 
 
 class LinearMomentumTask(_MomentumTask):
@@ -159,35 +158,35 @@ class CapturePointTask(_Task):
     axes: ClassVar[int] = 2
 
     type: Literal["capture_point"]
-    gain: Gains = Field(4.0, description="How fast the error decays, 1/s; one number, or a list with one per axis.")
-    support_height: Finite = Field(0.0, description="Height of what the robot stands on, in the world, m.")
-    mask: list[bool] = Field([True] * 2, min_length=2, max_length=2, description="World axes concerned: x, y.")
+    gain: Gains = Field(4.0, description="Decay rate of the error, 1/s; one number, or a list with one per axis.")
+    support_height: Finite = Field(0.0, description="Height of the supporting surface in the world, m.")
+    mask: list[bool] = Field([True] * 2, min_length=2, max_length=2, description="World axes of the task: x, y.")
 
 
 class ContactWrenchTask(_Task):
-    """Wrench of a contact in its own axes, N and N·m; while the contact is broken it asks for nothing."""
+    """Wrench of a contact in the contact's axes, N and N·m; without effect while the contact is inactive."""
 
     axes: ClassVar[int] = 6
 
     type: Literal["contact_wrench"]
-    contact: str = Field(description="The contact, one of `contacts`.")
+    contact: str = Field(description="Name of the contact in `contacts`.")
     target: list[Finite] = Field(
-        [0.0] * 6, min_length=6, max_length=6, description="Wrench before another one is commanded: force, then moment."
+        [0.0] * 6, min_length=6, max_length=6, description="Wrench until a setpoint is commanded: force, then moment."
     )
     mask: list[bool] = Field(
-        [True] * 6, min_length=6, max_length=6, description="Axes of the contact concerned: force, then moment."
+        [True] * 6, min_length=6, max_length=6, description="Contact axes of the task: force, then moment."
     )
 
 
 class TorqueTask(_Task):
-    """Joint torques, N·m; with the target of zero they become small."""
+    """Joint torques, N·m; the default target of zero keeps them small."""
 
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["torque"]
-    joints: list[str] = Field(default_factory=list, description="The joints concerned; empty for all that are driven.")
+    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven joints.")
     target: list[Finite] = Field(
-        default_factory=list, description="Torque of each before others are commanded, N·m; empty for zero."
+        default_factory=list, description="Torque of each joint until a setpoint is commanded, N·m; empty for zero."
     )
 
 

@@ -1,4 +1,4 @@
-"""Kinds of values that settings have: units, ranges, and what every section of a file has in common."""
+"""Types of setting values, with their ranges, and the base class of every section of a file."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Finite = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[Finite, Field(gt=0.0)]
 NonNegative = Annotated[Finite, Field(ge=0.0)]
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-#: Gains of at most this size are accepted: more is a mistaken unit.
+#: A gain; larger ones are refused as a mistaken unit.
 Gain = Annotated[NonNegative, Field(le=1.0e5)]
-NUMBER, LIST = "(number)", "(list)"  # in the places of errors; no key of a file is written so
+NUMBER, LIST = "(number)", "(list)"  # tags in the locations of pydantic's errors; not keys of a file
 #: One number, or a list with one for each axis.
 Gains = Annotated[
     Annotated[Gain, Tag(NUMBER)] | Annotated[list[Gain], Tag(LIST)],
@@ -29,7 +29,7 @@ Gains = Annotated[
 
 
 class Section(BaseModel):
-    """A section of a configuration file: unknown keys are errors, and nothing changes once it is read."""
+    """A section of a configuration file: unknown keys are errors, and its values are frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 

@@ -1,6 +1,6 @@
-"""ROS 2's topics without ROS 2: CycloneDDS from PyPI, in the names, types and bytes that ROS 2 puts on the wire.
+"""ROS 2's topics without ROS 2: CycloneDDS from PyPI, with ROS 2's topic names, types and serialized messages.
 
-The files ``transports/dds*.py`` are the only importers of cyclonedds.
+Only the files ``transports/dds*.py`` import cyclonedds.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _log = logging.getLogger(__name__)
 
 _Callback = Callable[[bytes], None]
 
-#: How long a publisher may be held up by a full network buffer, in nanoseconds. Short, for cyclonedds holds Python's
-#: global lock meanwhile, and a controller would rather lose a message than a cycle.
+#: Longest time for which a full network buffer may block a publisher, ns. It is short because cyclonedds holds Python's
+#: global lock meanwhile, and losing a message is better than losing a control cycle.
 _MAX_BLOCKING_TIME = 10_000_000
 
 
@@ -44,13 +44,13 @@ class DdsTransport:
 
     Args:
         node: name of the node.
-        namespace: its namespace, starting with a slash.
+        namespace: namespace of the node, starting with a slash.
         domain_id: domain, 0 to 232; by default that of ``ROS_DOMAIN_ID``.
         discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; by default that of
             ``ROS_AUTOMATIC_DISCOVERY_RANGE``.
 
     Raises:
-        TransportError: where a setting is not valid, or DDS cannot be started.
+        TransportError: if a setting is not valid, or DDS cannot be started.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class DdsTransport:
         self._participant: Any = None
         open_domain(self._settings)
         try:
-            # ROS 2 takes only those participants for its own that name a security enclave.
+            # ROS 2 recognises only participants that name a security enclave.
             qos = DdsQos(Policy.Userdata(b"enclave=/;"))
             self._participant = DomainParticipant(self._settings.domain_id, qos)
             self._announcement = NodeAnnouncement(self._participant, node, namespace)
@@ -96,10 +96,10 @@ class DdsTransport:
             announcement.add_reader(reader)
 
     def close(self) -> None:
-        """Stop the thread and delete everything. A second call does nothing.
+        """Stop the thread and delete all DDS entities. A second call does nothing.
 
         Raises:
-            TransportError: where it is called from a callback, for which it would have to wait.
+            TransportError: if called from a callback, as it would wait for that callback to end.
         """
         if self._dispatcher is not None:
             self._dispatcher.refuse_own_thread()
@@ -108,7 +108,7 @@ class DdsTransport:
                 if self._closed:
                     return
                 self._closed = True
-            # Not under the lock that a callback which opens a topic would wait for.
+            # Without holding `_lock`: a callback that opens a topic needs it, and `stop` waits for the callback.
             if self._dispatcher is not None:
                 self._dispatcher.stop()
             self._delete_entities()
@@ -138,7 +138,7 @@ class DdsTransport:
 
 @contextlib.contextmanager
 def _translated(attempt: str) -> Iterator[None]:
-    """Turn the errors of cyclonedds into ours."""
+    """Translate errors of cyclonedds into `TransportError`."""
     try:
         yield
     except (DDSException, ValueError) as error:
@@ -146,7 +146,7 @@ def _translated(attempt: str) -> Iterator[None]:
 
 
 class _Publication:
-    """Sends on one topic. Calling it from several threads is safe: each DDS write is."""
+    """Publishes on one topic. It may be called from several threads, as a DDS write is thread-safe."""
 
     def __init__(self, topic: str, writer: Any) -> None:
         self._topic = topic
@@ -167,7 +167,7 @@ class _Publication:
 
 
 class _Dispatcher:
-    """The thread that waits for all readers at once and hands each message to its callback."""
+    """A thread that waits for all readers at once, and passes each message to its callback."""
 
     def __init__(self, participant: Any, name: str) -> None:
         self._triggers = dds_raw.Triggers(participant)
@@ -209,7 +209,7 @@ class _Dispatcher:
         for payload in dds_raw.take(reader, endpoint.qos.depth):
             try:
                 callback(payload)
-            except Exception:  # the next message may be a better one, and other topics must go on
+            except Exception:  # an error must not stop later messages or other topics
                 _log.exception("callback for %s failed", endpoint.name)
 
 
@@ -228,7 +228,7 @@ def _writer_qos(endpoint: Endpoint) -> Any:
     history = Policy.History.KeepLast(endpoint.qos.depth)
     unlimited = -1
     return DdsQos(
-        # Cyclone keeps what late readers are given apart from what it resends.
+        # In Cyclone, the history for late readers is separate from the history for retransmission.
         Policy.DurabilityService(0, history, unlimited, unlimited, unlimited),
         Policy.WriterDataLifecycle(autodispose=False),
         base=_reader_qos(endpoint),

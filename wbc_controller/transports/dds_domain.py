@@ -1,4 +1,4 @@
-"""Which machines a DDS participant meets: ROS 2's environment variables, as Jazzy's rmw_cyclonedds reads them."""
+"""Domain and discovery of a DDS participant, by ROS 2's environment variables as Jazzy's rmw_cyclonedds reads them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wbc_controller.transports import dds_raw
 
 _log = logging.getLogger(__name__)
 
-#: ROS 2's highest domain: the ports of the next one would pass 65535.
+#: ROS 2's highest domain: the ports of the next domain would exceed 65535.
 MAX_DOMAIN_ID = 232
 
 # RTPS 9.6.1.1: the ports of a domain, and of the n-th participant in it.
@@ -28,7 +28,7 @@ _JAZZY_MAX_PARTICIPANT_INDEX = 32
 
 
 class DiscoveryRange(str, enum.Enum):
-    """How far a participant looks for others by itself."""
+    """Range of a participant's automatic discovery."""
 
     SUBNET = "SUBNET"
     LOCALHOST = "LOCALHOST"
@@ -38,12 +38,12 @@ class DiscoveryRange(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DomainSettings:
-    """What decides whom a participant meets.
+    """Settings that decide which participants discover each other.
 
     Attributes:
         domain_id: domain, 0 to 232.
-        discovery_range: how far to look.
-        static_peers: addresses to look at besides.
+        discovery_range: range of the automatic discovery.
+        static_peers: addresses of further participants.
     """
 
     domain_id: int
@@ -62,7 +62,7 @@ def domain_settings(
         discovery_range: overrides the range of the environment.
 
     Raises:
-        TransportError: where a value is not valid.
+        TransportError: if a value is not valid.
     """
     if domain_id is None:
         domain_id = _domain_id(environment.get("ROS_DOMAIN_ID", ""), "ROS_DOMAIN_ID")
@@ -71,7 +71,7 @@ def domain_settings(
 
     if discovery_range is not None:
         reach = _discovery_range(discovery_range, "discovery range")
-    elif environment.get("ROS_LOCALHOST_ONLY") == "1":  # the older variable, which wins, and knows no peers
+    elif environment.get("ROS_LOCALHOST_ONLY") == "1":  # the older variable takes precedence, without peers
         return DomainSettings(domain_id, DiscoveryRange.LOCALHOST)
     else:
         reach = _discovery_range(
@@ -89,11 +89,11 @@ def configuration(settings: DomainSettings, uri: str = "") -> str:
     """Write Cyclone's configuration for a domain.
 
     Args:
-        settings: whom to meet.
-        uri: content of ``CYCLONEDDS_URI``; read last, so that what it says prevails.
+        settings: domain and discovery.
+        uri: content of ``CYCLONEDDS_URI``, appended so that it takes precedence.
 
     Returns:
-        XML, and what the user added.
+        XML, followed by `uri`.
     """
     parts = [_xml(settings), uri]
     return ",".join(part for part in parts if part)
@@ -105,18 +105,19 @@ def _xml(settings: DomainSettings) -> str:
         return ""
     general = "" if reach is DiscoveryRange.SUBNET else "<AllowMulticast>false</AllowMulticast>"
     if reach is DiscoveryRange.OFF:
-        # A tag that nobody else has: participants with different tags ignore each other.
+        # A unique tag: participants with different tags ignore each other.
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:
-        # Each index is a port at which every peer is called: many on the loopback, as few as Jazzy uses elsewhere.
+        # Discovery contacts every index of a peer, each a port: many on the loopback, elsewhere as few as Jazzy.
         alone = reach is DiscoveryRange.LOCALHOST and not peers
         largest = _max_participant_index(settings.domain_id) if alone else _JAZZY_MAX_PARTICIPANT_INDEX
         discovery = (
             f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
         )
     if reach is DiscoveryRange.LOCALHOST:
-        # Jazzy leaves the choice of interface open, and its Cyclone (0.10) then still meets itself. This one (11.0)
-        # takes the first network card, at which Jazzy does not find it; on the loopback both meet. Measured.
+        # Jazzy does not choose an interface, and participants of its Cyclone (0.10) then still discover each other.
+        # This Cyclone (11.0) takes the first network card, where Jazzy does not find it; on the loopback it does
+        # (measured).
         network_card = '<NetworkInterface autodetermine="true"/>' if peers else ""
         general += f'<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>{network_card}</Interfaces>'
         peers = ("localhost", *peers)
@@ -160,10 +161,10 @@ _open_lock = threading.Lock()
 
 
 def open_domain(settings: DomainSettings) -> None:
-    """Open a domain, or join it where it is open already: a process can create each domain only once.
+    """Open a domain, or share it if it is already open, as a process can create each domain only once.
 
     Raises:
-        TransportError: where the domain cannot be opened, or is open in this process with other settings.
+        TransportError: if the domain cannot be opened, or is open in this process with other settings.
     """
     with _open_lock:
         known = _open.get(settings.domain_id)
@@ -179,7 +180,7 @@ def open_domain(settings: DomainSettings) -> None:
 
 
 def close_domain(settings: DomainSettings) -> None:
-    """Leave a domain that `open_domain` opened; the last one to leave closes it."""
+    """Release a domain opened by `open_domain`; the last user's release closes it."""
     with _open_lock:
         known = _open[settings.domain_id]
         known.users -= 1

@@ -1,4 +1,4 @@
-"""What `ros2 node list` and `ros2 topic info -v` read: which node owns which reader and writer."""
+"""Announces which node owns which readers and writers, for `ros2 node list` and `ros2 topic info -v`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 
 class NodeAnnouncement:
-    """Tells ROS 2 machines the name of the node that a participant's readers and writers belong to.
+    """Announces to ROS 2 the name of the node that owns a participant's readers and writers.
 
-    DDS itself knows no nodes: ROS 2 adds them by this topic, as a list that is sent anew at each change.
+    DDS itself has no nodes: ROS 2 adds them by this topic, a list that is published again at each change.
     """
 
     def __init__(self, participant: Any, node: str, namespace: str) -> None:
@@ -67,5 +67,5 @@ class NodeAnnouncement:
 
 
 def _gid(entity: Any) -> Any:
-    """Return ROS 2's name of a DDS entity: on Jazzy, the sixteen bytes of its GUID as they are."""
+    """Return ROS 2's identifier of a DDS entity: on Jazzy, the sixteen bytes of its GUID."""
     return message("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.guid.bytes, dtype=np.uint8))

@@ -1,8 +1,8 @@
-"""The one place that reaches below the public surface of cyclonedds (11.0), and why.
+"""Serialized reads and writes with the internal functions of cyclonedds (11.0), which only this file uses.
 
-Its public ``write`` and ``take`` convert every message field by field in Python, twice as slow as our codec; its public
-``WaitSet.wait`` tells how many readers have data, but not which, so that each message would cost a look at all of them.
-Both are thin covers over what is used here.
+The public ``write`` and ``take`` convert every message field by field in Python, which takes twice as long as our
+codec. The public ``WaitSet.wait`` returns how many readers have data, but not which, so that each message would require
+a check of all readers. Both are thin wrappers around the functions used here.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleSt
 from cyclonedds.internal import dds_c_t, dds_infinity
 
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
-_ENCAPSULATION = 4  # bytes of header before the fields; the C code below takes their presence for granted
+_ENCAPSULATION = 4  # bytes of header before the fields; the C code does not check for them
 
 
 def write(writer: Any, payload: bytes) -> None:
     """Send one serialized message.
 
     Raises:
-        DDSException: where it could not be sent.
-        ValueError: where the bytes cannot be a serialized message.
+        DDSException: if it could not be sent.
+        ValueError: if the bytes cannot be a serialized message.
     """
     if len(payload) < _ENCAPSULATION:
         raise ValueError(f"{len(payload)} bytes are not a serialized message")
@@ -34,25 +34,25 @@ def write(writer: Any, payload: bytes) -> None:
 
 
 def take(reader: Any, limit: int) -> list[bytes]:
-    """Take the serialized messages that wait in a reader, oldest first.
+    """Take the serialized messages from a reader's queue, oldest first.
 
     Raises:
-        DDSException: where the reader could not be read.
+        DDSException: if the reader could not be read.
     """
     samples = ddspy_take(reader._ref, _ANY, limit)
     if isinstance(samples, int):
         raise DDSException(samples)
-    # A sample without valid data tells that its writer has gone; there is nothing in it.
+    # A sample without valid data only reports that its writer is gone.
     return [payload for payload, info in samples if info.valid_data]
 
 
 def delete(entity: Any) -> None:
-    """Delete an entity now, not when the last reference to its Python object goes. Deleting twice does no harm."""
+    """Delete an entity now, not with the last reference to its Python object. Deleting it twice is harmless."""
     entity.__del__()
 
 
 class Triggers:
-    """Waits for readers and guard conditions, and says which of them have something. Attach from any thread."""
+    """Waits for readers and guard conditions, and reports which have triggered. Any thread may attach."""
 
     def __init__(self, participant: Any) -> None:
         self._waitset = WaitSet(participant)
@@ -67,7 +67,7 @@ class Triggers:
         return self._attach(ReadCondition(reader, _ANY))
 
     def wait(self) -> list[int]:
-        """Block until something is attached that has triggered, and return the numbers of some that have."""
+        """Block until an attached entity has triggered; returns the numbers of some that have."""
         room = len(self._attached)
         numbers = (dds_c_t.attach * room)()
         count = self._waitset._waitset_wait(self._waitset._ref, numbers, room, dds_infinity)
@@ -82,7 +82,7 @@ class Triggers:
             delete(condition)
 
     def _attach(self, condition: Any) -> int:
-        # The number is announced before it can be reported; zero would come back from C as a null pointer.
+        # Appended first, as `wait` may report the number at once. Numbers start at 1: C returns 0 as a null pointer.
         self._attached.append(condition)
         number = len(self._attached)
         status = self._waitset._waitset_attach(self._waitset._ref, condition._ref, ctypes.c_void_p(number))

@@ -1,7 +1,6 @@
-"""ROS 2 message types as DDS sees them, generated from the definitions that the codec uses.
+"""ROS 2 message types as DDS types, generated from the definitions that the codec uses.
 
-The classes are never instantiated: they exist so that the type name and the type information which a DDS participant
-announces are true.
+The classes are never instantiated: a DDS participant needs them to announce the right type name and type information.
 """
 
 from __future__ import annotations
@@ -48,15 +47,15 @@ def type_hash(type_name: str) -> str:
 
 @functools.cache
 def idl_type(type_name: str) -> Any:
-    """Generate the class that cyclonedds makes a topic from.
+    """Generate the class from which cyclonedds makes a topic.
 
-    The result is cached: cyclonedds compares classes by identity first, and only then, slowly, by content.
+    The result is cached, because cyclonedds compares classes first by identity, and only then, slowly, by content.
 
     Args:
         type_name: ROS 2's name of the type, such as ``sensor_msgs/msg/JointState``.
 
     Raises:
-        TransportError: where the type is not known, or has a field that DDS cannot carry here.
+        TransportError: if the type is unknown, or has a field without a DDS type here.
     """
     if type_name not in TYPES.fielddefs:
         raise TransportError(f"unknown message type {type_name!r}: {valid_choices(type_name, TYPES.fielddefs)}")
@@ -65,7 +64,7 @@ def idl_type(type_name: str) -> Any:
         type_name.rsplit("/", 1)[-1],
         dds_type_name(type_name).replace("::", "."),
         {name: _field_type(description, f"{type_name}.{name}") for name, description in fields},
-        dataclassify=False,  # a dataclass would refuse fields that are named like a Python keyword
+        dataclassify=False,  # a dataclass would refuse fields named like a Python keyword
     )
     return idl_annotations.final(generated)
 

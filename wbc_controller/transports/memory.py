@@ -1,4 +1,4 @@
-"""Messages from one part of a process to another: no middleware, no threads, no waiting. For tests and simulation."""
+"""Messages within one process, without middleware, threads or waiting, for tests and simulation."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _Callback = Callable[[bytes], None]
 
 
 class MemoryBus:
-    """What participants in one process share: who reads which topic, and the last message of the latched ones.
+    """The readers of each topic, and the last message of latched topics, shared by the participants of one process.
 
-    Messages are delivered on the publisher's thread, before ``publish()`` returns. As in ROS 2, a reader that asks
-    for reliable or latched messages is not connected to a writer that offers less.
+    Messages are delivered on the publisher's thread, before ``publish()`` returns. As in ROS 2, a reader that requests
+    reliable or latched messages is not connected to a writer that offers less.
     """
 
     def __init__(self) -> None:
-        # Re-entrant, because a callback may publish: that is how a simulated robot answers in lockstep.
+        # Re-entrant, because a callback may publish, as a simulated robot does in lockstep.
         self.lock = threading.RLock()
         self.types = TopicTypes()
         self._readers: dict[str, list[_Reader]] = {}
@@ -112,5 +112,5 @@ class _Reader:
             return
         try:
             self._callback(payload)
-        except Exception:  # one bad reader must not stop the publisher, nor the other readers
+        except Exception:  # an error must not stop the publisher or other readers
             _log.exception("callback for %s failed", self.endpoint.name)

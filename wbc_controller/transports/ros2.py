@@ -1,4 +1,4 @@
-"""The same topics on a ROS 2 node. Besides the nodes of ``ros2/``, the one importer of rclpy (7.1, Jazzy, on)."""
+"""The topics on a ROS 2 node, with rclpy 7.1 (Jazzy) or later."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from wbc_controller.wire.topics import Endpoint, Qos
 
 _log = logging.getLogger(__name__)
 
-#: Longest time, at closing, in which all reliable readers may take what was published last, s.
+#: Longest time, at closing, for which delivery of the last messages to the reliable readers is awaited, s.
 _LAST_WORDS = 0.5
 
 
 class Ros2Transport:
-    """Opens its topics on an existing node, plain or lifecycle, that its owner spins.
+    """Opens its topics on an existing node, plain or lifecycle, which the node's owner spins.
 
     Messages stay serialized: no Python message object is made. Callbacks run one at a time, on a thread of the
-    transport's own (`Reader`). QoS can be overridden by the node's ``qos_overrides.<topic>.…`` parameters.
+    transport (`Reader`). The quality of service can be overridden by the node's parameters ``qos_overrides.<topic>.…``.
 
     Args:
         node: an ``rclpy.node.Node`` or ``rclpy.lifecycle.LifecycleNode``. A lifecycle node's topics work in all of its
-            states: what may be commanded in which state is for the safety supervisor to say.
+            lifecycle states: the safety supervisor decides which commands are accepted.
     """
 
     def __init__(self, node: Any) -> None:
@@ -58,7 +58,7 @@ class Ros2Transport:
                     _profile(endpoint.qos),
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                 )
-            except Exception as error:  # rclpy has no common base for what it raises here
+            except Exception as error:  # rclpy's errors here have no common base class
                 raise TransportError(f"cannot advertise {endpoint.name}: {error}") from error
             self._publishers.append(publisher)
 
@@ -79,7 +79,7 @@ class Ros2Transport:
                     return
                 try:
                     callback(payload)
-                except Exception:  # it would end the reader, and with it all topics
+                except Exception:  # an error would end the reader, and with it all topics
                     _log.exception("callback for %s failed", endpoint.name)
 
         with self._lock:
@@ -88,7 +88,7 @@ class Ros2Transport:
                 subscription = self._node.create_subscription(
                     message_class,
                     endpoint.name,
-                    lambda message: None,  # the reader takes them
+                    lambda message: None,  # unused: the reader takes the messages
                     _profile(endpoint.qos),
                     callback_group=self._group,
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -100,9 +100,9 @@ class Ros2Transport:
             self._reader.add(subscription, deliver)
 
     def close(self) -> None:
-        """Close all topics; the node stays as it is. A second call does nothing.
+        """Close all topics, but not the node. A second call does nothing.
 
-        What was published last, such as zero torques, is given a moment to arrive at its reliable readers.
+        The last messages, such as zero torques, are given a moment to reach their reliable readers.
         """
         with self._lock:
             self._closed = True

@@ -1,4 +1,4 @@
-"""Takes the messages of raw subscriptions on a thread of its own, in place of rclpy's executor."""
+"""Takes the messages of raw subscriptions on a separate thread, instead of rclpy's executor."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from rclpy.subscription import Subscription
 
 _log = logging.getLogger(__name__)
 
-#: Longest wait before the reader looks whether its context has been shut down, ns.
+#: Longest wait before the reader checks whether its context has been shut down, ns.
 _LONGEST_WAIT = 200_000_000
 
 
 class ReaderGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Keeps an executor's hands off subscriptions that a `Reader` takes; their QoS events stay the executor's."""
+    """Excludes the subscriptions of a `Reader` from the executor, which still handles their QoS events."""
 
     def can_execute(self, entity: Any) -> bool:
         """Whether an executor may wait for an entity."""
@@ -28,11 +28,11 @@ class ReaderGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclp
 
 
 class Reader:
-    """Waits for messages, and hands each to its callback: one at a time, on one thread.
+    """Waits for messages, and passes each to its callback, one at a time, on one thread.
 
-    rclpy's executor builds its wait set anew before each callback, of all that the node has. With the 150 entities of a
-    controller's node that takes longer than a control period leaves, and it holds the interpreter lock meanwhile. This
-    one keeps its wait set: a message costs a twentieth of that.
+    rclpy's executor builds a new wait set of all entities of the node before each callback. With the 150 entities of a
+    controller's node that takes longer than the spare time of a control period, and it holds the interpreter lock
+    meanwhile. This reader keeps its wait set: a message costs a twentieth of that time.
 
     Args:
         context: rclpy's context.
@@ -48,7 +48,7 @@ class Reader:
         self._thread: threading.Thread | None = None
 
     def add(self, subscription: Any, callback: Callable[[bytes], None]) -> None:
-        """Read a subscription from now on; the callback must not raise."""
+        """Start to read a subscription; the callback must not raise."""
         with self._lock:
             self._callbacks[subscription] = callback
             self._changed = True
@@ -58,7 +58,7 @@ class Reader:
         self._guard.trigger()
 
     def close(self) -> None:
-        """End; when this returns, no callback runs, but for the one that calls this."""
+        """Stop the thread; afterwards no callback runs, except one that called this."""
         with self._lock:
             self._closed = True
             thread = self._thread
@@ -71,7 +71,7 @@ class Reader:
             while not self._closed and self._context.ok():
                 with self._lock:
                     callbacks, self._changed = dict(self._callbacks), False
-                # The handles are held while they are waited for: nobody destroys them meanwhile.
+                # Holding the handles keeps them from being destroyed during the wait.
                 with contextlib.ExitStack() as held:
                     for entity in (*callbacks, self._guard, self._context):
                         held.enter_context(entity.handle)
@@ -81,7 +81,7 @@ class Reader:
                 _log.exception("reading has failed: no more messages arrive")
 
     def _read(self, callbacks: dict[Any, Callable[[bytes], None]]) -> None:
-        """Read these subscriptions until there are others."""
+        """Read these subscriptions until their list changes or the reader is closed."""
         by_pointer = {subscription.handle.pointer: (subscription, call) for subscription, call in callbacks.items()}
         handles = [subscription.handle for subscription in callbacks]
         wait_set = rclpy_implementation.WaitSet(len(handles), 1, 0, 0, 0, 0, self._context.handle)

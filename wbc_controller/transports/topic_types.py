@@ -1,4 +1,4 @@
-"""One message type per topic name: the same rule, and the same words, in every transport."""
+"""The rule that a topic has one message type, with the same error in every transport."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from wbc_controller.errors import TransportError
 
 
 class TopicTypes:
-    """Remembers the type of each topic that was opened. Not thread-safe: its owner holds a lock."""
+    """Records the type of each open topic. It is not thread-safe: its owner holds a lock."""
 
     def __init__(self) -> None:
         self._type_of: dict[str, str] = {}
 
     def check(self, topic: str, type_name: str) -> None:
-        """Note that a topic is opened with a type.
+        """Record the type with which a topic is opened.
 
         Raises:
-            TransportError: where the topic is already open with another type.
+            TransportError: if the topic is already open with another type.
         """
         known = self._type_of.setdefault(topic, type_name)
         if known != type_name:

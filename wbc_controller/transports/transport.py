@@ -1,4 +1,4 @@
-"""What every transport does: open the endpoints of the topic table and move serialized messages."""
+"""The interface of every transport: it opens the endpoints of the topic table, and carries serialized messages."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Protocol
 
 from wbc_controller.wire.topics import Endpoint
 
-#: Takes one serialized message: CDR, little endian, with its four-byte encapsulation header.
+#: Sends one serialized message: little-endian CDR with its four-byte encapsulation header.
 Publish = Callable[[bytes], None]
 
 
 class Transport(Protocol):
-    """Moves messages in ROS 2's serialized form, so that one codec (`wire.messages`) serves all transports.
+    """Carries messages in ROS 2's serialized form, so that one codec (`wire.messages`) serves all transports.
 
-    Callbacks run on a thread of the transport's own: they must be short and never raise.
+    Callbacks run on the transport's thread: they must be short and must not raise.
     """
 
     def advertise(self, endpoint: Endpoint) -> Publish:
@@ -24,15 +24,15 @@ class Transport(Protocol):
             A function that sends one serialized message. It may be called from any thread.
 
         Raises:
-            TransportError: where the topic cannot be opened.
+            TransportError: if the topic cannot be opened.
         """
         ...
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; each message received from now on goes to the callback, serialized.
+        """Open a topic for reading; the callback is called with each serialized message.
 
         Raises:
-            TransportError: where the topic cannot be opened.
+            TransportError: if the topic cannot be opened.
         """
         ...
 

@@ -1,1 +1,1 @@
-"""What is on the wire and what it means: the table of topics, the codec, one message to its meaning."""
+"""The ROS 2 interface, free of any transport: the table of topics, the message codec, and the decoding of messages."""

@@ -1,4 +1,4 @@
-"""From one message to what it means: the conversions at the border, and every refusal."""
+"""Decodes incoming messages into states and changes: all conversions, and all refusals of messages, are here."""
 
 from __future__ import annotations
 
@@ -37,10 +37,11 @@ class Vocabulary:
 
     Attributes:
         kinds: kind of each task, such as ``frame_pose``, by its name.
-        joints: of each task on joints, its joints.
+        joints: joints of each posture or torque task, by the task's name.
         contacts: names of the contacts.
-        frames: names of the frames on which external wrenches are accepted.
-        reference_frames: of each task whose references are not given in the world, the frame that they are given in.
+        frames: names of the frames that accept external wrenches.
+        reference_frames: by the task's name, the frame in which its references are given; without an entry it is the
+            world.
     """
 
     kinds: Mapping[str, str]
@@ -50,7 +51,7 @@ class Vocabulary:
     reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
-#: Form of the references of each other kind of task.
+#: Form of the references, by kind of task; the kinds of `_JOINT_FIELDS` take joints by name instead.
 _FORMS: Mapping[str, ReferenceForm] = {
     "com": ReferenceForm(),
     "frame_position": ReferenceForm(),
@@ -65,7 +66,7 @@ _FORMS: Mapping[str, ReferenceForm] = {
     "contact_wrench": ReferenceForm(vector=6),
 }
 
-#: Kinds of task whose references are joints by name, and the field of a JointState that has them.
+#: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
 _JOINT_FIELDS: Mapping[str, str] = {"posture": "position", "torque": "effort"}
 
 
@@ -81,7 +82,7 @@ def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
         Base position and quaternion (7,), in the world; base twist (6,), in the base frame.
 
     Raises:
-        InputRefused: where the child frame is another link, or a value cannot be used.
+        InputRefused: if the child frame is another link, or a value is not finite or not a rotation.
     """
     if content.child_frame_id not in ("", base_link):
         raise InputRefused(f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {base_link!r}")
@@ -100,7 +101,7 @@ def _quaternion(quaternion: Any) -> Array:
     return unit_quaternion(values, "the orientation ")
 
 
-#: Names under which the world frame is accepted in headers.
+#: Names accepted for the world frame in headers.
 WORLD_FRAMES = ("", "world", "odom", "map")
 
 
@@ -111,7 +112,7 @@ def _in_world(content: Any) -> None:
 
 
 def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
-    """Refuse references that are given in another frame than the task's."""
+    """Refuse a reference that is not given in the task's reference frame."""
     wanted = vocabulary.reference_frames.get(task)
     if wanted is None:
         _in_world(content)
@@ -138,7 +139,7 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
 
 
 def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
-    """Read a position in the form of its kind; what the form does not have is not looked at."""
+    """Read a position in the task's reference form; coordinates that the form lacks are ignored."""
     values = finite(_xyz(vector)[: form.vector], what)
     if form.direction:
         values = unit_vector(values, what)
@@ -146,7 +147,7 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Values of the task's joints by name; all of them must be there."""
+    """Values of the task's joints, matched by name; none may be missing."""
     if len(values) != len(names):
         raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
     for name in names:
@@ -218,32 +219,32 @@ def _wrench(content: Any) -> Array:
     return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
 
 
-#: Letters of an update: it is read within a control cycle.
+#: Longest update in characters: it is parsed within a control cycle.
 _LONGEST_UPDATE = 4096
-#: The one written in C, where it is installed: five times as fast.
+#: The loader written in C, if it is installed: it is five times as fast.
 _YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _UPDATE_FORM = (
     "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
     "contacts: {left_foot: {enabled: false}}}"
 )
-#: By section, the keys of an update that set references, and those that change the settings.
+#: By section of an update: the keys that change references, and the keys that change settings.
 _UPDATE_KEYS = {
     "tasks": (("enabled", "weight", "setpoint"), ("stiffness", "damping", "gain", "setpoint_duration")),
     "contacts": (("enabled",), ("ramp",)),
 }
-#: Sections of an update that change the settings as they stand.
+#: Sections of an update that only change settings.
 _UPDATE_SETTINGS = ("control", "limits", "safety")
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
-    """Read several changes; one that is refused refuses all."""
+    """Read several changes; if one is refused, all are."""
     if len(content.data) > _LONGEST_UPDATE:
         raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
     try:
         update = yaml.load(content.data, Loader=_YAML_LOADER)  # noqa: S506  # a safe loader
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # The last three are what impossible dates and numbers, keys that are lists, and deep nesting end in.
+        # The last three are raised on impossible dates and numbers, on keys that are lists, and on deep nesting.
         raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
     if not isinstance(update, dict) or not update:
         raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
@@ -288,7 +289,7 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value of YAML is a number that a double can hold."""
+    """Whether a YAML value is a number that fits into a double."""
     return isinstance(value, float) or (
         isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     )
@@ -306,7 +307,7 @@ def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     return form.position(value, where)
 
 
-#: How to read each row of the topic table that changes references.
+#: The reader of each topic that changes references or settings, by its key in the topic table.
 READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSettings, ...]]] = {
     "setpoint": _read_setpoint,
     "trajectory": _read_trajectory,

@@ -1,4 +1,4 @@
-"""The arrays of a sensor_msgs/JointState, by the names of the joints."""
+"""Reads the arrays of a sensor_msgs/JointState by joint name."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
 
 
 class JointOrder:
-    """Reads joint states by name, and remembers where the names stood in the last message."""
+    """Reads joint states by joint name, and caches the joint order of the last message."""
 
     def __init__(self, joints: Sequence[str]) -> None:
         self._joints = tuple(joints)
-        self._names: list[str] | None = None  # none at all: not even an empty list is known yet
+        self._names: list[str] | None = None  # None before the first message, since a message's list may be empty
         self._index = np.zeros(0, dtype=np.intp)
 
     def read(self, content: Any) -> tuple[Array, Array]:
@@ -29,19 +29,19 @@ class JointOrder:
             Positions in rad and velocities in rad/s, both (nj,).
 
         Raises:
-            InputRefused: where a joint is missing, an array has a wrong size, or a value is not finite.
+            InputRefused: if a joint is missing or named twice, an array has a wrong size, or a value is not finite.
         """
         position, velocity = self.columns(content, "position", "velocity")
         return position, velocity
 
     def columns(self, content: Any, *columns: str) -> list[Array]:
-        """Read some of the arrays of a sensor_msgs/JointState: ``position``, ``velocity``, ``effort``.
+        """Read some arrays of a sensor_msgs/JointState: ``position``, ``velocity``, ``effort``.
 
         Returns:
-            Each (nj,), in rad, rad/s and N·m.
+            One array per column, (nj,) each, in rad, rad/s and N·m.
 
         Raises:
-            InputRefused: as `read`.
+            InputRefused: as in `read`.
         """
         if content.name != self._names:
             self._index = self._find(content.name)
@@ -75,7 +75,7 @@ class JointOrder:
 
 
 def no_duplicates(names: Sequence[str]) -> None:
-    """Raise `InputRefused` where a joint stands twice."""
+    """Raise `InputRefused` if a joint is named more than once."""
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")

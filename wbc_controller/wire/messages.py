@@ -1,7 +1,7 @@
-"""ROS 2 messages to bytes and back: one codec for every transport.
+"""The message codec, the same for every transport: ROS 2 messages to bytes and back.
 
-The message classes are those of the `rosbags` package (dataclasses with ROS 2's own field names); the bytes are CDR,
-little endian, as every ROS 2 middleware puts them on the wire.
+The message classes come from the `rosbags` package (dataclasses with ROS 2's own field names); the serialized messages
+are little-endian CDR, as every ROS 2 middleware sends them.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ def decode(payload: bytes, type_name: str) -> Any:
     """Read a serialized message.
 
     Raises:
-        InputRefused: where the bytes are not a message of that type.
+        InputRefused: if the bytes are not a message of that type.
     """
     try:
         return TYPES.deserialize_cdr(payload, type_name)
-    except Exception as error:  # the generated decoders raise whatever the bytes lead to
+    except Exception as error:  # malformed bytes can make the generated decoders raise any exception
         raise InputRefused(f"{len(payload)} bytes are not a {type_name} ({type(error).__name__}: {error})") from error
 
 
@@ -62,15 +62,15 @@ def torques(tau: Any) -> Any:
 
 
 def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
-    """Make a diagnostic_msgs/DiagnosticArray of one status.
+    """Make a diagnostic_msgs/DiagnosticArray with one status.
 
     Args:
-        wall: time of day, ns.
+        wall: time for the header, ns.
         level: 0 (OK), 1 (WARN) or 2 (ERROR).
-        name: ``node: what``, as diagnostic aggregators group them.
-        text: one line for a person to read.
+        name: ``node: subject``, the form by which diagnostic aggregators group.
+        text: one readable line.
         hardware: the robot's name.
-        values: what is known, by key.
+        values: key-value pairs.
     """
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",

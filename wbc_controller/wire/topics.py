@@ -1,7 +1,7 @@
-"""The one table of every topic. Both transports, the documentation and the tests are wired from it.
+"""The table of every topic, from which the transports, the documentation and the tests are set up.
 
-A topic's name is a template: ``~`` is the node's name, ``{task}``, ``{contact}`` and ``{frame}`` are filled from the
-robot's configuration. Names resolve and remap as in ROS 2.
+A topic's name is a template: ``~`` stands for the node's name; ``{task}``, ``{contact}`` and ``{frame}`` are filled in
+from the robot's configuration. Names are resolved and remapped as in ROS 2.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ class Qos:
     depth: int
 
 
-#: State in: best effort, so that a publisher of any reliability matches; only the newest counts.
+#: Incoming state: best effort, which matches publishers of any reliability; only the newest message counts.
 STATE_IN = Qos(reliable=False, latched=False, depth=1)
-#: State out of the mock robot: reliable, so that a subscriber of any reliability matches.
+#: Outgoing state of the mock robot: reliable, which matches subscribers of any reliability.
 STATE_OUT = Qos(reliable=True, latched=False, depth=1)
-#: Torques out: reliable, and never more than the newest.
+#: Outgoing torques: reliable, with only the newest message kept.
 COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)
-#: Requests by a user: reliable, and several in a row are all kept.
+#: Requests by a user: reliable, with a history deep enough for several in a row.
 REQUEST = Qos(reliable=True, latched=False, depth=10)
-#: Transforms out: as tf2's own broadcasters offer them.
+#: Outgoing transforms: the quality of service of tf2's own broadcasters.
 TF_OUT = Qos(reliable=True, latched=False, depth=100)
-#: Latched: a late subscriber is given the last value.
+#: Latched (transient local): a late subscriber receives the last message.
 LATCHED = Qos(reliable=True, latched=True, depth=1)
 
 
@@ -49,12 +49,12 @@ class Topic:
     """One row of the table.
 
     Attributes:
-        key: short name of the row, by which the code finds it.
+        key: short name of the row, used in the code.
         name: template of the topic's name.
-        type: message type, such as ``sensor_msgs/msg/JointState``; for `by task` rows, the key of a column of
+        type: message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, the key of the types in
             `TASK_TYPES`.
-        direction: seen from the owner.
-        qos: quality of service that the owner asks for or offers.
+        direction: direction seen from the node that owns the row.
+        qos: quality of service that the owner requests or offers.
         meaning: one sentence for the documentation.
     """
 
@@ -66,7 +66,7 @@ class Topic:
     meaning: str
 
 
-#: Message type of a task's setpoint and trajectory, by kind of task; what has no derivatives has no trajectory.
+#: Message types of a task's setpoint and trajectory, by kind of task; without reference derivatives, no trajectory.
 TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "posture": {
         "setpoint": "sensor_msgs/msg/JointState",
@@ -121,65 +121,66 @@ _IN, _OUT = Direction.IN, Direction.OUT
 # fmt: off
 CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
-          "Positions and velocities, matched by joint name; other joints are ignored. A missing joint or a non-finite "
-          "value refuses the whole message."),
+          "Positions and velocities, matched by joint name; other joints are ignored. A message that lacks a joint or "
+          "holds a non-finite value is refused as a whole."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _IN, STATE_IN,
           "Pose of the base in `frame_id`, twist in `child_frame_id` (REP 105). Floating-base robots only."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
-          "The URDF, where the configuration names no file."),
+          "The URDF, used if the configuration names no file."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,
-          "Simulated time: what ages and ramps are measured by where `use_sim_time` is set, and only there."),
+          "Simulated time, by which ages and ramps are measured if `use_sim_time` is set; ignored otherwise."),
     Topic("setpoint", "~/tasks/{task}/setpoint", "setpoint", _IN, REQUEST,
           "One reference, reached along a quintic in the task's `setpoint_duration`."),
     Topic("trajectory", "~/tasks/{task}/trajectory", "trajectory", _IN, REQUEST,
           "Timed positions, velocities and accelerations, interpolated by quintics; velocities and accelerations are "
-          "fed forward. A stamp of zero starts now."),
+          "fed forward. With a zero stamp the trajectory starts at once."),
     Topic("weight", "~/tasks/{task}/weight", "std_msgs/msg/Float64", _IN, REQUEST,
           "New weight of a task, reached along a ramp."),
     Topic("task_enable", "~/tasks/{task}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
           "Switches a task on or off, along a ramp of its weight."),
     Topic("contact_enable", "~/contacts/{contact}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
-          "Makes or breaks a contact, along a ramp of its largest normal force."),
+          "Activates or deactivates a contact, along a ramp of its largest normal force."),
     Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
-          "A known external wrench at a frame's origin, world axes; it stays until it is replaced (S4)."),
+          "A known external wrench at a frame's origin, world axes; it holds until it is replaced (S4)."),
     Topic("update", "~/update", "std_msgs/msg/String", _IN, REQUEST,
           "YAML with several weights, enables, setpoints, contacts and live settings, applied in one cycle, all or "
           "nothing."),
     Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
           "One of activate, deactivate, damp, reset, estop."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
-          "Torques in N·m, in the order of `robot.actuators`, which is that of `robot.joints` where it is not given; "
-          "or as `robot.command` says. What ros2_control's effort controllers take."),
+          "Torques in N·m, in the order of `robot.actuators`, by default that of `robot.joints`; or joint torques, if "
+          "`robot.command` says so. The message of ros2_control's effort controllers."),
     Topic("joint_commands", "~/joint_commands", "sensor_msgs/msg/JointState", _OUT, COMMAND_OUT,
-          "The same by joint, with names, stamped with the state it answers, and desired positions and velocities."),
+          "The same torques by joint name, with desired positions and velocities and the stamp of the latched state."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, COMMAND_OUT,
-          "The force that the quadratic program counts on, in the contact frame."),
+          "Contact force or wrench in the solution of the quadratic program, in the contact frame."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
-          "Mode and, in a fault, its code and reason."),
+          "The mode; in a fault, also its code and reason."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "Rates, ages, missed deadlines, stage times, task errors, binding constraints, refused inputs."),
     Topic("markers", "~/markers", "visualization_msgs/msg/MarkerArray", _OUT, COMMAND_OUT,
-          "For RViz and Foxglove, in the world frame: contact forces, friction cones, support, centre of mass, capture "
-          "point, task errors."),
+          "For RViz and Foxglove, in the world frame: contact forces, friction cones, support polygon, centre of mass, "
+          "capture point, task errors."),
 )
 
 MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _IN, STATE_IN,
-          "Torques to apply. A wrong size or a non-finite value is refused and the joints are damped."),
+          "Torques to apply. If the size is wrong or a value is not finite, the message is refused and the joints are "
+          "damped."),
     Topic("joint_commands", "wbc_controller/joint_commands", "sensor_msgs/msg/JointState", _IN, STATE_IN,
-          "In lockstep, the answer that the next step waits for."),
+          "In lockstep mode, the command that the next step waits for."),
     Topic("push", "~/push", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
           "A force and torque on the body named by `frame_id`, world axes, for `push_duration`."),
     Topic("hold", "~/hold", "std_msgs/msg/Bool", _IN, REQUEST,
-          "Hangs the base where it started (true) or lets it go (false)."),
+          "Hangs the base at its initial pose (true) or releases it (false)."),
     Topic("grip", "~/contacts/{contact}/grip", "std_msgs/msg/Bool", _IN, REQUEST,
-          "Holds the link of a fixed contact where it is (true) or lets it go (false)."),
+          "Holds the link of a fixed contact at its present pose (true) or releases it (false)."),
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, STATE_OUT,
           "Measured positions, velocities and applied efforts."),
-    Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _OUT, STATE_OUT, "Simulated time, before each state."),
+    Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _OUT, STATE_OUT, "Simulated time, sent before each state."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT, "True pose and twist of the base."),
     Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT,
-          "Transform from `world` to the base, for viewers: robot_state_publisher sends those of the links."),
+          "Transform from `world` to the base, for viewers; robot_state_publisher sends the links' transforms."),
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _OUT, STATE_OUT,
           "Orientation, angular velocity and specific force of the base, in the base frame."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, STATE_OUT,
@@ -189,34 +190,34 @@ MOCK_TOPICS: tuple[Topic, ...] = (
 
 GUARD_TOPICS: tuple[Topic, ...] = (
     Topic("joint_commands", "wbc_controller/joint_commands", "sensor_msgs/msg/JointState", _IN, STATE_IN,
-          "The controller's commands: while they come, the guard is silent. As it never writes them, it does not take "
-          "its own torques for the controller's."),
+          "The controller's commands: while they arrive, the guard is silent. The guard never publishes on this topic, "
+          "so it cannot mistake its own torques for the controller's."),
     Topic("controller_state", "wbc_controller/state", "std_msgs/msg/String", _IN, LATCHED,
-          "The controller's mode. In inactive, stopped and fault commands may end once they are zero."),
+          "The controller's mode. In inactive, stopped and fault the commands may end once they are zero."),
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
-          "Velocities to damp, and the states that the controller owes commands to."),
+          "Joint velocities for the damping. A triggered controller must answer each joint state with a command."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
-          "The URDF with the effort limits, where the configuration names no file."),
+          "The URDF with the effort limits, used if the configuration names no file."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
           "Damping torques in N·m, then zero, while the controller's commands are missing; nothing otherwise."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
-          "One of idle, watching, damping, zero, released; with the reason, in the last three."),
+          "One of idle, watching, damping, zero, released; the last three with the reason."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
-          "The same, with ages, the number of takeovers and refused inputs."),
+          "The guard's state, with message ages, the number of takeovers, and refused inputs."),
 )
 # fmt: on
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One topic of one node, resolved: what a transport opens.
+    """One topic of one node with its resolved name, as a transport opens it.
 
     Attributes:
-        key: key of the row.
-        subject: the task, contact or frame that the topic is about; empty for the others.
+        key: key of the row in the topic table.
+        subject: the task, contact or frame that the topic belongs to; empty for the other topics.
         name: fully qualified topic name, such as ``/wbc_controller/state``.
         type: message type, such as ``std_msgs/msg/String``.
-        direction: whether the node reads or writes it.
+        direction: whether the node subscribes or publishes.
         qos: quality of service.
     """
 
@@ -235,7 +236,7 @@ def resolve(name: str, node: str, namespace: str = "/", remappings: Mapping[str,
         name: relative, private (``~/…``) or absolute name.
         node: name of the node.
         namespace: namespace of the node, starting with a slash.
-        remappings: from name to name; both sides are expanded by the same rules.
+        remappings: from name to name; both names are expanded by the same rules.
 
     Returns:
         The fully qualified name.
@@ -267,11 +268,11 @@ def endpoints(
     """Expand a table for one robot.
 
     Args:
-        table: `CONTROLLER_TOPICS` or `MOCK_TOPICS`.
+        table: `CONTROLLER_TOPICS`, `MOCK_TOPICS` or `GUARD_TOPICS`.
         node: name of the node.
         task_kinds: kind of each task, by its name.
         contacts: names of the contacts.
-        frames: names of the frames on which external wrenches are accepted.
+        frames: names of the frames that accept external wrenches.
         namespace: namespace of the node.
         remappings: as in `resolve`.
 
@@ -299,7 +300,7 @@ def endpoints(
 
 
 def counterpart(endpoint: Endpoint) -> Endpoint:
-    """The other end of a topic, for whoever talks to its node: the direction turned round."""
+    """The opposite end of a topic, with the direction reversed: for a participant that talks to its node."""
     turned = Direction.OUT if endpoint.direction is Direction.IN else Direction.IN
     return dataclasses.replace(endpoint, direction=turned)
 
@@ -308,7 +309,7 @@ def parse_remapping(text: str) -> tuple[str, str]:
     """Read one remapping in ROS 2's form ``from:=to``.
 
     Raises:
-        ConfigurationError: where the text has another form.
+        ConfigurationError: if the text does not have this form.
     """
     source, separator, target = text.partition(":=")
     if not (source and separator and target):

@@ -113,8 +113,8 @@ class Formulation:
             self._tune(references.tuning)
         self.dynamics.update(state.q, state.v)
         activations = references.contacts
-        made = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
-        layout = self.layout(tuple(made))
+        active = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
+        layout = self.layout(tuple(active))
         self._fill_contacts(layout, references)
         self._fill_equations_of_motion(layout, references, tau_before)
         self._fill_cost(layout, references)
