@@ -57,7 +57,11 @@ def _node_options(function: F) -> F:
 @click.argument("config")
 @click.option("--activate", is_flag=True, help="Activate as soon as the inputs are fresh, without a command.")
 @click.option("--use-sim-time", is_flag=True, help="Measure ages and durations by /clock: for simulators alone.")
-@click.option("--record", type=click.Path(path_type=Path), help="Write torques and cycle times to this .npz file.")
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    help="Write torques and times of the last 300,000 cycles to this .npz file.",
+)
 @_node_options
 def run(
     config: str,
@@ -172,11 +176,12 @@ def topics() -> None:
 def security_policy(config: str, urdf: Path | None, namespace: str, remaps: tuple[str, ...]) -> None:
     """Print an SROS 2 policy of every node, with least privilege."""
     from wbc_controller.assembly.robot import make_model
+    from wbc_controller.assembly.robot_description import read_urdf
     from wbc_controller.ros2 import security_policy as policy
 
     settings, remappings = _load(config), _remappings(remaps)
     with _naming(config):
-        model = make_model(settings, urdf.read_text(encoding="utf-8") if urdf is not None else None)
+        model = make_model(settings, read_urdf(str(urdf)) if urdf is not None else None)
     click.echo(policy.security_policy(settings, model, namespace, remappings), nl=False)
 
 
@@ -211,7 +216,7 @@ def _dds(node: str, namespace: str) -> Iterator[Any]:
 
 @contextmanager
 def _stop_on_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set."""
+    """An event that Ctrl-C, SIGTERM and the end of the terminal set."""
     stop = threading.Event()
     with set_by_signals(stop):
         yield stop

@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
+import importlib
+import signal
 import sys
+from typing import NoReturn
 
 
 def main() -> None:
     """Run the controller's node: the executable `wbc_controller`."""
-    try:
-        from wbc_controller.ros2 import controller_node, process
-    except ImportError as error:
-        sys.exit(_without_ros2("wbc run g1", error))
-    sys.exit(process.run(controller_node.serve))
+    _run("controller_node", "wbc run g1")
 
 
 def mock_main() -> None:
     """Run the mock robot's node: the executable `mock_robot`."""
-    try:
-        from wbc_controller.ros2 import mock_node, process
-    except ImportError as error:
-        sys.exit(_without_ros2("wbc mock g1", error))
-    sys.exit(process.run(mock_node.serve))
+    _run("mock_node", "wbc mock g1")
 
 
 def guard_main() -> None:
     """Run the guard's node: the executable `guard`."""
+    _run("guard_node", "wbc guard g1")
+
+
+def _run(node: str, instead: str) -> NoReturn:
+    # Until the node is up, Ctrl-C ends the process at once, where Python would print where in the imports it was.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
-        from wbc_controller.ros2 import guard_node, process
+        from wbc_controller.ros2 import process
+
+        serve = importlib.import_module(f"wbc_controller.ros2.{node}").serve
     except ImportError as error:
-        sys.exit(_without_ros2("wbc guard g1", error))
-    sys.exit(process.run(guard_node.serve))
+        sys.exit(_without_ros2(instead, error))
+    sys.exit(process.run(serve))
 
 
 def _without_ros2(instead: str, error: ImportError) -> int:

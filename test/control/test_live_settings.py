@@ -10,7 +10,6 @@ import pytest
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.control.live_settings import LiveSettings, live_part
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.records import Mode
 from wbc_controller.ros2.parameters import flat
 from wbc_controller.settings import Settings
 from wbc_controller.settings.nesting import merged, nested
@@ -148,8 +147,8 @@ def test_the_weight_of_the_settings_is_ramped_too_and_outlives_a_reset(bench):
 
 
 def test_limits_take_hold(bench):
-    controller = standing(bench)
-    update(controller, "{limits: {torque_rate: 2.0, acceleration: 5.0}, control: {weight_ramp: 0.0}}")
+    controller = standing(bench, limits={"torque_rate": 2.0})
+    update(controller, "{limits: {acceleration: 5.0}, control: {weight_ramp: 0.0}}")
     controller.cycle()
     formulation = controller.loop.controller.qp.formulation
     assert formulation.motion_limit.acceleration == 5.0
@@ -160,15 +159,15 @@ def test_limits_take_hold(bench):
     assert 0.5 * allowed < steps(controller, 20).max() <= allowed + 1e-9
 
 
-def test_a_limit_of_safety_takes_hold(bench):
+def test_a_limit_of_safety_is_not_live(bench):
     controller = bench()
     controller.activate()
-    update(controller, "{safety: {state_timeout: 0.2}}")
-    controller.cycle()
-    controller.clock.time += 0.15
-    assert controller.cycle(joints=False, base=False).mode is Mode.ACTIVE
-    controller.clock.time += 0.1
-    assert controller.cycle(joints=False, base=False).fault.code == "STALE_INPUT"
+    before = controller.loop.controller.live.settings
+    for text in ("safety: {state_timeout: 0.2}", "safety: {damping: 50.0}", "limits: {torque_rate: 500.0}"):
+        update(controller, f"{{{text}}}")
+        (sentence,) = controller.cycle().refused
+        assert "read only when the controller is configured" in sentence
+    assert controller.loop.controller.live.settings == before
 
 
 def test_what_is_set_while_inactive_holds_from_activation_on(bench):
@@ -209,16 +208,16 @@ def test_a_change_is_logged_with_both_values(tuner, caplog):
     assert "-> 7.0" in caplog.text
 
 
-def test_the_torque_speed_curve_outlives_a_change_of_the_rate(bench):
+def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
     """A knee that turns above its corner speed has less torque, in every cycle, whatever else changes."""
     robot = standing(bench, limits={"torque_speed": {"enabled": True, "corner": 0.01, "no_load": 0.5}})
     speed = np.zeros(robot.model.na)
     knee = next(i for i, joint in enumerate(robot.model.joints) if "calf" in joint)
     speed[knee] = 0.1 * robot.model.velocity_limits[knee]
-    for rate in (robot.settings.limits.torque_rate, 50.0):
+    for acceleration in (robot.settings.limits.acceleration, 50.0):
         limit = robot.loop.controller.qp.formulation.torque_limit
         _, upper = limit.available(speed)
         assert upper[knee] < 0.95 * robot.model.effort_limits[knee]
-        assert limit.rate == rate
-        update(robot, "{limits: {torque_rate: 50.0}, control: {weight_ramp: 0.0}}")
+        assert robot.loop.controller.qp.formulation.motion_limit.acceleration == acceleration
+        update(robot, "{limits: {acceleration: 50.0}, control: {weight_ramp: 0.0}}")
         robot.cycle(2)

@@ -32,9 +32,10 @@ def scene(controller):
 
 def standing(bench, name, **changes):
     controller = bench(name, {"control": {"markers_rate": 100.0}} | changes)
-    controller.v[0] = 0.1
     controller.activate()
-    controller.cycle(120)  # until the contacts are ramped in, and past the next message
+    controller.cycle(90)  # until the contacts are ramped in
+    controller.v[0] = 0.1
+    controller.cycle(30)  # past the next message
     return controller
 
 
@@ -170,6 +171,7 @@ def test_before_activation_what_does_not_need_an_answer_is_drawn(bench):
 
 def test_a_broken_contact_is_no_longer_drawn(bench, make):
     controller = standing(bench, "go2")
+    controller.v[0] = 0.0
     controller.send("contact_enable", make.bool(False), "rear_left_foot")
     controller.cycle(130)
     found = scene(controller)

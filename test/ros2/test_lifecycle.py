@@ -201,12 +201,12 @@ def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
     for name, value in (
         ("tasks.com.weight", 4),
         ("tasks.com.stiffness", [50.0, 50.0, 80.0]),
-        ("limits.torque_rate", 9.0),
+        ("limits.acceleration", 9.0),
     ):
         assert set_one(node, name, value) is True
         assert node.get_parameter(name).value == value
     com = tuner.settings.tasks["com"]
-    assert (com.weight, com.stiffness, tuner.settings.limits.torque_rate) == (4.0, [50.0, 50.0, 80.0], 9.0)
+    assert (com.weight, com.stiffness, tuner.settings.limits.acceleration) == (4.0, [50.0, 50.0, 80.0], 9.0)
     for name, value, said in (
         ("tasks.com.weight", -1.0, "tasks.com.weight = -1.0: input should be greater than or equal to 0"),
         ("tasks.com.wieght", 1.0, "tasks.com.wieght: unknown key; did you mean 'weight'?"),

@@ -1,7 +1,11 @@
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from wbc_controller.safety.checks import stale_inputs, torques_usable
+from wbc_controller.safety.checks import CHECKS, checks_table, stale_inputs, torques_usable
+from wbc_controller.settings import Settings
 
 LIMITS = np.array([10.0, 20.0])
 JOINTS = ("hip", "knee")
@@ -67,3 +71,30 @@ def test_torques_beyond_what_the_motors_have_at_their_speeds_are_named_with_what
     fault = torques_usable(np.array([2.2, -5.3]), LIMITS, JOINTS, available=available)
     assert fault.sentence.endswith("hip: 2.2 N·m (limit 2), knee: -5.3 N·m (limit 5)")
     assert torques_usable(np.zeros(2), LIMITS, JOINTS, available=(np.full(2, np.nan), available[1])) is not None
+
+
+def test_the_table_of_checks_in_the_docs_is_that_of_the_code():
+    page = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert checks_table() in page
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.what)
+def test_every_check_has_its_threshold_in_the_configuration_a_code_in_the_docs_and_a_test(check):
+    for key in check.limits:
+        section, name = key.split(".")
+        assert name in Settings.model_fields[section].annotation.model_fields
+    file, _, test = check.test.partition("::")
+    assert re.search(rf"^def {test}\(", (Path(__file__).parent / file).read_text(encoding="utf-8"), re.MULTILINE)
+    page = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert not check.code or re.search(rf"^\| `{check.code}` \| [^|]+ \|$", page, re.MULTILINE)
+
+
+def test_no_limit_of_safety_changes_while_the_controller_runs():
+    assert Settings.model_fields["safety"].annotation.live == ()
+    assert "torque_rate" not in Settings.model_fields["limits"].annotation.live
+
+
+def test_every_limit_of_safety_has_a_check_or_is_a_time_of_the_modes():
+    modes = {"activation_ramp", "damping_time"}
+    keys = {key.split(".")[1] for check in CHECKS for key in check.limits if key.startswith("safety.")}
+    assert keys | modes == set(Settings.model_fields["safety"].annotation.model_fields)

@@ -76,6 +76,7 @@ def simulated(bench):
 def test_without_a_clock_there_is_no_activation(simulated):
     controller, cycle = simulated
     controller.command("activate")
+    controller.clock.time = 0.9
     controller.base()
     controller.joints()
     (sentence,) = controller.loop.cycle().refused

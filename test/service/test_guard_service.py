@@ -205,8 +205,14 @@ def test_it_reads_the_limits_as_the_controller_does(robot_of, name):
         ("<robot name='r'/>", "'a' is not a joint of the URDF; Valid: (none)"),
         ("<robot><joint name='a'/></robot>", "joint 'a' has the effort limit nan"),
         ("<robot><joint name='a'><limit effort='0'/></joint></robot>", "joint 'a' has the effort limit 0.0"),
-        ("<robot><joint name='a'><limit effort='nan'/></joint></robot>", "joint 'a' has the effort limit nan"),
-        ("<robot><joint name='a'><limit effort='much'/></joint></robot>", "joint 'a' has the effort limit nan"),
+        (
+            "<robot><joint name='a'><limit effort='nan'/></joint></robot>",
+            "joint 'a': <limit effort='nan'> is not a number",
+        ),
+        (
+            "<robot><joint name='a'><limit effort='much'/></joint></robot>",
+            "joint 'a': <limit effort='much'> is not a number",
+        ),
     ],
 )
 def test_a_description_that_cannot_be_used_is_refused(urdf, said):

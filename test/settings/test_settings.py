@@ -7,13 +7,21 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings, parse_settings, shipped_configurations
+from wbc_controller.settings.files import (
+    find_configuration,
+    load_settings,
+    parse_settings,
+    read_yaml,
+    shipped_configurations,
+)
+from wbc_controller.settings.resources import locate, read_text
 
 FOLDER = Path(__file__).parent / "configurations"
 
@@ -154,12 +162,12 @@ def _with(key, value):
         ("robot.armature", 0.0, 10.0),
         ("limits.position_margin", 0.0, 1.0),
         ("limits.velocity_scale", 1e-9, 1.0),
-        ("limits.torque_rate", 1e-9, 1e5),
+        ("limits.torque_rate", 1e-9, 1e3),
         ("safety.state_timeout", 1e-9, 1.0),
         ("safety.activation_ramp", 0.0, 60.0),
         ("safety.hold_time", 0.0, 1.0),
         ("safety.damping_time", 0.0, 60.0),
-        ("safety.damping", 0.0, 1e5),
+        ("safety.damping", 0.0, 100.0),
         ("solver.regularization_acceleration", 1e-12, 1.0),
         ("tasks.com.weight", 0.0, 1e6),
         ("tasks.hand.stiffness", 0.0, 1e5),
@@ -377,3 +385,107 @@ def test_a_mistake_inside_of_a_nested_section_is_said_as_everywhere(given, said)
     with pytest.raises(ConfigurationError) as error:
         parse_settings(MINIMAL | {"limits": {"torque_speed": given}}, "file")
     assert said in str(error.value)
+
+
+BOMB = "a0: &a0 {b: 1}\n" + "".join(f"a{i}: &a{i} {{x: *a{i - 1}, y: *a{i - 1}}}\n" for i in range(1, 30))
+MERGES = "a0: &a0 {b: 1}\n" + "".join(f"a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}\n" for i in range(1, 30))
+TASKS = "wbc_controller: {ros__parameters: {robot: {joints: [a], posture: [0.0]}, tasks: {posture: {type: posture}}"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (BOMB, "more than 20000 values, each alias counted as what it stands for"),
+        (MERGES, "more than 20000 values"),
+        ("a: [" + ", ".join(["1"] * 20000) + "]", "more than 20000 values"),
+        ("a: &a [*a]", ":1: not valid YAML: an alias stands within what it stands for"),
+        (
+            f"{TASKS}, control: {{rate: 0x{'f' * 5000}}}}}}}",
+            "control.rate: a whole number of 5002 characters; it has at",
+        ),
+        (
+            f"{TASKS}, solver: {{name: {'x' * 5000}}}}}}}",
+            "solver.name: a value of 5000 characters; it has at most 4096",
+        ),
+        ("a: " + "[" * 5000, "not valid YAML: maximum recursion depth exceeded"),
+        (" " * 2_000_000, "is longer than 1000000 characters"),
+        ("a: [{b: 1, b: 2}]", ":1: a.b: the key 'b' stands twice"),
+    ],
+    ids=["aliases", "merges", "values", "alias in itself", "number", "string", "deep", "long", "twice in a list"],
+)
+def test_a_text_that_is_too_large_is_refused_before_it_is_read(tmp_path, text, said):
+    path = tmp_path / "large.yaml"
+    path.write_text(text)
+    process = subprocess.run(
+        [sys.executable, "-m", "wbc_controller", "check", str(path)], capture_output=True, text=True, timeout=20
+    )
+    assert process.returncode == 2
+    assert process.stderr.startswith(f"error: {path}:")
+    assert said in process.stderr
+    assert len(process.stderr.splitlines()) == 1
+    assert len(process.stderr) < 1000
+
+
+def test_the_fast_loader_reads_and_refuses_the_same():
+    fast = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    assert read_yaml("{a: &a [1, 2.5, x], b: *a}", "update", fast) == {"a": [1, 2.5, "x"], "b": [1, 2.5, "x"]}
+    assert read_yaml("", "update", fast) is None
+    for text in (BOMB, "a: &a [*a]", "{a: 1, a: 2}", f"a: 0x{'f' * 3700}", "{a: [", "a: 2026-99-99"):
+        for loader in (fast, yaml.SafeLoader):
+            with pytest.raises(ConfigurationError, match=r"^update:"):
+                read_yaml(text, "update", loader)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "said"),
+    [
+        ("x" * 5000, "there is no file xxx"),
+        ("package://" + "x" * 5000 + "/y.urdf", "package 'xxx"),
+        ("package://example-robot-data/" + "x" * 5000, "there is no file /"),
+        ("~nosuchuser/x.urdf", "robot.urdf = '~nosuchuser/x.urdf': could not determine home directory"),
+        ("nul\0l.urdf", "there is no file"),
+    ],
+    ids=["long", "long package", "long in a package", "user", "zero"],
+)
+def test_a_path_that_no_file_can_have_is_refused_in_words(urdf, said, monkeypatch):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/nowhere")
+    with pytest.raises(ConfigurationError) as error:
+        locate(urdf)
+    assert said.lower() in str(error.value).lower()
+    assert len(str(error.value)) < 1200
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "x" * 5000 + ".yaml", "a/" + "x" * 5000])
+def test_a_configuration_name_that_no_file_can_have_is_refused_in_words(name):
+    with pytest.raises(ConfigurationError, match=r"\(5\d\d\d characters\)"):
+        find_configuration(name)
+
+
+def test_a_file_that_is_no_text_or_too_long_is_refused_in_words(tmp_path):
+    path = tmp_path / "robot.srdf"
+    path.write_bytes(b"<robot>\xff</robot>")
+    with pytest.raises(ConfigurationError, match=r"^limits\.x = 'y': cannot be read: 'utf-8' codec"):
+        read_text(path, "limits.x = 'y'", 100)
+    path.write_text("x" * 101)
+    with pytest.raises(ConfigurationError, match=r"^limits\.x = 'y': is longer than 100 characters"):
+        read_text(path, "limits.x = 'y'", 100)
+    assert read_text(path, "limits.x = 'y'", 101) == "x" * 101
+
+
+@pytest.mark.parametrize("section", ["tasks", "contacts", "loops"])
+@pytest.mark.parametrize("name", ["left\nfoot", "left foot", "a/b", "", "2nd", "füße", "a.b", "~", "{x}", "x" * 101])
+def test_a_name_that_no_topic_can_hold_is_refused(section, name):
+    content = _with("control.rate", 500.0)
+    content[section] = {name: next(iter(content[section].values()))}
+    with pytest.raises(ConfigurationError) as error:
+        parse_settings(content, "file.yaml")
+    shown = repr(name) if len(name) <= 100 else "of 101 characters"
+    assert str(error.value).startswith(f"file.yaml: {section}: ")
+    assert f"name {shown} cannot be part of a ROS topic's: it takes letters, digits and underscores" in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_an_error_about_an_unprintable_key_is_one_line():
+    with pytest.raises(ConfigurationError, match=r"^file.yaml: 'con\\ntrol': unknown key") as error:
+        parse_settings(MINIMAL | {"con\ntrol": {}}, "file.yaml")
+    assert len(str(error.value).splitlines()) == 1

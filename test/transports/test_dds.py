@@ -10,6 +10,7 @@ import threading
 
 import numpy as np
 import pytest
+from network import Network, NotPermitted
 from participants import DOMAIN
 
 from wbc_controller.errors import TransportError
@@ -39,6 +40,7 @@ from wbc_controller.transports.dds_types import dds_type_name, idl_type, type_ha
 pytestmark = pytest.mark.live
 
 STRING = "std_msgs/msg/String"
+LOOPBACK = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 TABLE_TYPES = sorted(
@@ -87,13 +89,14 @@ def test_type_name_and_hash_are_those_of_ros2():
 @pytest.mark.parametrize(
     ("environment", "expected"),
     [
-        ({}, DomainSettings(0, DiscoveryRange.SUBNET)),
-        ({"ROS_DOMAIN_ID": "", "ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, DomainSettings(0, DiscoveryRange.SUBNET)),
-        ({"ROS_DOMAIN_ID": "232"}, DomainSettings(232, DiscoveryRange.SUBNET)),
+        ({}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
+        ({"ROS_DOMAIN_ID": "", "ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
+        ({"ROS_DOMAIN_ID": "232"}, DomainSettings(232, DiscoveryRange.LOCALHOST)),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, DomainSettings(0, DiscoveryRange.SUBNET)),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "h"}, DomainSettings(0, DiscoveryRange.OFF)),
-        ({"ROS_STATIC_PEERS": "robot;;10.0.0.2"}, DomainSettings(0, DiscoveryRange.SUBNET, ("robot", "10.0.0.2"))),
+        ({"ROS_STATIC_PEERS": "robot;;10.0.0.2"}, DomainSettings(0, DiscoveryRange.LOCALHOST, ("robot", "10.0.0.2"))),
         ({"ROS_LOCALHOST_ONLY": "1", "ROS_STATIC_PEERS": "robot"}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
-        ({"ROS_LOCALHOST_ONLY": "0"}, DomainSettings(0, DiscoveryRange.SUBNET)),
+        ({"ROS_LOCALHOST_ONLY": "0"}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
     ],
 )
 def test_environment(environment, expected):
@@ -133,7 +136,7 @@ def test_what_the_user_configured_comes_last_and_peers_are_escaped():
 def test_every_configuration_is_accepted_by_cyclone(domain_id, discovery_range, monkeypatch):
     if discovery_range in ("SUBNET", "SYSTEM_DEFAULT"):
         monkeypatch.setenv(  # the same configuration, kept on this machine
-            "CYCLONEDDS_URI", "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
+            "CYCLONEDDS_URI", LOOPBACK
         )
     DdsTransport("node", domain_id=domain_id, discovery_range=discovery_range).close()
 
@@ -150,6 +153,112 @@ def test_bad_configuration_of_the_user_is_named(monkeypatch):
     monkeypatch.setenv("CYCLONEDDS_URI", "<General><Nonsense/></General>")
     with pytest.raises(TransportError, match="Nonsense"):
         DdsTransport("node", domain_id=DOMAIN, discovery_range="LOCALHOST")
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        LOOPBACK,
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' priority='1'/></Interfaces></General>"
+        "</Domain></CycloneDDS>",
+        "file://{file}",
+        "<Tracing><Verbosity>severe</Verbosity><OutputFile>stderr</OutputFile></Tracing>,file://{file}",
+    ],
+)
+def test_a_loopback_that_the_user_configures_too_is_named_once(uri, monkeypatch, tmp_path, eventually):
+    (tmp_path / "loopback.xml").write_text(f"<CycloneDDS><Domain>{LOOPBACK}</Domain></CycloneDDS>")
+    monkeypatch.setenv("CYCLONEDDS_URI", uri.format(file=tmp_path / "loopback.xml"))
+    here = DdsTransport("here", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    code = "import os; os.environ.pop('CYCLONEDDS_URI')\n" + _ECHO
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
+    pongs = []
+    here.subscribe(endpoint("/pong"), pongs.append)
+    ping, stop = here.advertise(endpoint("/ping")), here.advertise(endpoint("/stop"))
+    with subprocess.Popen([sys.executable, "-c", code, str(DOMAIN)], env=environment) as echo:
+        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration hears it
+        eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
+    assert decode(pongs[0], STRING).data == "hello"
+    here.close()
+
+
+def test_a_file_that_does_not_exist_is_left_to_cyclone(monkeypatch):
+    assert "NetworkInterface" in configuration(DomainSettings(0, DiscoveryRange.LOCALHOST), "file:///nowhere/x.xml")
+    assert "127.0.0.1" not in configuration(DomainSettings(0, DiscoveryRange.LOCALHOST), LOOPBACK).removesuffix(
+        LOOPBACK
+    )
+
+
+ENFORCED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+
+
+def test_where_security_is_enforced_nothing_runs_without_it(monkeypatch):
+    for name, value in ENFORCED.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(TransportError, match="ROS_SECURITY_STRATEGY is Enforce, and the embedded DDS cannot secure"):
+        DdsTransport("node", domain_id=DOMAIN)
+
+
+@pytest.mark.parametrize("command", ["run", "mock", "guard"])
+def test_the_commands_end_at_once_where_security_is_enforced(command):
+    ended = subprocess.run(
+        [sys.executable, "-m", "wbc_controller", command, "go2"],
+        env=os.environ | ENFORCED | {"ROS_DOMAIN_ID": str(DOMAIN)},
+        capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(
+        "error: ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, and the em"
+    )
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("environment", [{"ROS_SECURITY_ENABLE": "true"}, ENFORCED | {"ROS_SECURITY_ENABLE": "false"}])
+def test_where_security_is_only_wished_for_it_is_said_that_there_is_none(environment, caplog):
+    domain_settings(environment)
+    assert ["cannot secure" in line for line in caplog.messages] == [True] * (
+        environment["ROS_SECURITY_ENABLE"] == "true"
+    )
+
+
+_ASK = """
+import sys, time
+from test_dds import REQUEST, DdsTransport, endpoint, text
+heard = []
+transport = DdsTransport("ask", domain_id=7)
+transport.subscribe(endpoint("/pong"), heard.append)
+ping, stop = transport.advertise(endpoint("/ping")), transport.advertise(endpoint("/stop"))
+end = time.monotonic() + float(sys.argv[1])
+while time.monotonic() < end and not heard:
+    ping(text("hello"))
+    time.sleep(0.05)
+print(len(heard) > 0)
+transport.close()
+"""
+
+
+def test_a_stranger_on_the_network_is_heard_only_where_the_network_was_asked_for():
+    try:
+        network = Network()
+    except NotPermitted as error:
+        print(f"skipped: {error}")
+        pytest.skip(str(error))
+    unset = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment["PYTHONPATH"] = os.pathsep.join([os.path.dirname(__file__), *sys.path])
+    subnet = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    code = _ECHO.replace(', discovery_range="LOCALHOST"', "")
+    try:
+        for own, patience, heard in (({}, 3.0, "False"), (subnet, 20.0, "True")):
+            words = network.words("robot", sys.executable, "-c", code, "7")
+            with subprocess.Popen(words, env=environment | own) as echo:
+                asked = subprocess.run(
+                    network.words("controller", sys.executable, "-c", _ASK, str(patience)),
+                    env=environment | subnet, capture_output=True, text=True, timeout=60,
+                )  # fmt: skip
+                echo.kill()
+            assert asked.stdout.strip() == heard, asked.stderr
+    finally:
+        network.close()
 
 
 @pytest.mark.parametrize("payload", [b"", b"\0\1\0", b"\0\1\0\0", b"\0\1\0\0\xff\xff\xff\xff"])

@@ -276,13 +276,13 @@ class TestTrajectories:
             "posture",
             make.joint_trajectory(
                 ["ankle", "hip", "knee"],
-                [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2])],
+                [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2]), (2.0, [0, 0, 0])],
                 start=2_500_000_000,
             ),
         )
         assert isinstance(change, SetTrajectory)
         assert change.start == 2.5
-        assert [point.time for point in change.points] == [0.5, 1.0]
+        assert [point.time for point in change.points] == [0.5, 1.0, 2.0]
         np.testing.assert_array_equal(change.points[0].position, [1, 2, 3])
         np.testing.assert_array_equal(change.points[0].velocity, [0, 0, 0])
         np.testing.assert_array_equal(change.points[1].velocity, [10, 20, 30])
@@ -301,7 +301,7 @@ class TestTrajectories:
         ],
     )
     def test_of_a_frame(self, make, task, position, velocity):
-        points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]])]
+        points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]]), (2.0, [AT])]
         frame = WORDS.reference_frames.get(task, "world")
         (change,) = read("trajectory", task, make.frame_trajectory(points, frame))
         assert change.start is None
@@ -330,6 +330,7 @@ class TestTrajectories:
             (JOINTS, ([0, 0, 0], [], [1]), "accelerations has 1 values for 3 names"),
             (JOINTS, ([0, 0, INF],), "positions holds a value that is not finite"),
             (JOINTS, ([0, 0, 0], [NAN, 0, 0]), "velocities holds a value that is not finite"),
+            (JOINTS, ([0, 0, 0], [0, 1, 0]), "the last point has the velocity [0, 1, 0]; a trajectory ends at rest"),
         ],
     )
     def test_joint_trajectories_that_are_refused(self, make, names, point, said):

@@ -13,6 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.robot.mimic import parse_xml
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
@@ -181,10 +182,7 @@ def _named(pair: str, links: Sequence[str]) -> tuple[str, str]:
 
 def _disabled(srdf: str) -> set[frozenset[str]]:
     """Pairs of links whose collisions an SRDF disables."""
-    try:
-        root = ElementTree.fromstring(srdf)  # noqa: S314  # the user's own file, as the URDF is
-    except ElementTree.ParseError as error:
-        raise ConfigurationError(f"limits.self_collision.srdf: not a usable SRDF: {error}") from error
+    root = parse_xml(srdf, "limits.self_collision.srdf", "SRDF")
     return {
         frozenset((element.get("link1", ""), element.get("link2", ""))) for element in root.iter("disable_collisions")
     }

@@ -6,11 +6,12 @@ import logging
 
 from wbc_controller.assembly.collision_model import build_collision_model
 from wbc_controller.core.limits import SelfCollisionLimit, TorqueSpeedCurve
+from wbc_controller.core.robot.mimic import LARGEST_URDF
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import frozen
 from wbc_controller.settings import Settings
-from wbc_controller.settings.resources import locate
+from wbc_controller.settings.resources import locate, read_text
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +53,8 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
     own = settings.limits.self_collision
     srdf = None
     if own.srdf:
-        srdf = locate(own.srdf, "limits.self_collision.srdf").read_text(encoding="utf-8")
+        key = "limits.self_collision.srdf"
+        srdf = read_text(locate(own.srdf, key), f"{key} = {own.srdf!r}", LARGEST_URDF)
     collision = build_collision_model(
         model,
         margin=own.margin,

@@ -5,16 +5,17 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
+from wbc_controller.core.robot.mimic import LARGEST_URDF, parse_urdf
+from wbc_controller.core.robot.mimic import inertia_tensor as inertia_tensor
 from wbc_controller.core.robot.transmission import Drive, Transmission, make_drive
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings import RobotSettings
-from wbc_controller.settings.resources import locate
+from wbc_controller.settings.resources import locate, read_text
 
 _log = logging.getLogger(__name__)
 
@@ -32,11 +33,7 @@ def read_urdf(urdf: str) -> str:
         raise ConfigurationError(
             "robot.urdf is empty and no URDF came on the topic robot_description; name a file, or publish it latched"
         )
-    path: Path = locate(urdf)
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"robot.urdf = {urdf!r}: {path} cannot be read: {error}") from error
+    return read_text(locate(urdf), f"robot.urdf = {urdf!r}", LARGEST_URDF)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +69,7 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     Raises:
         ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
     """
-    try:
-        tree = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own description, which the controller reads too
-    except ElementTree.ParseError as error:
-        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    tree = parse_urdf(urdf)
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
     efforts = []
     for name in robot.joints:
@@ -99,15 +93,6 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
 
 
-def inertia_tensor(inertia: ElementTree.Element) -> Array:
-    """The tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
-    tensor = np.zeros((3, 3))
-    for row, column in ("xx", "yy", "zz", "xy", "xz", "yz"):
-        i, j = "xyz".index(row), "xyz".index(column)
-        tensor[i, j] = tensor[j, i] = float(inertia.get(f"i{row}{column}", "0"))
-    return tensor
-
-
 def some_body_has(moments: Array) -> bool:
     """Whether principal moments of inertia, (3,) in rising order, are possible: none exceeds the sum of the others."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
@@ -115,7 +100,7 @@ def some_body_has(moments: Array) -> bool:
 
 def impossible_inertias(urdf: str) -> list[str]:
     """Names of the links with a physically impossible inertia; Pinocchio does not check it, and MuJoCo refuses it."""
-    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - as in `describe`
+    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked when the model was made
     names = []
     for link in links:
         inertia = link.find("inertial/inertia")

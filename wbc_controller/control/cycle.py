@@ -106,6 +106,7 @@ class ControlCycle:
         self._explanation: Future[NoSolution] | None = None
         self._explained = -np.inf
         self._failure: NoSolution | None = None
+        self._defect: Fault | None = None  # of what stands around the cycle
 
     @property
     def model(self) -> RobotModel:
@@ -176,9 +177,14 @@ class ControlCycle:
             changes: sets of changes, in order; each is applied whole or not at all.
         """
         started = self._timer()
+        problem, self._defect = problem or self._defect, None
         refused: list[str] = []
         starts = self._take_requests(requests, now, problem, refused)
-        left = self._take_changes(changes, state, refused)
+        left: list[tuple[Change, ...]] = []
+        try:
+            left = self._take_changes(changes, state, refused)
+        except Exception as error:
+            problem = _defect(error)
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
         if problem is None and self.supervisor.solving:
@@ -200,6 +206,10 @@ class ControlCycle:
         return CycleResult(
             self.qp, now, self.mode, self.fault, command, solution, state, references, tuple(refused), stages
         )
+
+    def fail(self, error: Exception) -> None:
+        """Damp from the next cycle on: something around the cycle has failed."""
+        self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
         """Leave the joints without torque when the process ends: the last result.
@@ -237,7 +247,10 @@ class ControlCycle:
     def _take_requests(self, words: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
         """Hand the requests to the supervisor; say whether the controller starts from the present state."""
         starts = False
-        for word in words:
+        for i, word in enumerate(words):
+            if "estop" in words[:i]:  # silence may only follow zeros that were sent
+                refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
+                continue
             try:
                 starts = self.supervisor.request(word, now, problem) or starts
             except InputRefused as refusal:
@@ -302,9 +315,13 @@ class ControlCycle:
         except NoSolution as failure:
             return failure, references
         except Exception as error:
-            # A defect must end in damping with a reason, never in a process that dies with torques applied.
-            _log.exception("the controller failed")
-            return Fault("INTERNAL_ERROR", f"{type(error).__name__}: {error}"), references
+            return _defect(error), references
+
+
+def _defect(error: Exception) -> Fault:
+    """A defect must end in damping with a reason, never in a process that dies with torques applied."""
+    _log.exception("the controller failed")
+    return Fault("INTERNAL_ERROR", f"{type(error).__name__}: {error}")
 
 
 def seconds(state: RobotState) -> float:

@@ -59,6 +59,8 @@ class LiveSettings:
         self.changed: Callable[[], None] = lambda: None
         self._derive = derive
         self._lock = threading.Lock()
+        #: The change that was prepared last, the settings that it was prepared for, and the result.
+        self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
 
     def check(self, change: Mapping[str, Any], source: str) -> None:
         """Say whether a change would be accepted.
@@ -72,10 +74,17 @@ class LiveSettings:
         """
         self._result(change, source)
 
+    def prepare(self, change: Mapping[str, Any], source: str) -> None:
+        """Do the work of `accept` ahead, on another thread than the one that will accept; as `check` otherwise."""
+        base = self.settings
+        self._prepared = (change, base, self._result(change, source))
+
     def accept(self, change: Mapping[str, Any], source: str) -> None:
         """Take a change, whole or not at all; arguments and errors as for `check`."""
+        prepared, base, result = self._prepared
         with self._lock:
-            settings, live, differences = self._result(change, source)
+            ready = prepared is change and base is self.settings
+            settings, live, differences = result if ready else self._result(change, source)
             if not differences:
                 return
             self.settings, self.newest = settings, live

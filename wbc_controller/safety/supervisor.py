@@ -2,7 +2,7 @@
 
 ::
 
-    inactive ── activate ──> active <──> holding        no solution: last torques plus damping, for `hold_time`
+    inactive ── activate ──> active <──> holding        no solution: last torques plus damping, for `hold_time` in all
        ^ ^ <── deactivate ──   │            │
        │                       v            v
      reset               damping ──────────────> fault (or stopped, where a user asked for it)
@@ -16,6 +16,7 @@ known, the torques ramp to zero. In stopped and fault zero torques are published
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,9 @@ from wbc_controller.core.references.trajectories import Ramp
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
-from wbc_controller.safety.checks import torques_usable
+from wbc_controller.safety.checks import no_solution_for_too_long, relaxed_for_too_long, torques_usable
+from wbc_controller.safety.damping import stable_damping
+from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
 
 REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
@@ -37,12 +40,17 @@ class SupervisorLimits:
 
     Attributes:
         activation_ramp: time in which the torques ramp in, s.
-        hold_time: longest time without a solution before damping, s.
+        hold_time: longest time without a solution within `hold_window` before damping, s.
         damping_time: time of damping before zero torque, s.
         damping: joint damping, N·m·s/rad.
         torque_rate: torque rate limit, in effort limits per second.
         period: time between cycles, s.
         torque_speed: torque-speed curve of the motors; None for their effort limits at every speed.
+        hold_window: window over which the time without a solution adds up, s; 0 counts only without interruption.
+        relax_time: longest time with relaxed constraints within `relax_window` before damping, s.
+        relax_window: window over which that time adds up, s.
+        plausibility: limits of plausible states; None checks nothing.
+        fall: limits beyond which the robot has fallen; None checks nothing.
     """
 
     activation_ramp: float
@@ -52,6 +60,11 @@ class SupervisorLimits:
     torque_rate: float
     period: float
     torque_speed: TorqueSpeedCurve | None = None
+    hold_window: float = 0.0
+    relax_time: float = math.inf
+    relax_window: float = 0.0
+    plausibility: PlausibilityLimits | None = None
+    fall: FallLimits | None = None
 
 
 class Supervisor:
@@ -67,8 +80,14 @@ class Supervisor:
         self.mode = Mode.INACTIVE
         self.fault: Fault | None = None
         self._model = model
+        self._limits: SupervisorLimits | None = None
         self.limits = limits
         self._since = 0.0  # when the present mode began, s
+        self._stepped = -math.inf  # when the last step was, s
+        self._activated = -math.inf  # when the last activation was, s
+        self._held_time, self._relaxed_time = Budget(), Budget()
+        self._relaxed: dict[str, None] = {}  # what was relaxed within the window
+        self._was_relaxed = False  # whether the last solution was
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # share of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
         self._effort_limits = (-model.effort_limits, model.effort_limits)
@@ -80,13 +99,22 @@ class Supervisor:
     @property
     def limits(self) -> SupervisorLimits:
         """Timing and limits; may be replaced between cycles."""
-        return self._limits
+        return self._limits  # type: ignore[return-value]  # set by the constructor
 
     @limits.setter
     def limits(self, limits: SupervisorLimits) -> None:
-        self._limits = limits
-        self._step = (limits.torque_rate * limits.period) * self._model.effort_limits
+        old, self._limits = self._limits, limits
+        self._rate = limits.torque_rate * self._model.effort_limits
         self._period = limits.period
+        self._step = limits.period * self._rate  # of one period
+        self._allowed = self._step  # of this cycle
+        # What takes time, or remembers, is made anew only where its own limits are other ones.
+        if old is None or (old.damping, old.period) != (limits.damping, limits.period):
+            self._joint_damping = stable_damping(self._model, limits.damping, limits.period)
+        if old is None or old.plausibility != limits.plausibility:
+            self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
+        if old is None or old.fall != limits.fall:
+            self._fall = FallWatch(self._model, limits.fall) if limits.fall is not None else None
 
     @property
     def solving(self) -> bool:
@@ -158,9 +186,15 @@ class Supervisor:
         if self.mode is not Mode.INACTIVE:
             code = f" ({self.fault.code})" if self.fault is not None else ""
             raise InputRefused(f"command 'activate' is refused in {self.mode.value}{code}; send 'reset' first")
+        problem = problem or (self._watch.doubt if self._watch is not None else None)
         if problem is not None:
             raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
         self._enter(Mode.ACTIVE, now, None)
+        self._activated = now
+        if self._fall is not None:
+            self._fall.begin()
+        self._held_time, self._relaxed_time = Budget(), Budget()
+        self._relaxed, self._was_relaxed = {}, False
         self._share = Ramp(now, self.limits.activation_ramp, 0.0, 1.0)
         self._taken_over = False
         return True
@@ -189,10 +223,19 @@ class Supervisor:
             The command; None where nothing is to be sent.
         """
         tau: Array | None = None
+        self._pass(now)
         if joint_velocity is not None and not all_finite(joint_velocity):
             joint_velocity = None
+        if self._watch is not None:
+            if joint_velocity is not None:
+                joint_velocity = self._watch.damped(joint_velocity)
+            if state is not None:
+                doubt = self._watch.look(state)
+                problem = problem or doubt
         solution = outcome if isinstance(outcome, Solution) else None
         if self.solving:
+            if problem is None and state is not None and self._fall is not None:
+                problem = self._fall.look(now, state)
             tau = self._solving(now, problem, outcome, joint_velocity)
         if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
@@ -203,6 +246,20 @@ class Supervisor:
         if tau is None or self.mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT):
             tau = np.zeros(self._model.na)
         return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None, joint_velocity)
+
+    def _pass(self, now: float) -> None:
+        """Let time pass: what may change until this command, and how long holding and relaxing have lasted."""
+        elapsed, self._stepped = now - self._stepped, now
+        if not (elapsed >= 0.0):  # the clock went back: its times begin anew
+            elapsed, self._since = 0.0, min(self._since, now)
+        # A simulation may settle its torques before it begins: its time stands still from the activation on.
+        settling = self.mode is Mode.ACTIVE and now == self._activated
+        self._allowed = self._step if settling or elapsed >= self._period else elapsed * self._rate
+        if self.mode is Mode.HOLDING:
+            self._held_time.spend(now, elapsed)
+        if self._was_relaxed:
+            self._relaxed_time.spend(now, elapsed)
+            self._was_relaxed = False
 
     def _solving(
         self,
@@ -223,7 +280,11 @@ class Supervisor:
                 available=self._available(joint_velocity),
             )
             if unusable is None:
-                return self._active(now, outcome.tau)
+                fault = self._relaxing(now, outcome) if outcome.relaxed else None
+                if fault is None:
+                    return self._active(now, outcome.tau)
+                self._enter(Mode.DAMPING, now, fault)
+                return None
             reason = unusable
         elif isinstance(outcome, Fault):
             self._enter(Mode.DAMPING, now, outcome)
@@ -235,18 +296,32 @@ class Supervisor:
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
-        if now - self._since > self.limits.hold_time:
+        lasted, limits = now - self._since, self.limits
+        held = self._held_time.within(now, limits.hold_window)
+        if not (lasted <= limits.hold_time and held <= limits.hold_time):
+            if lasted <= limits.hold_time:
+                reason = no_solution_for_too_long(reason, held, limits.hold_time, limits.hold_window)
             # Only the first failure of a series is explained: keep its explanation.
             explained = self.fault is not None and self.fault.infeasibility is not None
             self._enter(Mode.DAMPING, now, self.fault if explained else reason)
             return None
         return self._held + self._damping(joint_velocity)
 
+    def _relaxing(self, now: float, solution: Solution) -> Fault | None:
+        """Count the time with relaxed constraints."""
+        limits = self.limits
+        spent = self._relaxed_time.within(now, limits.relax_window)
+        if spent == 0.0:
+            self._relaxed = {}
+        self._relaxed |= dict.fromkeys(solution.relaxed)
+        self._was_relaxed = True
+        return relaxed_for_too_long(tuple(self._relaxed), spent, limits.relax_time, limits.relax_window)
+
     def _damping(self, joint_velocity: Array | None) -> Array:
         """Torques that damp every joint, as far as the actuators can; zero where the velocities are not known."""
         if joint_velocity is None:
             return np.zeros(self._model.na)
-        return -self.limits.damping * self._model.actuation.from_joints(joint_velocity)
+        return -self._model.actuation.from_joints(self._joint_damping * joint_velocity)
 
     def _active(self, now: float, tau: Array) -> Array | None:
         if self.mode is Mode.HOLDING:
@@ -274,7 +349,7 @@ class Supervisor:
         solution: Solution | None,
         joint_velocity: Array | None = None,
     ) -> JointCommand:
-        step = self._step
+        step = self._allowed
         tau = clipped(tau, self._tau - step, self._tau + step)
         lower, upper = self._available(joint_velocity) or self._effort_limits
         tau = freeze(clipped(tau, lower, upper))  # last: the available torque takes precedence over the rate limit

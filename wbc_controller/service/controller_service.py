@@ -7,11 +7,13 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
-from wbc_controller.diagnostics.recorder import CycleRecorder
+from wbc_controller.diagnostics.recorder import recording
+from wbc_controller.errors import InputRefused
 from wbc_controller.records import CycleReport
 from wbc_controller.service.audit import make_audit
 from wbc_controller.service.clock import Clock, MonotonicClock, SimulatedClock
@@ -23,7 +25,8 @@ from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 from wbc_controller.transports.transport import Transport
-from wbc_controller.wire.messages import decode, nanoseconds
+from wbc_controller.wire.decoding import time_of
+from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import CONTROLLER_TOPICS, Endpoint
 
 _log = logging.getLogger(__name__)
@@ -52,40 +55,37 @@ def run_controller(
         remappings: topic remappings, from name to name.
         activate: activate as soon as the inputs are fresh, without a command.
         use_sim_time: measure ages and durations by the time on the clock topic.
-        record: file in which torques and cycle times are saved.
+        record: file in which torques and cycle times of the last cycles are saved.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.
         TransportError: if a topic cannot be opened.
+        WbcError: if the record cannot be written.
     """
-    urdf = None
-    if not settings.robot.urdf:
-        urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
-    if stop.is_set():
-        return
-    controller = Controller(Config(settings, "", urdf), preflight=False)
-    topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
-    recorder = CycleRecorder() if record is not None else None
-    full_name = f"{namespace.rstrip('/')}/{node}"
-    loop = make_loop(
-        controller,
-        transport,
-        clock_of(topics, transport) if use_sim_time else MonotonicClock(),
-        topics,
-        observers=(recorder.add,) if recorder is not None else (),
-        node=full_name,
-    )
-    _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
-    try:
+    with recording(record) as observers:
+        urdf = None
+        if not settings.robot.urdf:
+            urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
+        if stop.is_set():
+            return
+        controller = Controller(Config(settings, "", urdf), preflight=False)
+        topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
+        full_name = f"{namespace.rstrip('/')}/{node}"
+        loop = make_loop(
+            controller,
+            transport,
+            clock_of(topics, transport) if use_sim_time else MonotonicClock(),
+            topics,
+            observers=observers,
+            node=full_name,
+        )
+        _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
         loop.run(
             stop,
             controller.period,
             triggered=settings.control.trigger == "joint_states",
             activate=activate,
         )
-    finally:
-        if recorder is not None and record is not None:
-            recorder.save(record)
 
 
 def make_loop(
@@ -118,7 +118,14 @@ def make_loop(
     markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
     return ControlLoop(
         controller,
-        Inputs(model, make_vocabulary(settings, model), topics, transport, clock),
+        Inputs(
+            model,
+            make_vocabulary(settings, model),
+            topics,
+            transport,
+            clock,
+            partial(controller.live.prepare, source="update"),
+        ),
         Outputs(
             model,
             published,
@@ -145,5 +152,12 @@ def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock
     """
     clock = SimulatedClock()
     (endpoint,) = [topic for topic in topics if topic.key == "clock"]
-    transport.subscribe(endpoint, lambda payload: clock.set(nanoseconds(decode(payload, endpoint.type).clock)))
+
+    def receive(payload: bytes) -> None:
+        try:
+            clock.set(time_of(decode(payload, endpoint.type).clock, "clock"))
+        except InputRefused as refusal:
+            _log.warning("%s: refused: %s", endpoint.name, refusal)
+
+    transport.subscribe(endpoint, receive)
     return clock

@@ -1,20 +1,32 @@
-"""Incoming messages: latches the mailboxes into a state, commands and changes; unusable messages are refused."""
+"""The border: what comes in, on which thread it is read, within which limits, and what one cycle sees of it.
+
+- Callbacks, on the transport's threads, only store bytes with their time of arrival. Messages over their size are
+  counted and dropped there, and an emergency stop is recognized there: no queue of requests can delay it.
+- Requests are decoded and validated on a thread of their own, `reader`, which leaves the loop most of the processor.
+  Where no such thread runs, as in lockstep, they are decoded when a cycle latches its inputs.
+- A cycle decodes at most one joint state and one odometry, the newest, and takes at most `_MOST_PER_CYCLE` requests.
+"""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterable
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.errors import InputRefused
+from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.mailbox import Mailbox
+from wbc_controller.service.stamps import StampTracker
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire import decoding
 from wbc_controller.wire.joint_order import JointOrder
@@ -23,9 +35,21 @@ from wbc_controller.wire.topics import Direction, Endpoint
 
 _log = logging.getLogger(__name__)
 
+#: Requests that wait to be read, at most; the newest beyond are turned away and counted.
 _REQUEST_DEPTH = 100
+#: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
+_MOST_PER_CYCLE = 20
+#: Largest message, in bytes, by row of the topic table: states, trajectories, and other requests.
+_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "trajectory": 1 << 20}
+_LARGEST_REQUEST = 1 << 18
+#: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
+_READER_SHARE = 0.25
 #: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
 _LONGEST_REASON = 1000
+#: Longest word on the command topic, in characters.
+_LONGEST_WORD = 40
+#: The word that stops the robot, as it stands in a serialized std_msgs/String.
+_ESTOP = b"estop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +80,26 @@ class Latched:
 class _Part:
     """Newest message of one part of the state: joint states or odometry."""
 
-    received: float = -np.inf
+    stamps: StampTracker = field(default_factory=StampTracker)
     stamp: int = 0
     q: Array = field(default_factory=lambda: np.zeros(0))
     v: Array = field(default_factory=lambda: np.zeros(0))
 
 
+@dataclass(slots=True)
+class _Read:
+    """What one request says."""
+
+    commands: list[str] = field(default_factory=list)
+    changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+
 class Inputs:
-    """Subscribes to every incoming topic, and latches the messages that have arrived.
+    """Subscribes to every incoming topic, and latches what has arrived.
 
     Attributes:
-        arrived: set when a joint state arrives.
+        arrived: set when a joint state arrives, and when an emergency stop does.
     """
 
     def __init__(
@@ -76,97 +109,196 @@ class Inputs:
         endpoints: Iterable[Endpoint],
         transport: Transport,
         clock: Clock,
+        prepare: Callable[[Mapping[str, Any]], None] = lambda change: None,
     ) -> None:
-        """Subscribe to the incoming topics.
+        """Subscribe.
 
         Args:
             model: the robot's model.
             vocabulary: the names that messages may use.
-            endpoints: endpoints of the controller's node.
+            endpoints: of the controller's node.
             transport: carries the messages.
-            clock: gives each message its time of arrival.
+            clock: dates the messages at their arrival.
+            prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
         """
         self.arrived = threading.Event()
         self._model = model
         self._vocabulary = vocabulary
         self._clock = clock
+        self._prepare = prepare
         self._joint_order = JointOrder(model.joints)
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._parts = {"joint_states": _Part()}
         if model.floating_base:
             self._parts["odom"] = _Part()
         self._notes: dict[str, str] = {}
+        self._estop = threading.Event()
+        self._waiting = threading.Condition()  # guards the three below
+        self._requests: deque[tuple[Endpoint, bytes]] = deque()
+        self._read: deque[_Read] = deque()
+        self._turned_away: Counter[tuple[str, str]] = Counter()
+        self._reader: threading.Thread | None = None
+        self._ended = False
         for endpoint in endpoints:
             if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock"):
                 continue
             if endpoint.key == "odom" and not model.floating_base:
                 continue
-            stream = endpoint.key in self._parts
-            box = Mailbox(clock, 1 if stream else _REQUEST_DEPTH,
-                          self.arrived if endpoint.key == "joint_states" else None)  # fmt: skip
-            self._boxes.append((endpoint, box))
-            transport.subscribe(endpoint, box.put)
+            if endpoint.key in self._parts:
+                box = Mailbox(clock, 1, self.arrived if endpoint.key == "joint_states" else None)
+                self._boxes.append((endpoint, box))
+                transport.subscribe(endpoint, self._bounded(endpoint, box.put))
+            else:
+                transport.subscribe(endpoint, self._bounded(endpoint, partial(self._put_request, endpoint)))
+
+    def start_reader(self) -> None:
+        """Decode requests on a thread of their own from now on, until `stop_reader`."""
+        self._ended = False
+        self._reader = threading.Thread(target=self._read_requests, name="reader", daemon=True)
+        self._reader.start()
+
+    def stop_reader(self) -> None:
+        """End the thread that decodes requests; what waits is left to be latched."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            with self._waiting:
+                self._ended = True
+                self._waiting.notify()
+            reader.join()
+
+    def restart(self) -> None:
+        """Take the next stamps as those of a new time: the clock has begun anew."""
+        for part in self._parts.values():
+            part.stamps = StampTracker()
 
     def age_of_joint_states(self) -> float:
-        """Age of the newest joint state that was latched, s; infinite if there is none."""
-        return self._clock.now() - self._parts["joint_states"].received
+        """Age of the newest joint state that was decoded, s; infinite before the first."""
+        return self._parts["joint_states"].stamps.age(self._clock.now())
+
+    def ages(self) -> dict[str, float]:
+        """Age of each part of the state at this moment, by its stamp, s; infinite before the first."""
+        now = self._clock.now()
+        return {name: part.stamps.age(now) for name, part in self._parts.items()}
 
     def latch(self) -> Latched:
-        """Empty all mailboxes and decode their messages."""
-        now = self._clock.now()
+        """Decode the newest state, and take the requests that have been read."""
+        refused: list[str] = []
+        for endpoint, box in self._boxes:
+            for received, payload in box.take()[0]:
+                reason = self._attempt(endpoint, payload, partial(self._read_state, endpoint, received))
+                if reason is not None:
+                    self._notes[endpoint.key] = reason
+                    refused.append(f"{endpoint.name}: {reason}")
+        if self._reader is None:
+            while self._requests:
+                self._read.append(self._decoded(*self._requests.popleft()))
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
-        refused: list[str] = []
-        arrivals: list[tuple[float, Endpoint, bytes]] = []
-        for endpoint, box in self._boxes:
-            messages, turned_away = box.take()
-            if turned_away:
-                refused.append(f"{endpoint.name}: {turned_away} messages refused: more than {_REQUEST_DEPTH} at once")
-            arrivals += [(received, endpoint, payload) for received, payload in messages]
-        arrivals.sort(key=lambda arrival: arrival[0])  # in order of arrival: a later request overrides an earlier one
-        for received, endpoint, payload in arrivals:
-            try:
-                self._read(endpoint, received, payload, commands, changes)
-            except InputRefused as refusal:
-                self._refuse(endpoint, str(refusal), refused)
-            except Exception as error:  # a defect in a reader must not end the loop
-                _log.exception("reading a message on %s failed", endpoint.name)
-                self._refuse(endpoint, f"cannot be read: {type(error).__name__}: {error}", refused)
-        ages = {name: now - part.received for name, part in self._parts.items()}
+        if self._estop.is_set():
+            self._estop.clear()
+            commands.append("estop")
+        with self._waiting:
+            turned_away, self._turned_away = self._turned_away, Counter()
+            taken = [self._read.popleft() for _ in range(min(len(self._read), _MOST_PER_CYCLE))]
+        for read in taken:
+            commands += read.commands
+            changes += read.changes
+            refused += read.refused
+        refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         return Latched(
-            self._state(), self._joint_velocity(), ages, dict(self._notes), tuple(commands), tuple(changes),
+            self._state(), self._joint_velocity(), self.ages(), dict(self._notes), tuple(commands), tuple(changes),
             tuple(refused),
         )  # fmt: skip
 
-    def _refuse(self, endpoint: Endpoint, reason: str, refused: list[str]) -> None:
-        if len(reason) > _LONGEST_REASON:
-            reason = reason[:_LONGEST_REASON] + "…"
-        refused.append(f"{endpoint.name}: {reason}")
-        if endpoint.key in self._parts:
-            self._notes[endpoint.key] = reason
+    def _bounded(self, endpoint: Endpoint, put: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        """A callback that drops messages over the size of their topic."""
+        largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
 
-    def _read(
-        self,
-        endpoint: Endpoint,
-        received: float,
-        payload: bytes,
-        commands: list[str],
-        changes: list[tuple[Change | ChangeSettings, ...]],
-    ) -> None:
-        content = decode(payload, endpoint.type)
+        def receive(payload: bytes) -> None:
+            if len(payload) <= largest:
+                put(payload)
+                return
+            with self._waiting:
+                self._turned_away[endpoint.name, f"more than {largest} bytes"] += 1
+
+        return receive
+
+    def _put_request(self, endpoint: Endpoint, payload: bytes) -> None:
+        """Store a request; a stop has a way of its own, which no other request can fill."""
+        if endpoint.key == "command" and _ESTOP in payload and decode(payload, endpoint.type).data.strip() == "estop":
+            self._estop.set()
+            self.arrived.set()
+            return
+        with self._waiting:
+            if len(self._requests) < _REQUEST_DEPTH:
+                self._requests.append((endpoint, payload))
+                self._waiting.notify()
+            else:
+                self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+
+    def _read_requests(self) -> None:
+        """Decode requests as they come, in a share of the time."""
+        while True:
+            with self._waiting:
+                self._waiting.wait_for(lambda: self._requests or self._ended)
+                if self._ended:
+                    return
+                endpoint, payload = self._requests.popleft()
+            began = time.perf_counter()
+            read = self._decoded(endpoint, payload)
+            spent = time.perf_counter() - began
+            with self._waiting:
+                if len(self._read) < _REQUEST_DEPTH:
+                    self._read.append(read)
+                else:
+                    self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+            time.sleep(spent * (1.0 / _READER_SHARE - 1.0))
+
+    def _decoded(self, endpoint: Endpoint, payload: bytes) -> _Read:
+        """Decode and validate one request."""
+        read = _Read()
+        reason = self._attempt(endpoint, payload, partial(self._read_request, endpoint, read))
+        return read if reason is None else _Read(refused=[f"{endpoint.name}: {reason}"])
+
+    def _attempt(self, endpoint: Endpoint, payload: bytes, read: Callable[[Any], None]) -> str | None:
+        """Decode a message and read it; the reason for its refusal, if it is refused."""
+        try:
+            read(decode(payload, endpoint.type))
+        except (InputRefused, ConfigurationError) as refusal:
+            reason = str(refusal)
+        except Exception as error:  # a message that exposes a bug must not end the loop
+            _log.exception("reading a message on %s failed", endpoint.name)
+            reason = f"cannot be read: {type(error).__name__}: {error}"
+        else:
+            return None
+        return reason if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + "…"
+
+    def _read_state(self, endpoint: Endpoint, received: float, content: Any) -> None:
+        """Read one part of the state, and judge its stamp; one that is refused leaves the last in force."""
         if endpoint.key == "joint_states":
             q, v = self._joint_order.read(content)
-            self._parts["joint_states"] = _Part(received, decoding.stamp_of(content), q, v)
-            self._notes.pop("joint_states", None)
-        elif endpoint.key == "odom":
-            q, v = decoding.read_odometry(content, self._model.base_link)
-            self._parts["odom"] = _Part(received, decoding.stamp_of(content), q, v)
-            self._notes.pop("odom", None)
-        elif endpoint.key == "command":
-            commands.append(content.data.strip())
         else:
-            reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
-            changes.append(reader(self._vocabulary, endpoint.subject, content))
+            q, v = decoding.read_odometry(content, self._model.base_link)
+        stamp, part = decoding.stamp_of(content), self._parts[endpoint.key]
+        reason = part.stamps.judge(stamp, received)
+        if reason is not None:
+            raise InputRefused(reason)
+        part.stamp, part.q, part.v = stamp, q, v
+        self._notes.pop(endpoint.key, None)
+
+    def _read_request(self, endpoint: Endpoint, read: _Read, content: Any) -> None:
+        if endpoint.key == "command":
+            word = content.data.strip()
+            if len(word) > _LONGEST_WORD:
+                raise InputRefused(f"a command has at most {_LONGEST_WORD} characters, not {len(word)}")
+            read.commands.append(word)
+            return
+        reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
+        changes = reader(self._vocabulary, endpoint.subject, content)
+        for change in changes:
+            if isinstance(change, ChangeSettings):
+                self._prepare(change.settings)
+        read.changes.append(changes)
 
     def _joint_velocity(self) -> Array | None:
         part = self._parts["joint_states"]

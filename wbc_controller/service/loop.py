@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import gc
 import logging
-import math
+import re
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -23,6 +24,12 @@ _log = logging.getLogger(__name__)
 
 #: Time for which a logged sentence is not repeated, s.
 _SILENCE = 1.0
+#: Sentences that are logged in that time, at most.
+_MOST_SAID = 20
+#: Figures and quoted names in a sentence, which may be others in every cycle.
+_FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
+#: Longest time for which the interpreter leaves another thread running while the loop waits for it, s.
+_SWITCH_INTERVAL = 5.0e-4
 
 
 class ControlLoop:
@@ -74,9 +81,14 @@ class ControlLoop:
         latched = self._inputs.latch()
         timeout = self.controller.state_timeout
         trouble = self._clock.trouble()
+        if trouble:
+            self._inputs.restart()
         problem = Fault("CLOCK", trouble) if trouble else None
         problem = problem or stale_inputs(latched.ages, timeout, latched.notes)
         requests = latched.commands
+        if self._activate_when_fresh and any(word != "activate" for word in requests):
+            _log.warning("command %r: the activation at the start is cancelled", requests[0])
+            self._activate_when_fresh = False
         if self._activate_when_fresh and problem is None:
             self._activate_when_fresh = False
             requests = ("activate", *requests)
@@ -90,6 +102,9 @@ class ControlLoop:
             requests=requests,
             changes=latched.changes,
         )
+        late = stale_inputs(self._inputs.ages(), timeout) if result.solution is not None else None
+        if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
+            result = self.controller.cycle(self._clock.now(), latched.state, None, problem=late)
         stages |= result.stage_seconds
         decided = self._timer()
         report = self._report(latched, result, stages)
@@ -109,12 +124,14 @@ class ControlLoop:
 
     def _say(self, report: CycleReport, now: float) -> None:
         """Log refusals and faults; a sentence that recurs in every cycle is logged once per second."""
+        if any(now - at >= _SILENCE for at in self._said.values()):
+            self._said = {topic: at for topic, at in self._said.items() if now - at < _SILENCE}
         sentences = [f"refused {sentence}" for sentence in report.refused]
         if report.fault is not None:
             sentences.append(f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}")
         for sentence in sentences:
-            topic = sentence[:60]  # further on, figures may change from cycle to cycle
-            if not (now - self._said.get(topic, -math.inf) < _SILENCE):
+            topic = _FIGURES.sub("#", sentence)[:60]  # figures may change from cycle to cycle
+            if topic not in self._said and len(self._said) < _MOST_SAID:
                 self._said[topic] = now
                 _log.warning("%s", sentence)
 
@@ -150,9 +167,14 @@ class ControlLoop:
             activate: activate as soon as the inputs are fresh, without a command.
         """
         self._activate_when_fresh = activate
+        switch_interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        self._inputs.start_reader()
         try:
             self._run(stop, period, triggered=triggered)
         finally:
+            self._inputs.stop_reader()
+            sys.setswitchinterval(switch_interval)
             self._shut_down()
 
     def wake(self) -> None:
@@ -172,9 +194,9 @@ class ControlLoop:
             if triggered:
                 self._inputs.arrived.wait(self._patience(period))
                 self._inputs.arrived.clear()
-                self.cycle()
+                self._guarded_cycle()
                 continue
-            self.cycle()
+            self._guarded_cycle()
             now = self._clock.now()
             if now > deadline:
                 missed = int((now - deadline) / period) + 1
@@ -182,6 +204,14 @@ class ControlLoop:
                 deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
             self._clock.wait(stop, deadline - now if deadline > now else 0.0)
             deadline += period
+
+    def _guarded_cycle(self) -> None:
+        """Run one cycle; an exception, wherever it is raised, leads to zero torques now and damping with a fault."""
+        try:
+            self.cycle()
+        except Exception as error:
+            self.controller.fail(error)
+            self._outputs.publish_zeros()
 
     def _patience(self, period: float) -> float:
         """Time to wait for the next joint state, s: until the last one is stale, then one period at a time."""

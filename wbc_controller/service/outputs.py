@@ -50,6 +50,7 @@ class Outputs:
             for endpoint in endpoints
             if endpoint.direction is Direction.OUT
         }
+        self._zeros = encode(torques(self._actuation.command(np.zeros(model.na))))
         self._state_said: tuple[object, object] | None = None
         self._summary = StatusSummary(node, model.name)
         self._diagnostics_period = diagnostics_period
@@ -80,6 +81,10 @@ class Outputs:
                 if force is not None:
                     wrench = wrench_stamped(report.stamp, contact.wrench_frame, contact.basis @ force)
                     self._send("contact_wrench", wrench, name)
+
+    def publish_zeros(self) -> None:
+        """Send zero torques, whatever has failed: the bytes were made at the start."""
+        self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
         """Send the mode if it has changed, and diagnostics if they are due or a message was refused.

@@ -1,4 +1,4 @@
-"""Shutting down on SIGINT and SIGTERM."""
+"""Shutting down on SIGINT, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ import signal
 import threading
 from collections.abc import Iterator
 
-ENDING = (signal.SIGINT, signal.SIGTERM)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextlib.contextmanager
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set an event, and do nothing else.
+    """Let SIGINT, SIGTERM and SIGHUP set an event, and do nothing else.
+
+    SIGHUP comes when the terminal or the SSH connection is gone. It stays ignored where it is at the start: by that,
+    ``nohup`` asks for a process that goes on.
 
     The event is set on a thread of its own. A signal handler interrupts the main thread; if that is inside the event's
     `wait`, it holds the lock that `set` needs, and a handler that called `set` would wait for ever.
@@ -31,7 +34,9 @@ def set_by_signals(stop: threading.Event) -> Iterator[None]:
 
     watcher = threading.Thread(target=watch, name="signals", daemon=True)
     watcher.start()
-    previous = {number: signal.signal(number, lambda number, frame: None) for number in ENDING}
+    nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    ending = [number for number in ENDING if not (nohup and number == signal.SIGHUP)]
+    previous = {number: signal.signal(number, lambda number, frame: None) for number in ending}
     previous_fd = signal.set_wakeup_fd(writing)
     try:
         yield

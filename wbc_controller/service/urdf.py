@@ -6,11 +6,16 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 
+from wbc_controller.core.robot.mimic import LARGEST_URDF
+from wbc_controller.errors import InputRefused
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import Topic, endpoints
 
 _log = logging.getLogger(__name__)
+
+#: Longest message, in bytes: a URDF, its length, the end of the string and the padding.
+_LARGEST = LARGEST_URDF + 16
 
 
 def wait_for_urdf(
@@ -23,6 +28,8 @@ def wait_for_urdf(
 ) -> str:
     """Wait for the latched URDF, with a warning every 5 s; empty if `stop` is set before it arrives.
 
+    The first usable message counts. One that is too long is refused before it is decoded; the log says so once.
+
     Args:
         transport: transport on which the topic is opened.
         stop: event that ends the wait, within 5 s.
@@ -32,10 +39,21 @@ def wait_for_urdf(
         remappings: topic remappings, from name to name.
     """
     arrived = threading.Event()
-    payloads: list[bytes] = []
+    found, refused = "", False
 
     def receive(payload: bytes) -> None:
-        payloads.append(payload)
+        nonlocal found, refused
+        if arrived.is_set():
+            return
+        try:
+            if len(payload) > _LARGEST:
+                raise InputRefused(f"{len(payload)} bytes are too long for a URDF; it may have {LARGEST_URDF}")
+            found = str(decode(payload, endpoint.type).data)
+        except InputRefused as error:
+            if not refused:
+                _log.warning("refused %s: %s", endpoint.name, error)
+            refused = True
+            return
         arrived.set()
 
     row = [topic for topic in table if topic.key == "robot_description"]
@@ -45,4 +63,4 @@ def wait_for_urdf(
         if stop.is_set():
             return ""
         _log.warning("robot.urdf is empty: still waiting for the URDF on %s", endpoint.name)
-    return str(decode(payloads[-1], endpoint.type).data)
+    return found

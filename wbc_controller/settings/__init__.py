@@ -50,7 +50,7 @@ from wbc_controller.settings.tasks import (
     TaskSettings,
     TorqueTask,
 )
-from wbc_controller.settings.values import LIST, NUMBER, Section
+from wbc_controller.settings.values import LIST, NUMBER, Name, Section
 
 NODE_NAME = "wbc_controller"
 
@@ -65,9 +65,9 @@ class Settings(Section):
     safety: SafetySettings = SafetySettings()
     guard: GuardSettings = GuardSettings()
     audit: AuditSettings = AuditSettings()
-    tasks: dict[str, TaskSettings] = Field(min_length=1)
-    contacts: dict[str, ContactSettings] = Field(default_factory=dict)
-    loops: dict[str, LoopSettings] = Field(default_factory=dict)
+    tasks: dict[Name, TaskSettings] = Field(min_length=1)
+    contacts: dict[Name, ContactSettings] = Field(default_factory=dict)
+    loops: dict[Name, LoopSettings] = Field(default_factory=dict)
     mock: MockSettings = MockSettings()
 
     @model_validator(mode="after")

@@ -12,7 +12,15 @@ from pydantic import BaseModel, ValidationError
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import LIST, NODE_NAME, NUMBER, ContactSettings, Settings, TaskSettings
-from wbc_controller.settings.resources import share_folder
+from wbc_controller.settings.resources import is_file, read_text, share_folder, shown
+
+#: Longest configuration file, in characters.
+_LARGEST_FILE = 1_000_000
+#: Most values of a YAML text, each alias counted as all that it stands for.
+_MOST_VALUES = 20_000
+#: Longest value of a YAML text, and longest whole number in it, in characters.
+_LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32
+_INTEGER = "tag:yaml.org,2002:int"
 
 
 def find_configuration(name: str) -> Path:
@@ -23,16 +31,16 @@ def find_configuration(name: str) -> Path:
     """
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
-        if not path.is_file():
+        if not is_file(path):
             raise ConfigurationError(
-                f"configuration file {name!r} does not exist; {valid_choices(path.stem, shipped_configurations())}; "
-                "or the path of a .yaml file"
+                f"configuration file {shown(name)} does not exist; "
+                f"{valid_choices(path.stem, shipped_configurations())}; or the path of a .yaml file"
             )
         return path
     shipped = shipped_configurations()
     if name not in shipped:
         raise ConfigurationError(
-            f"no configuration is named {name!r}; {valid_choices(name, shipped)}; or give the path of a .yaml file"
+            f"no configuration is named {shown(name)}; {valid_choices(name, shipped)}; or give the path of a .yaml file"
         )
     return shipped[name]
 
@@ -54,21 +62,41 @@ def load_settings(path: Path) -> Settings:
     Raises:
         ConfigurationError: with one line per mistake: file, key, value, and the valid choices.
     """
+    content = read_yaml(read_text(path, str(path), _LARGEST_FILE), str(path))
+    return parse_settings(_parameters_of(content, path), str(path))
+
+
+def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
+    """Read a YAML text as plain values: files, and changes that arrive while the controller runs.
+
+    What is too large, with aliases expanded, is refused before any value is made.
+
+    Args:
+        text: one YAML document.
+        source: its origin, for messages.
+        loader: a safe loader of PyYAML: ``yaml.SafeLoader`` or the faster ``yaml.CSafeLoader``.
+
+    Raises:
+        ConfigurationError: where the text is not valid YAML, has a duplicate key, an alias within what it stands for,
+            a value or a whole number that is too long, or too many values.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error}") from error
-    try:
-        _refuse_duplicates(yaml.compose(text, Loader=yaml.SafeLoader), path)
-        content = yaml.safe_load(text)
+        reader = loader(text)
+        try:
+            node = reader.get_single_node()
+            if node is None:
+                return None
+            _count(node, source, (), {})
+            return reader.construct_document(node)
+        finally:
+            reader.dispose()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        where = f"{path}:{mark.line + 1}" if mark else str(path)
+        where = f"{source}:{mark.line + 1}" if mark else source
         raise ConfigurationError(f"{where}: not valid YAML: {error.problem or error.context}") from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         # The last three are raised on impossible dates and numbers, on keys that are lists, and on deep nesting.
-        raise ConfigurationError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
-    return parse_settings(_parameters_of(content, path), str(path))
+        raise ConfigurationError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
@@ -88,21 +116,48 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
         raise ConfigurationError("\n".join(lines)) from error
 
 
-def _refuse_duplicates(node: yaml.Node | None, path: Path, keys: tuple[str, ...] = ()) -> None:
-    """Refuse a duplicate key, since YAML itself would silently use the last one."""
-    if not isinstance(node, yaml.MappingNode):
-        return
-    lines: dict[str, int] = {}
-    for key_node, value_node in node.value:
-        line = key_node.start_mark.line + 1
-        key = str(key_node.value)
-        if key in lines:
-            dotted = ".".join([*keys[2:], key])  # without the node and ros__parameters, as in all messages
+def _count(node: yaml.Node, source: str, keys: tuple[str, ...], counts: dict[int, int]) -> int:
+    """Count the values of a node with aliases expanded, visiting each node once; refuse what `read_yaml` refuses."""
+    where = f"{source}:{node.start_mark.line + 1}"
+    if id(node) in counts:
+        if not counts[id(node)]:
+            raise ConfigurationError(f"{where}: not valid YAML: an alias stands within what it stands for")
+        return counts[id(node)]
+    counts[id(node)] = 0  # until it is counted
+    count = 1
+    if isinstance(node, yaml.ScalarNode):
+        longest = _LONGEST_INTEGER if node.tag == _INTEGER else _LONGEST_VALUE
+        if len(node.value) > longest:
+            what = "whole number" if node.tag == _INTEGER else "value"
             raise ConfigurationError(
-                f"{path}:{line}: {dotted}: the key {key!r} stands twice, first in line {lines[key]}; keep one of them"
+                f"{where}: {_dotted(keys)}: a {what} of {len(node.value)} characters; it has at most {longest}"
             )
-        lines[key] = line
-        _refuse_duplicates(value_node, path, (*keys, key))
+    elif isinstance(node, yaml.SequenceNode):
+        for value in node.value:
+            count += _count(value, source, keys, counts)
+    elif isinstance(node, yaml.MappingNode):
+        lines: dict[str, int] = {}
+        for key_node, value in node.value:
+            count += _count(key_node, source, keys, counts)
+            key, line = str(key_node.value), key_node.start_mark.line + 1
+            if key in lines:  # YAML itself would silently use the last one
+                raise ConfigurationError(
+                    f"{source}:{line}: {_dotted((*keys, key))}: the key {key!r} stands twice, first in line "
+                    f"{lines[key]}; keep one of them"
+                )
+            lines[key] = line
+            count += _count(value, source, (*keys, key), counts)
+    if count > _MOST_VALUES:
+        raise ConfigurationError(
+            f"{where}: {_dotted(keys)}: more than {_MOST_VALUES} values, each alias counted as what it stands for"
+        )
+    counts[id(node)] = count
+    return count
+
+
+def _dotted(keys: tuple[str, ...]) -> str:
+    """A key as in all messages: without the node and ros__parameters."""
+    return ".".join(keys[2:] if keys[1:2] == ("ros__parameters",) else keys) or "the text"
 
 
 def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
@@ -123,7 +178,9 @@ def _explain(problem: Any, source: str) -> str:
     location = [part for part in problem["loc"] if part not in (NUMBER, LIST)]
     if len(location) > 2 and location[2] in _tags_of(str(location[0])):
         del location[2]  # the kind of the task or contact, which is not a key of the file
-    key = ".".join(str(part) for part in location)
+    if location[-1:] == ["[key]"]:
+        return f"{source}: {'.'.join(map(str, location[:-2]))}: {problem['msg'].removeprefix('Value error, ')}"
+    key = ".".join(text if (text := str(part)).isprintable() else repr(text) for part in location)
     about = _description(problem["loc"])
     about = f" ({about})" if about else ""
     if problem["type"] == "extra_forbidden":

@@ -82,7 +82,7 @@ class SelfCollisionSettings(Section):
 class LimitSettings(Section):
     """Limits in the quadratic program; the torque limits always apply."""
 
-    live = ("position_margin", "position_horizon", "velocity_scale", "acceleration", "torque_rate")
+    live = ("position_margin", "position_horizon", "velocity_scale", "acceleration")
 
     position: bool = Field(True, description="Enforce the URDF's joint position limits.")
     position_margin: NonNegative = Field(0.02, le=1.0, description="Distance kept from the position limits, rad.")
@@ -100,6 +100,10 @@ class LimitSettings(Section):
         description="Largest joint acceleration, rad/s². A joint must be able to brake with it before its position "
         "limit: choose a value that the motors can reach.",
     )
-    torque_rate: Positive = Field(100.0, le=1.0e5, description="Largest torque change, in effort limits per second.")
+    torque_rate: Positive = Field(
+        100.0,
+        le=1.0e3,
+        description="Largest torque change, in effort limits per second; by one period's worth at most per command.",
+    )
     self_collision: SelfCollisionSettings = Field(SelfCollisionSettings(), description="Distances between links.")
     torque_speed: TorqueSpeedSettings = Field(TorqueSpeedSettings(), description="Torque-speed curve of the motors.")

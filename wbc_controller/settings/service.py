@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from wbc_controller.settings.contacts import Direction
-from wbc_controller.settings.values import Gain, NonNegative, Positive, Section
+from wbc_controller.settings.values import NonNegative, Positive, Section
+
+#: Joint damping, N·m·s/rad: a motor of a humanoid's leg has a fraction of it; beyond, a mistaken unit is more likely.
+Damping = Annotated[NonNegative, Field(le=100.0)]
 
 
 class ControlSettings(Section):
@@ -48,17 +51,82 @@ class SolverSettings(Section):
 
 
 class SafetySettings(Section):
-    """Freshness of the inputs, activation, and the way down to zero torque."""
-
-    live = ("state_timeout", "activation_ramp", "hold_time", "damping_time", "damping")
+    """Freshness and plausibility of the inputs, activation, and the way down to zero torque: none of it is live."""
 
     state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
         0.05, description="Largest age of a joint state or base state from which torques are computed, s."
     )
     activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp up, s.")
-    hold_time: NonNegative = Field(0.1, le=1.0, description="Longest time without a solution before damping mode, s.")
+    hold_time: NonNegative = Field(
+        0.1, le=1.0, description="Longest time without a solution within `hold_window` before damping mode, s."
+    )
+    hold_window: NonNegative = Field(
+        1.0,
+        le=60.0,
+        description="Window over which the time without a solution adds up, s; 0 counts only without interruption.",
+    )
+    relax_time: NonNegative = Field(
+        0.5, le=60.0, description="Longest time with relaxed constraints within `relax_window` before damping mode, s."
+    )
+    relax_window: Annotated[Positive, Field(le=600.0)] = Field(
+        2.0, description="Window over which the time with relaxed constraints adds up, s; longer than `relax_time`."
+    )
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
-    damping: Gain = Field(2.0, description="Joint damping while holding and damping, N·m·s/rad.")
+    damping: Damping = Field(
+        2.0,
+        description="Joint damping while holding and damping, N·m·s/rad; less at joints whose inertia is so small that "
+        "it would change the sign of their velocity within a period.",
+    )
+    max_tilt: Annotated[Positive, Field(le=3.2)] = Field(
+        1.0,
+        description="Angle between the base's upward direction and that at the activation, rad, above which a robot "
+        "with a floating base has fallen; 3.2 for none.",
+    )
+    min_height: NonNegative = Field(
+        0.4,
+        le=1.0,
+        description="Height of the base above the lowest end of a limb, as a share of that at the activation, below "
+        "which a robot with a floating base has fallen; 0 for none.",
+    )
+    max_magnitude: Annotated[Positive, Field(le=1.0e9)] = Field(
+        1.0e6, description="Largest plausible joint position or base coordinate, rad or m."
+    )
+    max_joint_speed: Annotated[Positive, Field(ge=1.0, le=100.0)] = Field(
+        5.0, description="Largest plausible joint velocity, as a multiple of the URDF's velocity limit."
+    )
+    max_base_speed: Annotated[Positive, Field(le=1.0e3)] = Field(
+        20.0, description="Largest plausible velocity of the base along an axis, m/s."
+    )
+    max_base_turn: Annotated[Positive, Field(le=1.0e3)] = Field(
+        50.0, description="Largest plausible angular velocity of the base about an axis, rad/s."
+    )
+    joint_mismatch: Annotated[Positive, Field(le=100.0)] = Field(
+        0.2,
+        description="Largest plausible difference between the change of a joint position and its velocity, integrated "
+        "over the last 0.2 s, rad.",
+    )
+    base_mismatch: Annotated[Positive, Field(le=100.0)] = Field(
+        0.1, description="Likewise of the base's position along an axis, m: a larger jump of the odometry is a fault."
+    )
+    base_turn_mismatch: Annotated[Positive, Field(le=10.0)] = Field(
+        0.2, description="Likewise of the base's orientation about an axis, rad."
+    )
+    frozen_motion: Annotated[Positive, Field(le=100.0)] = Field(
+        0.03,
+        description="Largest motion that a joint's velocity may tell, integrated over the last 0.2 s, while its "
+        "position repeats bit for bit, rad.",
+    )
+    frozen_time: Annotated[Positive, Field(le=60.0)] = Field(
+        0.1,
+        description="Longest time for which the joint states, or the base's pose and twist, may repeat bit for bit at "
+        "velocities that are not zero, s; not less than `state_timeout`.",
+    )
+
+    @model_validator(mode="after")
+    def _lasts(self) -> SafetySettings:
+        if not (self.relax_time < self.relax_window):
+            raise ValueError(f"relax_window = {self.relax_window}: must be above relax_time = {self.relax_time}")
+        return self
 
 
 class GuardSettings(Section):
@@ -67,7 +135,7 @@ class GuardSettings(Section):
     patience: Annotated[Positive, Field(le=1.0)] = Field(
         0.012, description="Lateness of a command, in wall time, at which the guard takes over, s."
     )
-    damping: Gain = Field(2.0, description="Joint damping, N·m·s/rad.")
+    damping: Damping = Field(2.0, description="Joint damping, N·m·s/rad.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
     torque: Annotated[Positive, Field(le=1.0)] = Field(
         0.2,
@@ -104,4 +172,4 @@ class MockSettings(Section):
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
         0.1, description="Age of the torques at which the robot damps its joints by itself, s."
     )
-    damping: Gain = Field(2.0, description="Joint damping while no torques arrive, N·m·s/rad.")
+    damping: Damping = Field(2.0, description="Joint damping while no torques arrive, N·m·s/rad.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -14,6 +15,20 @@ def _finite(value: float) -> float:
     return value
 
 
+def _name(value: str) -> str:
+    if not (re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", value) and len(value) <= _LONGEST_NAME):
+        shown = f"the name {value!r}" if len(value) <= _LONGEST_NAME else f"a name of {len(value)} characters"
+        raise ValueError(
+            f"{shown} cannot be part of a ROS topic's: it takes letters, digits and underscores, no digit in front, "
+            f"and at most {_LONGEST_NAME} characters"
+        )
+    return value
+
+
+#: Longest name of a task or contact, in characters; a ROS topic's whole name has at most 247.
+_LONGEST_NAME = 100
+#: Name of a task, contact or loop, which stands in topics.
+Name = Annotated[str, AfterValidator(_name)]
 Finite = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[Finite, Field(gt=0.0)]
 NonNegative = Annotated[Finite, Field(ge=0.0)]

@@ -47,10 +47,10 @@ class DdsTransport:
         namespace: namespace of the node, starting with a slash.
         domain_id: domain, 0 to 232; by default that of ``ROS_DOMAIN_ID``.
         discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; by default that of
-            ``ROS_AUTOMATIC_DISCOVERY_RANGE``.
+            ``ROS_AUTOMATIC_DISCOVERY_RANGE``, and without it ``LOCALHOST``.
 
     Raises:
-        TransportError: if a setting is not valid, or DDS cannot be started.
+        TransportError: if a setting is not valid, security is enforced, or DDS cannot be started.
     """
 
     def __init__(

@@ -1,13 +1,20 @@
-"""Domain and discovery of a DDS participant, by ROS 2's environment variables as Jazzy's rmw_cyclonedds reads them."""
+"""Domain and discovery of a DDS participant, by ROS 2's environment variables.
+
+They are read as Jazzy's rmw_cyclonedds reads them, with one difference: without a range it is the loopback, because
+everybody on the network could command the robot.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import logging
 import os
+import re
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -56,14 +63,17 @@ def domain_settings(
 ) -> DomainSettings:
     """Read ``ROS_DOMAIN_ID``, ``ROS_AUTOMATIC_DISCOVERY_RANGE``, ``ROS_STATIC_PEERS`` and ``ROS_LOCALHOST_ONLY``.
 
+    Without a range it is ``LOCALHOST``.
+
     Args:
         environment: the environment variables.
         domain_id: overrides the domain of the environment.
         discovery_range: overrides the range of the environment.
 
     Raises:
-        TransportError: if a value is not valid.
+        TransportError: if a value is not valid, or security is enforced.
     """
+    _refuse_security(environment)
     if domain_id is None:
         domain_id = _domain_id(environment.get("ROS_DOMAIN_ID", ""), "ROS_DOMAIN_ID")
     elif not 0 <= domain_id <= MAX_DOMAIN_ID:
@@ -75,8 +85,11 @@ def domain_settings(
         return DomainSettings(domain_id, DiscoveryRange.LOCALHOST)
     else:
         reach = _discovery_range(
-            environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+            environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST", "ROS_AUTOMATIC_DISCOVERY_RANGE"
         )
+
+    if reach is DiscoveryRange.LOCALHOST and discovery_range is None:
+        _log.info("topics are on this computer alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens them to the network")
 
     peers = tuple(peer.strip() for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer.strip())
     if peers and reach in (DiscoveryRange.OFF, DiscoveryRange.SYSTEM_DEFAULT):
@@ -95,11 +108,35 @@ def configuration(settings: DomainSettings, uri: str = "") -> str:
     Returns:
         XML, followed by `uri`.
     """
-    parts = [_xml(settings), uri]
+    parts = [_xml(settings, own_interfaces=_names_interfaces(uri)), uri]
     return ",".join(part for part in parts if part)
 
 
-def _xml(settings: DomainSettings) -> str:
+def _names_interfaces(uri: str) -> bool:
+    """Whether ``CYCLONEDDS_URI``, or a file that it names, chooses network interfaces.
+
+    Cyclone adds them to ours, and refuses to start if one of them is the loopback too.
+    """
+    texts = [uri]
+    for part in uri.split(","):
+        with contextlib.suppress(OSError, ValueError):
+            texts.append(Path(part.strip().removeprefix("file://")).read_text(encoding="utf-8"))
+    return any(re.search(r"<\s*(\w+:)?NetworkInterface(Address)?\b", text) for text in texts)
+
+
+def _refuse_security(environment: Mapping[str, str]) -> None:
+    """Refuse to run unsecured where security is enforced; say so where it is only wished for."""
+    if environment.get("ROS_SECURITY_ENABLE") != "true":
+        return
+    if environment.get("ROS_SECURITY_STRATEGY") == "Enforce":
+        raise TransportError(
+            "ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, and the embedded DDS cannot secure its "
+            "messages; run the ROS 2 executables wbc_controller, mock_robot and guard instead, or unset these variables"
+        )
+    _log.warning("ROS_SECURITY_ENABLE is true, and the embedded DDS cannot secure its messages: they are open to all")
+
+
+def _xml(settings: DomainSettings, *, own_interfaces: bool = False) -> str:
     reach, peers = settings.discovery_range, settings.static_peers
     if reach is DiscoveryRange.SYSTEM_DEFAULT:
         return ""
@@ -115,12 +152,13 @@ def _xml(settings: DomainSettings) -> str:
             f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
         )
     if reach is DiscoveryRange.LOCALHOST:
+        peers = ("localhost", *peers)
+    if reach is DiscoveryRange.LOCALHOST and not own_interfaces:
         # Jazzy does not choose an interface, and participants of its Cyclone (0.10) then still discover each other.
         # This Cyclone (11.0) takes the first network card, where Jazzy does not find it; on the loopback it does
         # (measured).
-        network_card = '<NetworkInterface autodetermine="true"/>' if peers else ""
+        network_card = '<NetworkInterface autodetermine="true"/>' if settings.static_peers else ""
         general += f'<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>{network_card}</Interfaces>'
-        peers = ("localhost", *peers)
     if peers:
         discovery += f"<Peers>{''.join(f'<Peer Address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
     return (

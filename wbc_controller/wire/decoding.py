@@ -71,8 +71,25 @@ _JOINT_FIELDS: Mapping[str, str] = {"posture": "position", "torque": "effort"}
 
 
 def stamp_of(content: Any) -> int:
-    """Time in a message's header, ns."""
-    return nanoseconds(content.header.stamp)
+    """Time in a message's header, ns.
+
+    Raises:
+        InputRefused: as `time_of`.
+    """
+    return time_of(content.header.stamp, "header.stamp")
+
+
+def time_of(stamp: Any, what: str) -> int:
+    """Read a builtin_interfaces/Time, ns.
+
+    Raises:
+        InputRefused: where it is negative, or has a second or more of nanoseconds.
+    """
+    if not (stamp.sec >= 0 and 0 <= stamp.nanosec < 1_000_000_000):
+        raise InputRefused(
+            f"{what} has sec = {stamp.sec}, nanosec = {stamp.nanosec}; sec is not negative, nanosec is below 1e9"
+        )
+    return nanoseconds(stamp)
 
 
 def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
@@ -147,26 +164,39 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Values of the task's joints, matched by name; none may be missing."""
+    """Values of the task's joints by name; every joint of the task must be given."""
     if len(values) != len(names):
         raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+    order = _joint_order(joints, names, what)
+    return np.asarray(finite(values, what)[order])
+
+
+def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
+    """Where each joint of a task stands among the names of a message, (k,)."""
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
     no_duplicates(names)
-    given = dict(zip(names, values, strict=True))
-    missing = [name for name in joints if name not in given]
+    places = {name: i for i, name in enumerate(names)}
+    missing = [name for name in joints if name not in places]
     if missing:
         raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
-    return finite([given[name] for name in joints], what)
+    return np.array([places[name] for name in joints], dtype=np.intp)
+
+
+#: Points of a trajectory, at most.
+_MOST_POINTS = 5000
 
 
 def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
     if not content.points:
         raise InputRefused("the trajectory has no points")
+    if len(content.points) > _MOST_POINTS:
+        raise InputRefused(f"the trajectory has {len(content.points)} points; it takes at most {_MOST_POINTS}")
     kind = vocabulary.kinds[task]
     if kind == "posture":
-        knots = [_joint_knot(vocabulary.joints[task], content.joint_names, point) for point in content.points]
+        order = _joint_order(vocabulary.joints[task], content.joint_names, "positions")
+        knots = [_joint_knot(order, point) for point in content.points]
     else:
         _in_frame_of(vocabulary, task, content)
         if len(content.joint_names) > 1:
@@ -175,15 +205,21 @@ def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[C
     times = [knot.time for knot in knots]
     if any(not (a < b) for a, b in itertools.pairwise(times)) or times[0] < 0.0:
         raise InputRefused(f"time_from_start must rise from 0: {shortened(np.array(times))} s")
+    if knots[-1].velocity.any():
+        raise InputRefused(
+            f"the last point has the velocity {shortened(knots[-1].velocity)}; a trajectory ends at rest"
+        )
     stamp = stamp_of(content)
     return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
 
 
-def _joint_knot(joints: Sequence[str], names: Sequence[str], point: Any) -> Knot:
-    arrays = [_joint_values(joints, names, point.positions, "positions")]
-    for what in ("velocities", "accelerations"):
+def _joint_knot(order: np.ndarray, point: Any) -> Knot:
+    arrays = []
+    for what in ("positions", "velocities", "accelerations"):
         values = getattr(point, what)
-        arrays.append(_joint_values(joints, names, values, what) if len(values) else np.zeros(len(joints)))
+        if len(values) != len(order) and (len(values) or what == "positions"):
+            raise InputRefused(f"{what} has {len(values)} values for {len(order)} names")
+        arrays.append(finite(values, what)[order] if len(values) else np.zeros(len(order)))
     return Knot(nanoseconds(point.time_from_start) * 1.0e-9, *arrays)
 
 
@@ -219,10 +255,20 @@ def _wrench(content: Any) -> Array:
     return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
 
 
-#: Longest update in characters: it is parsed within a control cycle.
+#: Longest update in characters.
 _LONGEST_UPDATE = 4096
-#: The loader written in C, if it is installed: it is five times as fast.
-_YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _UpdateLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # written in C where it can be
+    """Refuses keys that stand twice, of which YAML itself takes the last."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        keys = [str(key.value) for key, _ in node.value]
+        twice = [key for key in keys if keys.count(key) > 1]
+        if twice:
+            raise yaml.YAMLError(f"the key {twice[0]!r} stands twice; keep one of them")
+        return super().construct_mapping(node, deep)
+
 
 _UPDATE_FORM = (
     "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
@@ -242,7 +288,9 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
     if len(content.data) > _LONGEST_UPDATE:
         raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
     try:
-        update = yaml.load(content.data, Loader=_YAML_LOADER)  # noqa: S506  # a safe loader
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(content.data, Loader=_UpdateLoader)):
+            raise InputRefused(f"an update has no aliases (*name); {_UPDATE_FORM}")
+        update = yaml.load(content.data, Loader=_UpdateLoader)  # noqa: S506  # a safe loader
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         # The last three are raised on impossible dates and numbers, on keys that are lists, and on deep nesting.
         raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error

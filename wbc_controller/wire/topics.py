@@ -37,7 +37,7 @@ STATE_OUT = Qos(reliable=True, latched=False, depth=1)
 #: Outgoing torques: reliable, with only the newest message kept.
 COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)
 #: Requests by a user: reliable, with a history deep enough for several in a row.
-REQUEST = Qos(reliable=True, latched=False, depth=10)
+REQUEST = Qos(reliable=True, latched=False, depth=1000)
 #: Outgoing transforms: the quality of service of tf2's own broadcasters.
 TF_OUT = Qos(reliable=True, latched=False, depth=100)
 #: Latched (transient local): a late subscriber receives the last message.

@@ -12,7 +12,7 @@ from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.references import make_board
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.robot.dynamics import Dynamics
-from wbc_controller.core.robot.mimic import read_mimics
+from wbc_controller.core.robot.mimic import parse_urdf, read_mimics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import RobotState, frozen
@@ -242,7 +242,7 @@ def test_a_follower_of_a_follower_follows_the_first():
         joint("two", "b", "c", more=mimic("one", 2.0, 0.1)),
         joint("three", "c", "d", more=mimic("two", 3.0, 0.5)),
     ]
-    three = read_mimics(robot(*parts))["three"]
+    three = read_mimics(parse_urdf(robot(*parts)))["three"]
     assert (three.leader, three.ratio, three.offset) == ("one", 6.0, pytest.approx(0.8))
 
 
@@ -327,12 +327,16 @@ def test_what_cannot_be_driven_is_refused_by_name(case):
     [
         (mimic("nobody", 1.0), "joint 'two' mimics 'nobody', which is no joint; Valid: one, two"),
         (mimic("two", 1.0), "the joints two mimic each other in a circle"),
-        (mimic("one", 1.0).replace("1.0", "much"), "the multiplier in the mimic of joint 'two': could not convert"),
+        (mimic("one", 1.0).replace("1.0", "much"), "joint 'two': <mimic multiplier='much'> is not a number"),
     ],
 )
 def test_a_mimic_that_makes_no_sense_is_refused(more, said):
     with pytest.raises(ConfigurationError, match=said):
-        read_mimics(robot(link("a"), link("b"), link("c"), joint("one", "a", "b"), joint("two", "b", "c", more=more)))
+        read_mimics(
+            parse_urdf(
+                robot(link("a"), link("b"), link("c"), joint("one", "a", "b"), joint("two", "b", "c", more=more))
+            )
+        )
 
 
 def test_an_actuator_that_is_too_weak_is_named():

@@ -23,6 +23,11 @@ from wbc_controller.core.tasks import Task
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
 
+#: Time in which the reference may go to the first point of a trajectory that it is not on its way to, s, at least.
+_SHORTEST_JOIN = 0.05
+#: Distance from the way of the reference, m or rad, up to which a point is on it.
+_ON_THE_WAY = 1.0e-3
+
 
 @dataclass(frozen=True, slots=True)
 class TaskPlan:
@@ -224,15 +229,19 @@ class ReferenceBoard:
     def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
         """Join the present reference to a setpoint, or to the future points of a trajectory, at least its last point.
 
-        Points at or before the present time are skipped, so that the reference does not jump. Sending a trajectory
-        again while it is followed changes nothing: part of a quintic is the quintic between its ends.
+        Points at or before the present time are skipped, and so are points that could only be reached by a jump: less
+        than `_SHORTEST_JOIN` ahead, and off the way of the present reference. Sending a trajectory again while it is
+        followed changes nothing: part of a quintic is the quintic between its ends.
         """
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time, goal.duration)
+        present = self.present(goal.task, time)
         ahead = [knot for knot in _knots(goal, time) if knot.time > time]
+        while ahead and ahead[0].time - time < _SHORTEST_JOIN and _is_off_the_way(present, ahead[0]):
+            ahead.pop(0)
         if not ahead:
             return self._towards(goal.task, goal.points[-1].position, time)
-        return Trajectory([self.present(goal.task, time), *ahead])
+        return Trajectory([present, *ahead])
 
     def present(self, task: str, time: float) -> Knot:
         """Reference of one task at a time, in s."""
@@ -249,6 +258,13 @@ class ReferenceBoard:
             tuning=self._tuning.sample(time),
             anchors=self._anchors,
         )
+
+
+def _is_off_the_way(present: Knot, knot: Knot) -> bool:
+    """Whether a point is elsewhere than where the present reference goes by its velocity."""
+    n = min(len(present.position), len(present.velocity))
+    there = present.position[:n] + (knot.time - present.time) * present.velocity[:n]
+    return bool(np.abs(knot.position[:n] - there).max() > _ON_THE_WAY)
 
 
 def _knots(change: SetTrajectory, time: float) -> list[Knot]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -47,9 +48,9 @@ class Trajectory:
         size = len(knots[0].velocity)
         # A position is a vector, followed by a quaternion if it has four more components than the vector.
         self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
-        self._segments = [
-            _quintic(self._chart(a, b), b.time - a.time) for a, b in zip(self.knots, self.knots[1:], strict=False)
-        ]
+        self._times = [knot.time for knot in knots]
+        #: Coefficients of a segment by its number, computed when it is first sampled: knots may be thousands.
+        self._segments: dict[int, Array] = {}
         # Always the same objects, so that tasks can cache what depends on the reference alone.
         self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
@@ -81,9 +82,12 @@ class Trajectory:
             return self._before
         if time >= knots[-1].time:
             return self._after
-        i = next(i for i in range(len(knots) - 1) if time < knots[i + 1].time)
+        i = bisect.bisect_right(self._times, time) - 1
+        coefficients = self._segments.get(i)  # (6, k), by rising power
+        if coefficients is None:
+            a, b = knots[i], knots[i + 1]
+            coefficients = self._segments[i] = _quintic(self._chart(a, b), b.time - a.time)
         powers = (time - knots[i].time) ** np.arange(6)
-        coefficients = self._segments[i]  # (6, k), by rising power
         factors = np.arange(1, 6)
         x = powers @ coefficients
         x_dot = (factors * powers[:5]) @ coefficients[1:]

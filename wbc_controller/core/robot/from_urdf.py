@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.robot.actuation import Actuation
-from wbc_controller.core.robot.mimic import Followers, Mimic, read_mimics
+from wbc_controller.core.robot.mimic import Followers, Mimic, parse_urdf, read_mimics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.passive import PassiveForces, PassiveJoint
 from wbc_controller.core.robot.transmission import Transmission, make_drive
@@ -55,11 +55,12 @@ def build_model(
     Raises:
         ConfigurationError: where the URDF or a joint cannot be used.
     """
+    tree = parse_urdf(urdf)
     try:
         full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer()] if floating_base else []))
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
-    mimics, passive_joints = read_mimics(urdf), passive_joints or {}
+    mimics, passive_joints = read_mimics(tree), passive_joints or {}
     _check_names(full, joints, passive_joints, locked_joints or {}, mimics)
     following = {name: mimic for name, mimic in mimics.items() if mimic.leader in joints}
     for name in following:
@@ -70,6 +71,9 @@ def build_model(
             locked[name] = mimic.ratio * locked.get(mimic.leader, 0.0) + mimic.offset
     locked = {name: position for name, position in locked.items() if position != 0.0}
     model = _lock(full, [name for name in _joints_of(full) if name not in joints and name not in following], locked)
+    mass = pin.computeTotalMass(model)
+    if not (mass > 0.0):
+        raise ConfigurationError(f"robot.urdf: the links that move weigh {mass:g} kg together; one at least has a mass")
     moving = [model.getJointId(name) for name in (*joints, *following)]
     q_of, v_of = (
         {str(model.names[i]): int(getattr(model.joints[i], key)) for i in moving} for key in ("idx_q", "idx_v")

@@ -1,0 +1,446 @@
+"""States that no robot has, falls, and budgets over time: what the supervisor makes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.assembly.safety import make_supervisor_limits
+from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.records import Mode, RobotState, Solution
+from wbc_controller.safety.damping import stable_damping
+from wbc_controller.safety.supervisor import Supervisor
+
+PERIOD = 0.002
+NOTHING = NoSolution("nothing", "infeasible", None)
+
+
+class Body:
+    """A robot that moves as its velocities say, and a supervisor that sees it through `sensed`."""
+
+    def __init__(self, settings, model, **changes):
+        self.model = model
+        limits = make_supervisor_limits(settings, model)
+        self.limits = dataclasses.replace(limits, activation_ramp=0.0, **changes)
+        self.supervisor = Supervisor(model, self.limits)
+        self.base = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3]))
+        self.q, self.v = model.configuration(model.posture, self.base), np.zeros(model.nv)
+        self.now, self.stamp = 10.0, 5_000_000_000
+        self.tau = 0.5 * model.effort_limits
+        self.relaxed = ()
+        self.commands = []
+        self.supervisor.request("activate", self.now, None)
+
+    @property
+    def mode(self):
+        return self.supervisor.mode
+
+    @property
+    def fault(self):
+        return self.supervisor.fault
+
+    def solution(self):
+        return Solution(
+            v_dot=np.zeros(self.model.nv), tau=self.tau, forces={}, residuals={}, task_errors={}, binding={},
+            relaxed=self.relaxed, iterations=1,
+        )  # fmt: skip
+
+    def step(self, count=1, *, outcome=None, sensed=lambda q, v: (q, v), dt=PERIOD, velocity=None):
+        for _ in range(count):
+            self.now += dt
+            self.stamp += round(dt * 1e9)
+            self.q = pin.integrate(self.model.pinocchio, self.q, dt * self.v)
+            q, v = sensed(self.q.copy(), self.v.copy())
+            state = RobotState(self.stamp, q, v)
+            speeds = v[self.model.v_index] if velocity is None else velocity
+            made = (outcome or self.solution()) if self.supervisor.solving else None
+            self.commands.append(self.supervisor.step(self.now, state, speeds, None, made))
+        return self.commands[-1]
+
+    def says(self, code, *words):
+        assert self.mode is Mode.DAMPING
+        assert self.fault.code == code
+        for word in words:
+            assert word in self.fault.sentence
+
+
+@pytest.fixture
+def body(robot_of):
+    return lambda **changes: Body(*robot_of("go2"), **changes)
+
+
+def joint(model, i):
+    return model.q_index[i], model.v_index[i]
+
+
+def test_the_torque_rate_is_per_second_however_often_the_states_come(body):
+    """Five states per period: the torques may still change by one period's worth per period."""
+    robot = body(torque_rate=2.0)
+    robot.step(5)
+    before = robot.commands[-1].tau
+    robot.step(100, dt=PERIOD / 5.0)
+    gained = (robot.commands[-1].tau - before) / robot.model.effort_limits
+    np.testing.assert_allclose(gained, 2.0 * 20 * PERIOD, rtol=1e-6)
+
+
+def test_the_torques_of_a_late_command_change_by_no_more_than_one_period_s_worth(body):
+    robot = body(torque_rate=2.0)
+    robot.step(5)
+    before = robot.commands[-1].tau
+    robot.step(dt=0.03)
+    np.testing.assert_allclose(robot.commands[-1].tau - before, 2.0 * PERIOD * robot.model.effort_limits, rtol=1e-6)
+
+
+def test_a_clock_that_goes_back_keeps_the_torques_and_does_not_stop_the_way_to_zero(body):
+    robot = body(torque_rate=20.0, damping_time=0.05)
+    robot.step(50)
+    before = robot.commands[-1].tau
+    robot.supervisor.request("damp", robot.now, None)
+    robot.now -= 5.0
+    robot.step()
+    np.testing.assert_array_equal(robot.commands[-1].tau, before)
+    robot.step(60)
+    assert robot.mode is Mode.STOPPED
+    assert not robot.commands[-1].tau.any()
+
+
+def tilted(angle):
+    turn = pin.SE3ToXYZQUAT(pin.SE3(pin.exp3(np.array([angle, 0.0, 0.0])), np.zeros(3)))[3:]
+    return turn
+
+
+@pytest.mark.parametrize(("rate", "falls"), [(0.95, False), (1.1, True)])
+def test_a_base_that_tilts_too_far_has_fallen(body, rate, falls):
+    robot = body()
+    robot.step(10)
+    robot.v[3] = 1.0
+    robot.step(round(rate / PERIOD))
+    if falls:
+        robot.says("FALLEN", "the base is tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt")
+    else:
+        assert robot.mode is Mode.ACTIVE
+
+
+def test_a_slope_and_turning_about_the_vertical_are_no_fall(body):
+    robot = body()
+    slope = pin.exp3(np.array([1.2, 0.0, 0.0]))
+    robot.q = robot.model.configuration(robot.model.posture, pin.SE3(slope, np.zeros(3)))
+    robot.v[3:6] = slope.T @ np.array([0.0, 0.0, 2.0])
+    robot.step(1500)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
+    """The legs fold; the floor stays where the feet are, and the base's own height does not count."""
+    robot = body()
+    robot.step(10)
+    for leg in range(4):
+        robot.v[joint(robot.model, 3 * leg + 1)[1]] = 1.0
+        robot.v[joint(robot.model, 3 * leg + 2)[1]] = -1.5
+    robot.v[2] = 0.3  # the base rises in the world, as on stairs
+    robot.step(800)
+    robot.says("FALLEN", "above the lowest limb (limit 0.4 of the ", "safety.min_height")
+
+
+def test_stairs_are_no_fall(body):
+    robot = body()
+    robot.v[2] = -1.0
+    robot.step(1500)
+    assert robot.q[2] < -2.0
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_a_fixed_base_does_not_fall(body):
+    robot = body(fall=None)
+    robot.v[3] = 1.0
+    robot.step(1000)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_single_solutions_do_not_renew_the_time_for_holding(body):
+    robot = body(hold_time=0.1, hold_window=1.0)
+    robot.step(10)
+    held = 0
+    while robot.mode is not Mode.DAMPING:
+        assert held < 100
+        robot.step(9, outcome=NOTHING)
+        held += 9
+        if robot.mode is not Mode.DAMPING:
+            robot.step()
+    assert held * PERIOD == pytest.approx(0.1, abs=0.02)
+    robot.says("NO_SOLUTION", "held the last torques for 1", "within 1 s (limit 100 ms, safety.hold_time)", "nothing")
+
+
+def test_failures_that_are_rare_do_not_add_up(body):
+    robot = body(hold_time=0.1, hold_window=1.0)
+    for _ in range(60):
+        robot.step(2, outcome=NOTHING)
+        robot.step(48)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed(body):
+    robot = body()
+    robot.step(10)
+    robot.relaxed = ("self_collision",)
+    robot.step(100)
+    robot.relaxed = ()
+    robot.step(50)
+    robot.relaxed = ("joint_motion", "torque_rate")
+    robot.step(149)
+    assert robot.mode is Mode.ACTIVE
+    robot.step(4)
+    robot.says("RELAXED", "self_collision, joint_motion, torque_rate had to be relaxed for 50", "safety.relax_time")
+
+
+def test_relaxing_now_and_then_is_none(body):
+    robot = body()
+    for _ in range(30):
+        robot.relaxed = ("joint_motion",)
+        robot.step(40)
+        robot.relaxed = ()
+        robot.step(160)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_noise_of_sensors_is_plausible(body):
+    """Encoders with 5e-3 rad, velocities with 0.2 rad/s, a base with 3 mm and 0.1 m/s: a minute at 500 Hz."""
+    robot, rng = body(), np.random.default_rng(0)
+    model = robot.model
+
+    def noisy(q, v):
+        q[model.q_index] += rng.normal(0.0, 5e-3, model.nj)
+        v[model.v_index] += rng.normal(0.0, 0.2, model.nj)
+        q[:3] += rng.normal(0.0, 3e-3, 3)
+        v[:6] += rng.normal(0.0, 0.1, 6)
+        return q, v
+
+    for i in range(3000):
+        robot.v[model.v_index] = 2.0 * np.sin(0.1 * i + np.arange(model.nj))
+        robot.step(10, sensed=noisy)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_coarse_encoders_and_noise_at_rest_are_plausible(body):
+    robot, rng = body(), np.random.default_rng(0)
+    model = robot.model
+
+    def coarse(q, v):
+        v[model.v_index] += rng.normal(0.0, 0.2, model.nj)
+        return q, v
+
+    robot.step(15000, sensed=coarse)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_a_robot_at_rest_may_repeat_its_values_bit_for_bit(body):
+    robot = body()
+    robot.step(5000)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_slow_odometry_is_plausible(body):
+    """50 Hz at 1 m/s: the pose repeats for ten states, and then catches up."""
+    robot = body()
+    robot.v[0], robot.v[5] = 1.0, 0.5
+    robot.v[robot.model.v_index] = 0.3
+    kept = {}
+
+    def slow(q, v):
+        if (robot.stamp // 2_000_000) % 10 == 0 or not kept:
+            kept["q"], kept["v"] = q[:7].copy(), v[:6].copy()
+        q[:7], v[:6] = kept["q"], kept["v"]
+        return q, v
+
+    robot.step(500, sensed=slow)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_messages_that_are_lost_are_plausible(body):
+    robot, rng = body(fall=None), np.random.default_rng(1)
+    for i in range(300):
+        robot.v[robot.model.v_index] = 3.0 * np.sin(0.2 * i + np.arange(robot.model.nj))
+        robot.step(dt=PERIOD * int(rng.integers(1, 10)))
+    robot.v[robot.model.v_index] = -3.0
+    robot.step()
+    robot.v[robot.model.v_index] = 3.0  # it turned back while nobody looked
+    robot.step(dt=0.3)
+    robot.step(10)
+    assert robot.mode is Mode.ACTIVE
+
+
+@pytest.mark.parametrize("jump", [-1.0, 0.25, 3.2])
+def test_a_joint_that_jumps_is_named(body, jump):
+    robot = body()
+    robot.step(10)
+    robot.q[joint(robot.model, 4)[0]] += jump
+    robot.step()
+    name = robot.model.joints[4]
+    robot.says("IMPLAUSIBLE_STATE", f"joint {name!r} differs by {jump:.3g} rad", "limit 0.2, safety.joint_mismatch")
+
+
+def test_a_joint_whose_velocity_is_dead_is_named(body):
+    robot = body()
+    _, v = joint(robot.model, 4)
+    robot.v[v] = 2.0
+
+    def dead(q, speeds):
+        speeds[v] = 0.0
+        return q, speeds
+
+    robot.step(200, sensed=dead)
+    robot.says("IMPLAUSIBLE_STATE", repr(robot.model.joints[4]), "safety.joint_mismatch")
+
+
+def test_a_joint_whose_position_is_dead_is_named(body):
+    robot = body()
+    place, v = joint(robot.model, 4)
+    robot.v[v] = 0.5
+    start = robot.q[place]
+
+    def dead(q, speeds):
+        q[place] = start
+        return q, speeds
+
+    robot.step(40, sensed=dead)
+    robot.says(
+        "IMPLAUSIBLE_STATE", f"joint {robot.model.joints[4]!r} has stayed at one value", "0.03, safety.frozen_motion"
+    )
+
+
+@pytest.mark.parametrize(
+    ("what", "places", "speeds"),
+    [("the joint states", slice(7, None), slice(6, None)), ("the base's pose and twist", slice(0, 7), slice(0, 6))],
+)
+def test_values_that_are_frozen_under_fresh_stamps_are_named(body, what, places, speeds):
+    robot, rng = body(), np.random.default_rng(0)
+    kept = {}
+
+    def frozen(q, v):
+        kept.setdefault("q", q[places].copy()), kept.setdefault("v", v[speeds].copy())
+        q[places], v[speeds] = kept["q"], kept["v"]
+        return q, v
+
+    for _ in range(45):
+        robot.v = rng.normal(0.0, 1e-3, robot.model.nv)
+        robot.step(sensed=frozen)
+    assert robot.mode is Mode.ACTIVE
+    for _ in range(10):
+        robot.v = rng.normal(0.0, 1e-3, robot.model.nv)
+        robot.step(sensed=frozen)
+    robot.says("IMPLAUSIBLE_STATE", f"{what} have repeated for 102 ms", "limit 100 ms, safety.frozen_time")
+
+
+@pytest.mark.parametrize(
+    ("axis", "jump", "key"), [(0, 1.0, "base_mismatch"), (1, -0.15, "base_mismatch"), (2, 0.12, "base_mismatch")]
+)
+def test_odometry_that_jumps_is_a_fault(body, axis, jump, key):
+    robot = body()
+    robot.step(10)
+    robot.q[axis] += jump
+    robot.step()
+    robot.says("IMPLAUSIBLE_STATE", "xyz"[axis], f"{jump:.3g} m", f"limit 0.1, safety.{key}")
+    assert (np.abs(robot.commands[-1].tau - robot.commands[-2].tau) <= 0.2 * robot.model.effort_limits + 1e-9).all()
+
+
+def test_an_orientation_that_jumps_is_a_fault(body):
+    robot = body()
+    robot.step(10)
+    robot.q[3:7] = tilted(0.4)
+    robot.step()
+    robot.says("IMPLAUSIBLE_STATE", "base rotation about x", "0.4 rad", "limit 0.2, safety.base_turn_mismatch")
+
+
+def test_a_small_correction_of_the_odometry_is_plausible(body):
+    robot = body()
+    robot.step(10)
+    for _ in range(10):
+        robot.q[0] += 0.05
+        robot.step(250)
+    assert robot.mode is Mode.ACTIVE
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("place", "value", "key"),
+    [
+        (8, 500.0, "max_joint_speed"),
+        (0, 25.0, "max_base_speed"),
+        (4, 60.0, "max_base_turn"),
+        (8, 1e200, "max_joint_speed"),
+    ],
+)
+def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign):
+    robot = body()
+    robot.step(10)
+
+    def absurd(q, v):
+        v[place] = sign * value
+        return q, v
+
+    command = robot.step(sensed=absurd)
+    robot.says("IMPLAUSIBLE_STATE", f"{sign * value:.3g}", f"safety.{key}")
+    assert np.isfinite(command.tau).all()
+
+
+@pytest.mark.parametrize("value", [1e7, -1e200, np.inf, np.nan])
+@pytest.mark.parametrize("place", [0, 9])
+def test_positions_that_no_robot_has_are_a_fault_and_are_not_compared_with(body, place, value):
+    robot = body()
+    robot.step(10)
+
+    def absurd(q, v):
+        q[place] = value
+        return q, v
+
+    robot.step(sensed=absurd)
+    robot.says("IMPLAUSIBLE_STATE", f"value {place} is {value:.3g}", "safety.max_magnitude")
+    robot.step()
+    robot.supervisor.request("reset", robot.now, None)
+    assert robot.supervisor.request("activate", robot.now, None)
+
+
+def test_activation_is_refused_while_the_state_is_not_plausible(body):
+    robot = body()
+    robot.supervisor.request("damp", robot.now, None)
+    robot.supervisor.request("reset", robot.now, None)
+    robot.step(velocity=None, sensed=lambda q, v: (q, v + 1e3))
+    with pytest.raises(InputRefused, match=r"'activate' is refused: .* has the velocity 1e\+03"):
+        robot.supervisor.request("activate", robot.now, None)
+
+
+def test_a_velocity_that_no_joint_has_is_not_damped_and_the_others_are(body):
+    robot = body()
+    robot.step(100)
+    robot.supervisor.request("damp", robot.now, None)
+    speeds = np.full(robot.model.nj, 1.0)
+    speeds[3] = -1e6
+    for _ in range(10):
+        robot.step(velocity=speeds)
+    expected = np.full(robot.model.na, -2.0)
+    expected[3] = 0.0
+    np.testing.assert_allclose(robot.commands[-1].tau, expected)
+
+
+@pytest.mark.parametrize("name", ["g1", "go2", "talos"])
+@pytest.mark.parametrize("damping", [2.0, 100.0])
+def test_damping_changes_no_velocity_s_sign_whatever_is_configured(robot_of, name, damping):
+    """With the base free, in other postures too, no motion of the joints grows; in the nominal one none swings."""
+    _, model = robot_of(name)
+    D = stable_damping(model, damping, PERIOD)
+    assert (D > 0.0).all()
+    assert D.max() <= damping
+    rng = np.random.default_rng(0)
+    for trial in range(10):
+        away = 0.0 if trial == 0 else 0.5
+        q = model.configuration(model.posture + away * rng.uniform(-1.0, 1.0, model.nj))
+        data = model.pinocchio.createData()
+        M = np.triu(np.array(pin.crba(model.pinocchio, data, q)))
+        M += np.triu(M, 1).T
+        full = np.zeros(model.nv)
+        full[model.v_index] = D
+        rates = np.linalg.eigvals(np.linalg.solve(M, np.diag(full))).real * PERIOD
+        assert rates.max() <= (1.0 + 1e-9 if trial == 0 else 2.0)

@@ -1,0 +1,358 @@
+"""Whether states are plausible, whether the robot has fallen, and how long something has lasted.
+
+These checks compare consecutive states, so that they remember; the others are functions, in `checks`.
+All comparisons are written so that NaN fails them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.arrays import all_true, largest, sum_of_squares
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.records import Array, Fault, RobotState
+
+#: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
+#: within it, and the lag of a velocity filter adds up over it.
+MEMORY = 0.2
+#: Time between two states above which what happened between them is not known from their velocities, s.
+GAP = 0.05
+#: Speed times time below which values that repeat are those of a robot at rest, rad or m.
+REST = 1.0e-6
+#: Smallest velocity limit that counts, rad/s, and the one of joints without a limit: URDFs have zeros there.
+SLOWEST, UNLIMITED = 1.0, 1.0e3
+#: Time between two comparisons of the base's height, s.
+HEIGHT_PERIOD = 0.01
+#: Least height of the base at the activation for which there is a smallest height, m.
+LEAST_HEIGHT = 0.1
+
+_AXES = tuple(f"base {kind} {axis}" for kind in ("motion along", "rotation about") for axis in "xyz")
+
+
+@dataclass(frozen=True, slots=True)
+class PlausibilityLimits:
+    """Limits of plausible states.
+
+    Attributes:
+        magnitude: largest joint position or base coordinate, rad or m.
+        joint_speed: largest joint velocity, as a multiple of the velocity limit.
+        base_speed: largest velocity of the base, m/s.
+        base_turn: largest angular velocity of the base, rad/s.
+        joint_mismatch: largest difference between the change of a joint position and its velocity, integrated, rad.
+        base_mismatch: likewise of the position of the base, m.
+        base_turn_mismatch: likewise of its orientation, rad.
+        frozen_motion: motion that a joint's velocity may tell while its position stays at one value, rad.
+        frozen_time: longest time for which the joints, or the base, may repeat all values while moving, s.
+    """
+
+    magnitude: float
+    joint_speed: float
+    base_speed: float
+    base_turn: float
+    joint_mismatch: float
+    base_mismatch: float
+    base_turn_mismatch: float
+    frozen_motion: float
+    frozen_time: float
+
+
+class StateWatch:
+    """Compares each state with limits, and with the states before it.
+
+    Attributes:
+        doubt: what is wrong with the newest state; None where it is plausible.
+    """
+
+    def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
+        self.doubt: Fault | None = None
+        self._limits = limits
+        self._pinocchio = model.pinocchio
+        self._joints = model.joints
+        self._speed_limits = joint_speed_limits(model, limits.joint_speed)
+        self._names = _names(model)
+        self._fastest = np.full(model.nv, np.inf)
+        self._tolerance = np.full(model.nv, np.inf)
+        self._stuck = np.full(model.nv, np.inf)
+        self._fastest[model.v_index] = self._speed_limits
+        self._tolerance[model.v_index] = limits.joint_mismatch
+        self._stuck[model.v_index] = limits.frozen_motion
+        self._v_places = model.v_places
+        self._joint_values = _Group("the joint states", model.q_places, model.v_places)
+        self._base_values = (
+            _Group("the base's pose and twist", slice(0, 7), slice(0, 6)) if model.floating_base else None
+        )
+        if model.floating_base:
+            self._fastest[:3], self._fastest[3:6] = limits.base_speed, limits.base_turn
+            self._tolerance[:3], self._tolerance[3:6] = limits.base_mismatch, limits.base_turn_mismatch
+        # Σ (xᵢ / limitᵢ)² <= 1 says in two calls that no value is over its limit; only otherwise each is looked at.
+        self._per_fastest, self._per_tolerance = 1.0 / self._fastest, 1.0 / self._tolerance
+        self._per_speed_limit = 1.0 / self._speed_limits
+        self._state: RobotState | None = None
+        self._mismatch = np.zeros(model.nv)  # change of the positions less the integrated velocities, with MEMORY
+        self._untold = np.zeros(model.nv)  # integrated velocities while the position stays, with MEMORY
+        self._some_untold = False  # whether any of these is not zero
+
+    def look(self, state: RobotState) -> Fault | None:
+        """Compare a state with the limits and with those before it; the same state twice counts once."""
+        before = self._state
+        if state is before:
+            return self.doubt
+        self.doubt = self._absurd(state)
+        if self.doubt is None:  # an absurd one is not compared with
+            self._state = state
+            if before is not None:
+                self.doubt = self._motion(before, state)
+            else:
+                self._first(state)
+        return self.doubt
+
+    def damped(self, joint_velocity: Array) -> Array:
+        """Joint velocities, (nj,), with those that are not plausible set to zero: they are no reason for a torque."""
+        if sum_of_squares(joint_velocity * self._per_speed_limit) <= 1.0:
+            return joint_velocity
+        return np.where(np.abs(joint_velocity) <= self._speed_limits, joint_velocity, 0.0)
+
+    def _absurd(self, state: RobotState) -> Fault | None:
+        limits = self._limits
+        if sum_of_squares(state.q) <= limits.magnitude**2 and sum_of_squares(state.v * self._per_fastest) <= 1.0:
+            return None
+        magnitudes = np.abs(state.q)
+        if not (largest(magnitudes) <= limits.magnitude):
+            i = int(magnitudes.argmax())
+            return _fault(
+                f"the configuration's value {i} is {state.q[i]:.3g} (limit {limits.magnitude:g} rad or m, "
+                "safety.max_magnitude)"
+            )
+        good = np.abs(state.v) <= self._fastest
+        if all_true(good):
+            return None
+        i = int((~good).argmax())
+        key = "max_joint_speed" if i in self._names.joints else "max_base_speed" if i < 3 else "max_base_turn"
+        return _fault(
+            f"{self._names.of(i)} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
+            f"(limit {self._fastest[i]:.3g}, safety.{key})"
+        )
+
+    def _first(self, state: RobotState) -> None:
+        for group in (self._joint_values, self._base_values):
+            if group is not None:
+                group.since = state.stamp
+
+    def _motion(self, before: RobotState, state: RobotState) -> Fault | None:
+        """Compare the change of the positions with the velocities."""
+        dt = 1.0e-9 * (state.stamp - before.stamp)
+        change = pin.difference(self._pinocchio, before.q, state.q)
+        moved = change[self._v_places]
+        known = 0.0 <= dt <= GAP
+        if known:
+            told, keep = (0.5 * dt) * (before.v + state.v), 1.0 - dt / MEMORY
+            self._mismatch = keep * self._mismatch + (change - told)
+        else:  # what was between is not known: no further than the largest velocities lead
+            reach = abs(dt) * self._fastest
+            self._mismatch = change - np.clip(change, -reach, reach)
+        fault = None
+        if not (sum_of_squares(self._mismatch * self._per_tolerance) <= 1.0):
+            fault = self._beyond(_JUMP, self._mismatch, self._tolerance)
+        if np.count_nonzero(moved) == len(moved):
+            self._joint_values.since = state.stamp
+            if self._some_untold:
+                self._untold, self._some_untold = np.zeros(len(change)), False
+        else:
+            if known:
+                self._some_untold = True
+                self._untold = np.where(change == 0.0, keep * self._untold + told, 0.0)
+                fault = fault or self._beyond(_STUCK, self._untold, self._stuck)
+            fault = fault or self._joint_values.frozen(before, state, self._limits.frozen_time)
+        base = self._base_values
+        if base is not None:
+            if state.q.item(0) != before.q.item(0):
+                base.since = state.stamp
+            else:
+                fault = fault or base.frozen(before, state, self._limits.frozen_time)
+        return fault
+
+    def _beyond(self, what: str, values: Array, limits: Array) -> Fault | None:
+        """Name the first value over its limit; what has led to it is forgotten."""
+        good = np.abs(values) <= limits
+        if all_true(good):
+            return None
+        i = int((~good).argmax())
+        key = "frozen_motion" if what is _STUCK else self._names.mismatch_key(i)
+        sentence = what.format(name=self._names.of(i), value=values[i], unit="m" if key == "base_mismatch" else "rad")
+        self._mismatch, self._untold = np.zeros(len(values)), np.zeros(len(values))
+        return _fault(f"{sentence} (limit {limits[i]:.3g}, safety.{key})")
+
+
+class _Group:
+    """The values of one message: joint states or odometry.
+
+    Attributes:
+        since: stamp of the state since which they have repeated, ns.
+    """
+
+    def __init__(self, what: str, q_places: np.ndarray | slice, v_places: np.ndarray | slice) -> None:
+        self.since = 0
+        self._what = what
+        self._q_places, self._v_places = q_places, v_places
+
+    def frozen(self, before: RobotState, state: RobotState, limit: float) -> Fault | None:
+        """Find values that repeat bit for bit although the robot moves: sensors that have died behind fresh stamps."""
+        q, v = self._q_places, self._v_places
+        repeats = state.q[q].tobytes() == before.q[q].tobytes() and state.v[v].tobytes() == before.v[v].tobytes()
+        if not repeats or state.stamp < self.since:
+            self.since = state.stamp
+            return None
+        lasted = 1.0e-9 * (state.stamp - self.since)
+        if lasted <= limit or not (largest(np.abs(state.v[v])) * lasted > REST):
+            return None
+        return _fault(
+            f"{self._what} have repeated for {1e3 * lasted:.0f} ms at velocities that are not zero "
+            f"(limit {1e3 * limit:.0f} ms, safety.frozen_time)"
+        )
+
+
+_JUMP = "{name} differs by {value:.3g} {unit} from what its velocity says"
+_STUCK = "{name} has stayed at one value while its velocity says that it moved by {value:.3g} {unit}"
+
+
+class _Names:
+    """What each generalized velocity belongs to, for sentences."""
+
+    def __init__(self, names: dict[int, str], joints: frozenset[int]) -> None:
+        self.joints = joints
+        self._names = names
+
+    def of(self, i: int) -> str:
+        return self._names.get(i, f"generalized velocity {i}")
+
+    def mismatch_key(self, i: int) -> str:
+        return "joint_mismatch" if i in self.joints else "base_mismatch" if i < 3 else "base_turn_mismatch"
+
+
+def _names(model: RobotModel) -> _Names:
+    places = model.v_index.tolist()
+    names = {place: f"joint {name!r}" for place, name in zip(places, model.joints, strict=True)}
+    if model.floating_base:
+        names |= dict(enumerate(_AXES))
+    return _Names(names, frozenset(places))
+
+
+def joint_speed_limits(model: RobotModel, multiple: float) -> Array:
+    """Largest plausible velocity of each joint, (nj,) in rad/s, from a multiple of the velocity limits."""
+    limits = np.where(model.velocity_limits > 0.0, np.maximum(model.velocity_limits, SLOWEST), UNLIMITED)
+    return np.asarray(np.minimum(multiple * limits, UNLIMITED))
+
+
+@dataclass(frozen=True, slots=True)
+class FallLimits:
+    """Limits beyond which a robot with a floating base has fallen.
+
+    Attributes:
+        tilt: largest angle between the base's upward direction and that at the activation, rad.
+        height: smallest height of the base above the lowest end of a limb, as a share of that at the activation.
+    """
+
+    tilt: float
+    height: float
+
+
+class FallWatch:
+    """Compares the base with where it was at the activation.
+
+    Its height is counted from the lowest end of a limb and not from the ground, so that stairs and slopes do not count.
+    """
+
+    def __init__(self, model: RobotModel, limits: FallLimits) -> None:
+        self._limits = limits
+        self._pinocchio = model.pinocchio
+        self._data = model.pinocchio.createData()
+        self._floating = model.floating_base
+        self._ends = _limb_ends(model.pinocchio) if model.floating_base else []
+        self._upward: tuple[float, float, float] | None = None  # world z in the base's axes at the activation
+        self._height = 0.0  # at the activation, m
+        self._looked = -math.inf
+
+    def begin(self) -> None:
+        """Start anew: the next state is the one of the activation."""
+        self._upward = None
+
+    def look(self, now: float, state: RobotState) -> Fault | None:
+        """Compare a state with that of the activation.
+
+        Args:
+            now: s.
+            state: plausible.
+        """
+        if not self._floating:
+            return None
+        limits = self._limits
+        x, y, z, w = state.q[3:7].tolist()
+        upward = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+        if self._upward is None:
+            self._upward, self._height, self._looked = upward, self._height_of(state), now
+            return None
+        a, b = upward, self._upward
+        tilt = math.acos(max(-1.0, min(1.0, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])))
+        if not (tilt <= limits.tilt):
+            return Fault(
+                "FALLEN",
+                f"the base is tilted by {tilt:.2f} rad from where it was at the activation (limit {limits.tilt:.2f} "
+                "rad, safety.max_tilt)",
+            )
+        if limits.height > 0.0 and self._height >= LEAST_HEIGHT and not (0.0 <= now - self._looked < HEIGHT_PERIOD):
+            self._looked = now
+            height = self._height_of(state)  # it costs some microseconds
+            if not (height >= limits.height * self._height):
+                return Fault(
+                    "FALLEN",
+                    f"the base is {height:.3f} m above the lowest limb (limit {limits.height:g} of the "
+                    f"{self._height:.3f} m at the activation, safety.min_height)",
+                )
+        return None
+
+    def _height_of(self, state: RobotState) -> float:
+        pin.forwardKinematics(self._pinocchio, self._data, state.q)
+        placements = self._data.oMi
+        lowest = min((float(placements[joint].act(end)[2]) for joint, end in self._ends), default=math.inf)
+        return float(state.q[2]) - lowest
+
+
+def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:
+    """Each last joint of a limb, with the origin of its frame that is farthest from it, (3,) in m."""
+    inner = {int(parent) for parent in list(model.parents)[1:]}
+    ends = {joint: np.zeros(3) for joint in range(2, model.njoints) if joint not in inner}
+    for frame in model.frames:
+        place = np.array(frame.placement.translation)
+        if frame.parentJoint in ends and np.linalg.norm(place) > np.linalg.norm(ends[frame.parentJoint]):
+            ends[frame.parentJoint] = place
+    return list(ends.items())
+
+
+class Budget:
+    """Time that was spent within a sliding window."""
+
+    def __init__(self) -> None:
+        self._spent: deque[tuple[float, float]] = deque()
+        self._total = 0.0
+
+    def spend(self, now: float, seconds: float) -> None:
+        """Add a time that ends now."""
+        self._spent.append((now, seconds))
+        self._total += seconds
+
+    def within(self, now: float, window: float) -> float:
+        """Time spent within the window that ends now, s; what was before is forgotten."""
+        while self._spent and not (now - self._spent[0][0] < window):
+            self._total -= self._spent.popleft()[1]
+        if not self._spent:
+            self._total = 0.0
+        return self._total
+
+
+def _fault(sentence: str) -> Fault:
+    return Fault("IMPLAUSIBLE_STATE", sentence)
