@@ -104,7 +104,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
     # Half of real time, and ages by the simulator's clock, so that a busy machine keeps up too.
     process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5", "use_sim_time:=true")
     try:
-        until(lambda: command.get_subscription_count() and hold.get_subscription_count())
+        until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
         until(lambda: states == ["inactive"])
         until(lambda: height)
 
