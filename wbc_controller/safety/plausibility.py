@@ -22,6 +22,8 @@ from wbc_controller.records import Array, Fault, RobotState
 MEMORY = 0.2
 #: Time between two states above which what happened between them is not known from their velocities, s.
 GAP = 0.05
+#: Σ of squares of mismatches, rad² and m², below which none is left.
+_SETTLED = 1.0e-12
 #: Speed times time below which values that repeat are those of a robot at rest, rad or m.
 REST = 1.0e-6
 #: Smallest velocity limit that counts, rad/s, and the one of joints without a limit: URDFs have zeros there.
@@ -145,6 +147,8 @@ class StateWatch:
 
     def _motion(self, before: RobotState, state: RobotState) -> Fault | None:
         """Compare the change of the positions with the velocities."""
+        if self._rests(before, state):
+            return None
         dt = 1.0e-9 * (state.stamp - before.stamp)
         change = pin.difference(self._pinocchio, before.q, state.q)
         moved = change[self._v_places]
@@ -175,6 +179,15 @@ class StateWatch:
             else:
                 fault = fault or base.frozen(before, state, self._limits.frozen_time)
         return fault
+
+    def _rests(self, before: RobotState, state: RobotState) -> bool:
+        """Whether nothing moves, by values and by velocities, and nothing before is left to be compared."""
+        if state.v.any() or before.v.any() or self._some_untold or sum_of_squares(self._mismatch) > _SETTLED:
+            return False
+        if state.q.tobytes() != before.q.tobytes():
+            return False
+        self._first(state)
+        return True
 
     def _beyond(self, what: str, values: Array, limits: Array) -> Fault | None:
         """Name the first value over its limit; what has led to it is forgotten."""
