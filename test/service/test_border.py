@@ -176,7 +176,6 @@ def test_one_stamp_far_ahead_is_refused_and_all_goes_on(bench):
     robot.base()
     robot.joints(time=robot.time + 60_000_000_000)
     assert said(robot.loop.cycle(), "ahead of the messages before")
-    robot.loop.controller.set_weight  # noqa: B018  # the same object that Python users call
     assert robot.cycle(50).mode is Mode.ACTIVE
 
 

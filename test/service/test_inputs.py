@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
 import numpy as np
 import pytest
 
@@ -204,6 +207,30 @@ def test_more_requests_than_fit_are_counted_and_said(go2, make):
         assert not latched.refused
         words += latched.commands
     assert words == [str(i) for i in range(100)]
+
+
+@pytest.mark.parametrize("reader", [True, False])
+def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
+    """Whoever sends, reads and latches at the same time: each request is taken once, in order, or counted."""
+    sent, taken, counted = 2000, [], 0
+    if reader:
+        go2.inputs.start_reader()
+
+    def write():
+        for i in range(sent):
+            go2.send("command", make.string(str(i)))
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    deadline = time.monotonic() + 60.0
+    while len(taken) + counted < sent and time.monotonic() < deadline:
+        latched = go2.inputs.latch()
+        taken += [int(word) for word in latched.commands]
+        counted += sum(int(sentence.split(": ")[1].split()[0]) for sentence in latched.refused)
+    thread.join()
+    go2.inputs.stop_reader()
+    assert len(taken) + counted == sent
+    assert taken == sorted(set(taken))
 
 
 def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make):

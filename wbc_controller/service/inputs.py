@@ -145,7 +145,7 @@ class Inputs:
             if endpoint.key == "odom" and not model.floating_base:
                 continue
             if endpoint.key in self._parts:
-                box = Mailbox(clock, 1, self.arrived if endpoint.key == "joint_states" else None)
+                box = Mailbox(clock, self.arrived if endpoint.key == "joint_states" else None)
                 self._boxes.append((endpoint, box))
                 transport.subscribe(endpoint, self._bounded(endpoint, box.put))
             else:
@@ -184,11 +184,14 @@ class Inputs:
         """Decode the newest state, and take the requests that have been read."""
         refused: list[str] = []
         for endpoint, box in self._boxes:
-            for received, payload in box.take()[0]:
-                reason = self._attempt(endpoint, payload, partial(self._read_state, endpoint, received))
-                if reason is not None:
-                    self._notes[endpoint.key] = reason
-                    refused.append(f"{endpoint.name}: {reason}")
+            newest = box.take()
+            if newest is None:
+                continue
+            received, payload = newest
+            reason = self._attempt(endpoint, payload, partial(self._read_state, endpoint, received))
+            if reason is not None:
+                self._notes[endpoint.key] = reason
+                refused.append(f"{endpoint.name}: {reason}")
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
