@@ -71,7 +71,8 @@ def test_a_killed_controller_is_followed_by_damping_and_another_one_takes_over(u
     lateness = max(np.diff(states)) - 1.0 / user.settings.control.rate
     record_property("damping_after_first_missed_command_ms", round(1e3 * delay, 1))
     print(f"damping {1e3 * delay:.1f} ms after the first missed command; the machine was {1e3 * lateness:.1f} ms late")
-    assert delay <= WITHIN + lateness
+    # Two processes stand between the two: the guard, and this one, which dates what arrives. Each may be as late.
+    assert delay <= WITHIN + 2.0 * lateness
     # Three messages later the torques are those of the damping, as far as they may be.
     limits, share = user.model.effort_limits, user.settings.guard.torque
     assert (np.abs(tau[damping[3:]]) <= share * limits + 1e-9).all()
