@@ -178,10 +178,10 @@ class Bench:
         self.period = 1.0 / self.settings.control.rate
         self.reports: list[Any] = []
         self.topics = controller_endpoints(self.settings, self.model)
-        bus = MemoryBus()
-        self.transport = MemoryTransport(bus)
+        self.bus = MemoryBus()
+        self.transport = MemoryTransport(self.bus)
         self.loop = self.remake(self.clock)
-        self.user = MemoryTransport(bus)
+        self.user = MemoryTransport(self.bus)
         self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
         self._payloads: dict[tuple[str, str], list[bytes]] = {}
         self._types = {(topic.key, topic.subject): topic.type for topic in self.topics}

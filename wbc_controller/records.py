@@ -270,6 +270,9 @@ class CycleReport:
         stage_seconds: time spent in each stage, in s.
         deadlines_missed: count of missed deadlines since the start.
         audit: whether the model explains the measured motion, if that could be evaluated.
+        requests: words on the command topic that this cycle took, whether it obeyed or refused them.
+        contested: one sentence for each topic on which other nodes publish that exclude the controller or each other.
+        shared: node names of all publishers of an input, where there are several, by the topic's name.
     """
 
     cycle: int
@@ -283,3 +286,6 @@ class CycleReport:
     stage_seconds: Mapping[str, float]
     deadlines_missed: int
     audit: AuditReport | None = None
+    requests: tuple[str, ...] = ()
+    contested: tuple[str, ...] = ()
+    shared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))

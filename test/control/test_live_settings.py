@@ -10,6 +10,7 @@ import pytest
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.control.live_settings import LiveSettings, live_part
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.mock.simulation import Simulation
 from wbc_controller.ros2.parameters import flat
 from wbc_controller.settings import Settings
 from wbc_controller.settings.nesting import merged, nested
@@ -73,7 +74,15 @@ def test_every_other_key_is_refused_by_name(tuner):
         ({"tasks.com.stifness": 1.0}, "test: tasks.com.stifness: unknown key; did you mean 'stiffness'?"),
         ({"tasks.foot.type": "com"}, "test: tasks.foot: read only when the controller is configured"),
         ({"tasks.com.type": "linear_momentum", "tasks.com.stiffness": 1.0}, "unknown key"),
-        ({"limits.position_margin": 1.0}, "leaves joint"),
+        (
+            {"limits.position_margin": 1.0},
+            "limits.position_margin = 1: while the controller runs it may be from 0 to 0.2",
+        ),
+        (
+            {"limits.acceleration": 1.0e5},
+            "limits.acceleration = 100000: while the controller runs it may be from 20 to 200",
+        ),
+        ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: while"),
         ({"limits.position_margin": 0.01, "control.rate": 100.0}, "test: control.rate: read only when"),
         ({"robot.joints": ["a"]}, "robot.posture has"),
     ],
@@ -148,10 +157,10 @@ def test_the_weight_of_the_settings_is_ramped_too_and_outlives_a_reset(bench):
 
 def test_limits_take_hold(bench):
     controller = standing(bench, limits={"torque_rate": 2.0})
-    update(controller, "{limits: {acceleration: 5.0}, control: {weight_ramp: 0.0}}")
+    update(controller, "{limits: {acceleration: 20.0}, control: {weight_ramp: 0.0}}")
     controller.cycle()
     formulation = controller.loop.controller.qp.formulation
-    assert formulation.motion_limit.acceleration == 5.0
+    assert formulation.motion_limit.acceleration == 20.0
     assert controller.loop.controller.supervisor.limits.torque_rate == 2.0
     update(controller, "{tasks: {com: {weight: 0.0}}}")
     controller.cycle(20)
@@ -221,3 +230,40 @@ def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
         assert robot.loop.controller.qp.formulation.motion_limit.acceleration == acceleration
         update(robot, "{limits: {acceleration: 50.0}, control: {weight_ramp: 0.0}}")
         robot.cycle(2)
+
+
+@pytest.mark.parametrize(
+    ("configured", "value", "good"),
+    [(200.0, 20.0, True), (200.0, 200.0, True), (200.0, 200.1, False), (500.0, 500.0, True), (3.0, 3.0, True),
+     (3.0, 2.9, False), (3.0, 20.0, False)],
+)  # fmt: skip
+def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured, value, good):
+    settings, model = robot_of("go2")
+    settings = changed(settings, {"limits": {"acceleration": configured}})
+    controller = make_qp(settings, model)
+    live = LiveSettings(settings, lambda changed: live_part(changed, controller))
+    live.accept({"limits": {"acceleration": min(30.0, configured)}}, "test")
+    if good:
+        live.accept({"limits": {"acceleration": value}}, "test")
+    else:
+        with pytest.raises(ConfigurationError, match=r"while the controller runs it may be from"):
+            live.accept({"limits": {"acceleration": value}}, "test")
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
+@pytest.mark.parametrize(
+    ("key", "end"), [("position_margin", 0), ("position_margin", 1), ("velocity_scale", 0), ("acceleration", 0)]
+)
+def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
+    """Standing, then swaying; the joints keep to their limits, and nothing needs to be relaxed."""
+    simulation = Simulation(robot, preflight=False)
+    controller, model = simulation.controller, simulation.controller.model
+    value = controller.config.settings.limits.live_ranges[key][end]
+    controller.update({"limits": {key: value}, "control": {"weight_ramp": 0.1}})
+    start = controller.dynamics.com.copy()
+    controller.set("com", start + [0.01, 0.02, -0.03], duration=0.3)
+    results = simulation.run(0.8)
+    q = simulation.plant.state()[0][model.q_index]
+    assert not any(result.solution.relaxed for result in results)
+    assert (q >= model.position_lower).all()
+    assert (q <= model.position_upper).all()

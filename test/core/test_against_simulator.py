@@ -98,3 +98,34 @@ def test_accelerations_are_those_of_the_simulator(compared):
 
 def test_contact_forces_are_those_of_the_simulator(compared):
     assert max(compared.force) < FORCE
+
+
+@pytest.mark.parametrize(("depth", "seconds"), [(0.45, 0.5), (0.5, 0.4)])
+def test_a_squat_beyond_what_the_knees_can_do_keeps_them_within_their_limits_without_any_stop(bench, depth, seconds):
+    """Talos, told to go further down than its knees bend, and faster than they can brake."""
+    robot = bench("talos")
+    model, controller = robot.model, robot.controller
+    plant = Plant(model, robot.settings)
+    plant.hold(False, ramp=0.0)
+    plant._model.jnt_limited[:] = 0  # so that nothing but the torques stops a joint
+    board = make_board(robot.settings, controller)
+    controller.dynamics.update(*plant.state())
+    board.reset(controller.dynamics, 0.0)
+    knot = Knot(seconds, controller.dynamics.com - [0.0, 0.0, depth], np.zeros(3), np.zeros(3))
+    board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, 0.0)
+    step = robot.settings.limits.torque_rate * controller.formulation.period * model.effort_limits
+    tau, beyond, relaxed = None, [], 0
+    for cycle in range(400):
+        q, v = plant.state()
+        references = board.sample(cycle * controller.formulation.period)
+        solution = controller.solve(RobotState(plant.stamp, frozen(q), frozen(v)), references, tau)
+        # As the supervisor sends them: the torque rate always holds.
+        tau = solution.tau if tau is None else np.clip(solution.tau, tau - step, tau + step)
+        relaxed += bool(solution.relaxed)
+        plant.apply(tau)
+        for _ in range(plant.steps_per_period):
+            plant.step()
+        joints = plant.state()[0][model.q_index]
+        beyond.append(np.maximum(joints - model.position_upper, model.position_lower - joints).max())
+    assert 10 < relaxed < 150
+    assert max(beyond) < 0.02

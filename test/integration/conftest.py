@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 from domains import own_domain
 
 from wbc_controller.assembly.robot import make_model
@@ -38,7 +39,9 @@ from wbc_controller.wire.topics import MOCK_TOPICS, Direction, counterpart, endp
 ROBOT = "go2"
 DOMAIN = own_domain()
 #: Wall time after which something that should have happened has not, s.
-PATIENCE = 20.0
+PATIENCE = 60.0
+#: Topics with one publisher, which this user becomes only when a test sends on them.
+OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", "joint_commands")
 
 
 class User:
@@ -52,6 +55,7 @@ class User:
         self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
         self._types: dict[tuple[str, str, str], str] = {}
         self._publish: dict[tuple[str, str, str], Any] = {}
+        self._writable: dict[tuple[str, str, str], Any] = {}
         self._order = JointOrder(self.model.joints)
         self._data = self.model.pinocchio.createData()
         self.state_came = threading.Event()
@@ -64,9 +68,11 @@ class User:
         key = owner, topic.key, topic.subject
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
-            if topic.key not in ("robot_description", "effort", "joint_commands"):
-                reliable = dataclasses.replace(topic.qos, reliable=True)
-                self._publish[key] = transport.advertise(dataclasses.replace(counterpart(topic), qos=reliable))
+            self._writable[key] = dataclasses.replace(
+                counterpart(topic), qos=dataclasses.replace(topic.qos, reliable=True)
+            )
+            if topic.key not in OF_THE_ROBOT:
+                self._publish[key] = transport.advertise(self._writable[key])
             return
         kept = self.arrivals[key] = []
         deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
@@ -80,7 +86,10 @@ class User:
         transport.subscribe(deep, receive)
 
     def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
-        self._publish[owner, key, subject](encode(content))
+        place = owner, key, subject
+        if place not in self._publish:
+            self._publish[place] = self.transport.advertise(self._writable[place])
+        self._publish[place](encode(content))
 
     def command(self, word: str) -> None:
         self.send("controller", "command", message("std_msgs/msg/String", data=word))
@@ -129,6 +138,20 @@ class User:
 
     def activate(self) -> None:
         self.until(lambda: self.mode == "active", "activation", lambda: self.command("activate"))
+
+    def activate_again(self) -> None:
+        """Activate from any mode, again and again until torques carry the robot: a busy machine may end in a fault."""
+
+        def again() -> None:
+            if self.mode.partition(" ")[0] not in ("active", "holding", "inactive"):
+                self.command("reset")
+            self.command("activate")
+
+        self.until(lambda: self.mode == "active" and self.carries(), "torques of an active controller", again)
+
+    def carries(self) -> bool:
+        """Whether the newest torques are not zero."""
+        return bool(self.arrivals["controller", "effort", ""]) and bool(np.any(self.last("controller", "effort").data))
 
     def com(self) -> np.ndarray:
         q = np.zeros(self.model.nq)
@@ -201,6 +224,16 @@ class Processes:
 
     def logs(self) -> str:
         return "\n".join(f"--- {path.name}\n{path.read_text()}" for path in sorted(self._folder.glob("*.log")))
+
+
+@pytest.fixture
+def patient_robot(tmp_path: Path, robot_of: Any, changed: Any) -> str:
+    """A file of `ROBOT`, of which neither the controller nor the robot damps by itself where the machine is busy."""
+    changes = {"safety": {"state_timeout": 1.0}, "mock": {"command_timeout": 10.0}}
+    path = tmp_path / "robot.yaml"
+    values = {"wbc_controller": {"ros__parameters": changed(robot_of(ROBOT)[0], changes).model_dump(mode="json")}}
+    path.write_text(yaml.safe_dump(values), encoding="utf-8")
+    return str(path)
 
 
 @pytest.fixture

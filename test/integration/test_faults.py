@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
 
 import numpy as np
@@ -10,20 +11,25 @@ import pytest
 
 pytestmark = pytest.mark.live
 
-#: Time by which a shared machine of two cores may be late with a cycle, s. The age in the sentence is measured by the
-#: controller's own clock, so that it holds only its own lateness, not that of this test.
-SLACK = 0.1
+#: How often the robot stands still.
+STOPS = 4
+#: Lateness of the loop with the cycle that notices it, s, in the fastest case.
+LATE = 0.01
 
 
 @pytest.fixture
-def user(processes, dds_user, tmp_path):
-    """A user of a controller that records every command, and of a mock robot, both processes."""
-    user = dds_user
-    user.record = tmp_path / "cycles.npz"
-    user.mock = processes.start("mock", "go2")
-    user.controller = processes.start("run", "go2", "--record", str(user.record))
-    user.wait_for_service()
-    return user
+def start(processes, dds_user, tmp_path):
+    """Starts a mock robot and a controller that records every command; gives their user."""
+
+    def start(robot, *words):
+        user = dds_user
+        user.record = tmp_path / "cycles.npz"
+        user.mock = processes.start("mock", robot)
+        user.controller = processes.start("run", robot, "--record", str(user.record), *words)
+        user.wait_for_service()
+        return user
+
+    return start
 
 
 def recorded(user, processes):
@@ -41,26 +47,31 @@ def assert_bounded(user, tau):
     assert (np.abs(np.diff(tau, axis=0)) <= step + 1e-9).all()
 
 
-def test_a_robot_that_dies_is_damped_and_can_come_back(user, processes, record_property):
-    user.activate()
-    user.run(1.3)
-    assert user.efforts()[-1].any()
+def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_property):
+    """A busy machine makes the cycle late that notices it; of several the fastest counts, by the controller's clock."""
+    user = start("go2")
+    noticed = []
+    for _ in range(STOPS):
+        user.activate_again()
+        user.mock.send_signal(signal.SIGSTOP)
+        user.until(lambda: user.mode.startswith("damping"), "damping")
+        said = user.mode
+        assert said.startswith("damping STALE_INPUT: ")
+        ages = {name: 1e-3 * float(age) for name, age in re.findall(r"(\w+) is (\d+) ms old \(limit 50 ms\)", said)}
+        assert ages, said
+        assert set(ages) <= {"joint_states", "odom"}
+        noticed.append(max(ages.values()))
+        user.mock.send_signal(signal.SIGCONT)
+    record_property("ages_at_damping_ms", [round(1e3 * age) for age in noticed])
+    print(f"ages at damping: {noticed} s")
+    timeout, cycle = user.settings.safety.state_timeout, 1.0 / user.settings.control.rate
+    assert timeout <= min(noticed) <= timeout + cycle + LATE
 
+    user.activate_again()
     user.mock.kill()
     killed = time.monotonic()
     user.mock.wait()
     user.until(lambda: user.mode.startswith("damping"), "damping")
-    noticed = time.monotonic() - killed
-    said = user.mode
-    ages = {name: 1e-3 * float(age) for name, age in re.findall(r"(\w+) is (\d+) ms old \(limit 50 ms\)", said)}
-    assert said.startswith("damping STALE_INPUT: ")
-    assert ages, said
-    assert set(ages) <= {"joint_states", "odom"}
-    timeout, cycle = user.settings.safety.state_timeout, 1.0 / user.settings.control.rate
-    assert all(timeout <= age <= timeout + cycle + SLACK for age in ages.values()), said
-    record_property("age_at_damping_ms", {name: 1e3 * age for name, age in ages.items()})
-    record_property("noticed_after_ms", round(1e3 * noticed, 1))
-    print(f"age at damping: {said}; seen by the user {1e3 * noticed:.0f} ms after the kill")
 
     # Nobody tells the velocities any more: the torques sink to zero at their rate, and zero goes on being sent.
     start = time.monotonic()
@@ -78,24 +89,18 @@ def test_a_robot_that_dies_is_damped_and_can_come_back(user, processes, record_p
     user.arrivals["mock", "joint_states", ""].clear()
     user.until(lambda: user.time > 0.0, "the states of the new robot")
 
-    def again():
-        user.command("reset")
-        user.command("activate")
-
-    user.until(lambda: user.mode == "active", "activation of the new robot", again)
+    user.activate_again()  # once the graph has forgotten the robot that was killed
     user.run(1.2)
-    assert user.mode == "active"
-    assert user.efforts()[-1].any()
     tau, mode = recorded(user, processes)
     assert_bounded(user, tau)
     assert {"active", "damping"} <= set(mode.tolist())
-    assert tau[-1].any()
     # The command of the shut-down comes after the last cycle, on the wire alone.
     user.until(lambda: not user.efforts()[-1].any(), "the last command of a controller that was told to end")
-    assert user.mode == "stopped"
+    user.until(lambda: user.mode.startswith("stopped"), "its last mode")
 
 
-def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(user, processes, make):
+def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, patient_robot, make):
+    user = start(patient_robot, "--use-sim-time")
     model = user.model
     joints, na = model.joints, model.na
     good = np.array(model.posture)

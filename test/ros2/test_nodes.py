@@ -29,7 +29,7 @@ pytestmark = pytest.mark.live
 #: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
 DOMAIN = own_domain()
 NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def start(graph):
         process = subprocess.Popen(
             [sys.executable, "-c", f"from wbc_controller.node import {NODES[name]} as main; main()", "--ros-args",
              "-p", "robot:=go2", "-p", "guard.patience:=0.2", "-p", "mock.command_timeout:=1.0",
-             "-p", "safety.state_timeout:=0.3", *words],
+             "-p", "safety.state_timeout:=1.0", *words],
             env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)},
         )  # fmt: skip
         started.append(process)
@@ -91,7 +91,7 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
     for name in said:
         graph.create_subscription(String, f"/{name}/state", lambda m, name=name: said.update({name: m.data}), latched)
     graph.create_subscription(Float64MultiArray, "/effort_controller/commands", lambda m: torques.append(m.data), 10)
-    start("mock_robot")
+    start("mock_robot", "-p", "real_time_factor:=0.3")  # it does not fall behind on a busy machine
     start("guard")
     controller = start("wbc_controller", "-p", "activate:=true")
     until(lambda: said["wbc_controller"] == "active" and said["guard"] == "watching", "an active controller")

@@ -18,7 +18,7 @@ PERIOD = 0.002
 PATIENCE = 0.01
 LIMITS = GuardLimits(
     patience=PATIENCE, period=PERIOD, triggered=True, state_timeout=0.05, damping=2.0, damping_time=0.5,
-    damping_torque=0.2 * EFFORT, torque_step=0.2 * EFFORT, effort=EFFORT,
+    damping_torque=0.2 * EFFORT, torque_rate=0.2 * EFFORT / PERIOD, effort=EFFORT,
 )  # fmt: skip
 HOLDING = np.array([60.0, -10.0, 2.0])
 SPEED = np.array([1.0, -0.5, 0.2])
@@ -179,6 +179,28 @@ def test_a_last_command_that_no_robot_could_follow_is_not_started_from():
     sent = [tau for tau in rig.run(0.1) if tau is not None]
     assert np.isfinite(sent).all()
     assert (np.abs(sent) <= 0.2 * EFFORT).all()
+
+
+@pytest.mark.parametrize("often", [1, 5])
+def test_the_torque_rate_is_per_second_however_often_it_is_asked(often):
+    rig = Rig(torque_rate=EFFORT)
+    towards = np.sign(-HOLDING) * EFFORT
+    rig.run(0.1, commands=True)
+    rig.now += PATIENCE
+    rig.state(np.zeros(3))
+    rig.now += PATIENCE
+    last = rig.step()
+    np.testing.assert_allclose(last, HOLDING + towards * PERIOD)  # from the last command on
+    for _ in range(3 * often):
+        rig.now += PERIOD / often
+        tau = rig.step()
+        np.testing.assert_allclose(tau, last + towards * PERIOD / often)
+        last = tau
+    rig.now += 10.0 * PERIOD  # late: no more than one period's worth
+    np.testing.assert_allclose(rig.step(), last + towards * PERIOD)
+    last = rig.sent[-1]
+    rig.now -= 1e-3  # the clock went back: no change
+    np.testing.assert_array_equal(rig.step(), last)
 
 
 numbers = st.floats(-1e6, 1e6) | st.sampled_from([np.nan, np.inf, -np.inf])

@@ -99,7 +99,12 @@ def test_requests_that_are_lost_are_counted_and_said(bench):
     robot = running(bench)
     for _ in range(150):
         robot.command("activate")
-    assert said(robot.cycle(), "50 messages refused: more than 100 requests at once")
+    sentence = "/wbc_controller/command: 50 messages refused: more than 100 requests at once"
+    assert said(robot.cycle(), sentence)
+    (status,) = robot.received("diagnostics")[-1].status
+    assert sentence in [value.value for value in status.values if value.key.startswith("refused/")]
+    assert f"refused {sentence}" in status.message
+    assert status.level == 1
 
 
 def test_a_message_over_the_size_of_its_topic_is_dropped_before_it_is_read(bench, make, caplog):
@@ -108,6 +113,8 @@ def test_a_message_over_the_size_of_its_topic_is_dropped_before_it_is_read(bench
     began = time.perf_counter()
     report = robot.cycle()
     assert said(report, "1 messages refused: more than 262144 bytes")
+    (status,) = robot.received("diagnostics")[-1].status
+    assert "refused /wbc_controller/command: 1 messages refused: more than 262144 bytes" in status.message
     assert time.perf_counter() - began < 1.0
     assert max(map(len, caplog.messages), default=0) < 1000
 

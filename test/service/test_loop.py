@@ -9,6 +9,8 @@ import pytest
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Mode, Reference
+from wbc_controller.transports.memory import MemoryTransport
+from wbc_controller.wire.topics import counterpart
 
 TIMEOUT = 0.05
 
@@ -567,3 +569,68 @@ def test_each_joint_state_starts_one_cycle(bench):
     assert not thread.is_alive()
     stamps = [report.stamp for report in controller.reports if report.stamp]
     assert len(set(stamps)) == 10
+
+
+def rival_of(controller, name="wbc_controller"):
+    """Another node that publishes torques."""
+    rival = MemoryTransport(controller.bus, name)
+    rival.advertise(next(topic for topic in controller.topics if topic.key == "effort"))
+    return rival
+
+
+def test_while_another_node_publishes_torques_activation_is_refused(bench):
+    controller = bench()
+    rival = rival_of(controller)
+    report = controller.activate()
+    assert report.mode is Mode.INACTIVE
+    (sentence,) = report.refused
+    assert sentence.startswith(
+        "command 'activate' is refused: torques on /effort_controller/commands are published by /wbc_controller too"
+    )
+    status = last_status(controller)
+    assert status.level == 1
+    assert "published by /wbc_controller too" in status.message
+    rival.close()
+    controller.cycle(200)
+    assert controller.activate().mode is Mode.ACTIVE
+    rival_of(controller, "guard")
+    controller.cycle(200)
+    assert last_status(controller).level == 0
+
+
+def test_a_second_publisher_of_torques_is_said_at_once_and_the_robot_stays_controlled(bench, caplog):
+    controller = bench(changes={"control": {"diagnostics_rate": 0.1}})
+    controller.activate()
+    controller.cycle(300)
+    said = len(controller.received("diagnostics"))
+    rival_of(controller, "stranger")
+    report = controller.cycle(round(0.25 / controller.period) + 1)  # the time between two looks
+    assert report.mode is Mode.ACTIVE
+    assert len(controller.received("diagnostics")) == said + 1
+    status = last_status(controller)
+    assert (status.level, "published by /stranger too" in status.message) == (2, True)
+    assert "published by /stranger too" in caplog.text
+    assert controller.cycle(300).mode is Mode.ACTIVE
+    controller.command("damp")  # every other request is obeyed
+    assert controller.cycle().mode is Mode.DAMPING
+
+
+def test_the_activation_at_the_start_waits_until_the_robot_has_no_other_owner(bench, caplog):
+    controller = bench()
+    controller.loop._activate_when_fresh = True
+    rival = rival_of(controller)
+    assert controller.cycle(300).mode is Mode.INACTIVE
+    assert sum("the activation at the start waits: torques on" in said for said in caplog.messages) == 1
+    rival.close()
+    assert controller.cycle(200).mode is Mode.ACTIVE
+
+
+def test_several_publishers_of_joint_states_are_on_diagnostics(bench):
+    controller = bench()
+    other = MemoryTransport(controller.bus, "gripper")
+    other.advertise(counterpart(next(topic for topic in controller.topics if topic.key == "joint_states")))
+    assert controller.activate().mode is Mode.ACTIVE
+    controller.cycle(100)
+    status = last_status(controller)
+    assert status.level == 0
+    assert {"publishers//joint_states": "/gripper, /memory"}.items() <= {v.key: v.value for v in status.values}.items()

@@ -90,3 +90,78 @@ def test_a_stream_with_a_new_time_is_taken_after_a_while():
 
 def test_no_time_at_all():
     assert "header.stamp is 0" in StampTracker().judge(0, 1.0)
+
+
+def known(ahead=START, tolerance=0.01):
+    return StampTracker(lambda: ahead, tolerance)
+
+
+@pytest.mark.parametrize("latency", [0.0003, 0.04, 1.0])
+def test_on_synchronized_clocks_a_constant_latency_counts(latency):
+    tracker = known()
+    assert feed(tracker, np.arange(100) * 0.002, latency) == [None] * 100
+    assert tracker.age(0.198 + latency) == pytest.approx(latency, abs=1e-6)
+    assert tracker.age(0.198 + latency + 0.02) == pytest.approx(latency + 0.02, abs=1e-6)
+    assert tracker.waited(0.198 + latency + 0.02) == pytest.approx(latency, abs=1e-6)
+
+
+def test_without_them_it_is_taken_for_an_offset():
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * 0.002, 1.0)
+    assert tracker.age(1.198) == pytest.approx(0.0, abs=1e-6)
+    assert tracker.waited(1.198) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("ahead", "good"), [(0.0099, True), (0.0101, False), (np.nan, False)])
+def test_on_synchronized_clocks_a_stamp_ahead_of_ours_is_refused(ahead, good):
+    tracker = known(START - ahead)
+    reason = tracker.judge(round(START * 1e9), 0.0)
+    assert (reason is None) is good
+    if np.isfinite(ahead) and not good:
+        assert reason == "header.stamp is 0.010 s ahead of this computer's clock (limit 10 ms, safety.clock_tolerance)"
+
+
+def test_on_synchronized_clocks_a_queue_that_is_gone_is_no_jump_of_the_stamps():
+    tracker = known()
+    feed(tracker, np.arange(100) * 0.002, 1.0)
+    assert feed(tracker, [1.2]) == [None]
+    assert tracker.age(1.2) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("tracker", [StampTracker(), known()])
+def test_a_clock_that_stands_still_while_stamps_go_on_is_seen(tracker):
+    feed(tracker, np.arange(100) * 0.002)
+    assert tracker.stood == 0.0
+    for i in range(1, 51):
+        tracker.judge(round((START + 0.198 + 0.002 * i) * 1e9), 0.198)
+        assert tracker.stood == pytest.approx(0.002 * i, abs=1e-6)
+    tracker.judge(round((START + 60.0) * 1e9), 0.198)  # one that is absurd says nothing
+    tracker.judge(round((START + 0.3) * 1e9), 0.198)
+    assert tracker.stood == pytest.approx(0.1, abs=1e-6)
+    tracker.judge(round((START + 0.302) * 1e9), 0.302)
+    assert tracker.stood == 0.0
+
+
+def test_a_known_clock_that_is_too_slow_makes_no_state_look_younger():
+    tracker = known()
+    feed(tracker, np.arange(100) * 0.002)
+    for i in range(1, 201):  # our clock takes half the time of theirs
+        time, stamp = 0.198 + 0.001 * i, round((START + 0.198 + 0.002 * i) * 1e9)
+        if tracker.judge(stamp, time) is None:
+            accepted = stamp
+        assert tracker.age(time) >= 1e-9 * (stamp - accepted) - 0.002 - 1e-6
+    assert tracker.age(time) > 0.3
+
+
+def test_ages_follow_a_clock_that_is_set():
+    ahead = [START]
+    tracker = StampTracker(lambda: ahead[0], 0.01)
+    feed(tracker, np.arange(100) * 0.002, 0.001)
+    ahead[0] += 5.0
+    assert tracker.age(0.199) == pytest.approx(5.001, abs=1e-6)
+
+
+def test_on_synchronized_clocks_stamps_that_go_back_are_refused_as_always():
+    tracker = known()
+    feed(tracker, np.arange(100) * 0.002)
+    assert "0.004 s before" in tracker.judge(round((START + 0.194) * 1e9), 0.2)

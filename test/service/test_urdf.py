@@ -15,7 +15,7 @@ from chains import joint, robot
 from domains import own_domain
 
 from wbc_controller import load
-from wbc_controller.core.robot.mimic import LARGEST_URDF
+from wbc_controller.core.robot.urdf import LARGEST_URDF
 from wbc_controller.service.urdf import wait_for_urdf
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import encode, message

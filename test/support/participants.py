@@ -19,7 +19,7 @@ class MemoryParticipants:
         self._bus = MemoryBus()
 
     def transport(self, node: str, namespace: str = "/") -> Transport:
-        return MemoryTransport(self._bus)
+        return MemoryTransport(self._bus, node, namespace)
 
     def close(self) -> None:
         pass

@@ -213,3 +213,26 @@ def test_delivery_does_not_wait_for_a_poll(join, eventually):
             time.sleep(0.0005)
         delays.append(received[-1] - start)
     assert sorted(delays)[10] < 0.01
+
+
+def test_the_other_nodes_that_publish_on_a_topic_are_named(join, eventually):
+    own, other, third = join("controller"), join("estimator", "/a"), join("controller")
+    odom = endpoint("/odom")
+    own.advertise(odom)
+    assert own.publishers(odom) == ()
+    other.subscribe(odom, lambda payload: None)
+    other.advertise(endpoint("/odometry"))
+    publish = other.advertise(odom)
+    eventually(lambda: own.publishers(odom) == ("/a/estimator",))
+    third.advertise(odom)  # of the same name as the node that asks
+    eventually(lambda: own.publishers(odom) == ("/a/estimator", "/controller"))
+    eventually(lambda: other.publishers(odom) == ("/controller", "/controller"))
+    assert own.publishers(endpoint("/nothing")) == ()
+    publish(text("x"))
+    other.close()
+    eventually(lambda: own.publishers(odom) == ("/controller",))
+    third.close()
+    eventually(lambda: own.publishers(odom) == ())
+    own.close()
+    with pytest.raises(TransportError, match="/odom"):
+        own.publishers(odom)

@@ -62,3 +62,14 @@ def test_latched_message_reaches_a_late_subscriber(pair, eventually, to_dds):
     reader.subscribe(topic, received.append)
     eventually(lambda: received)
     assert decode(received[0], topic.type).data == "x" * 100_000
+
+
+@pytest.mark.parametrize("to_dds", [True, False])
+def test_each_names_the_publishers_of_the_other(pair, eventually, to_dds):
+    writer, reader = pair if to_dds else reversed(pair)
+    topic = Endpoint("effort", "", "/effort", "std_msgs/msg/String", Direction.OUT, LATCHED)
+    reader.advertise(topic)
+    writer.advertise(topic)
+    eventually(lambda: reader.publishers(topic) == ("/on_ros2" if to_dds else "/on_dds",))
+    writer.close()
+    eventually(lambda: reader.publishers(topic) == ())

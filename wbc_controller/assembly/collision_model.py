@@ -13,8 +13,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.robot.mimic import parse_xml
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.urdf import parse_xml
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder

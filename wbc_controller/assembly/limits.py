@@ -6,8 +6,8 @@ import logging
 
 from wbc_controller.assembly.collision_model import build_collision_model
 from wbc_controller.core.limits import SelfCollisionLimit, TorqueSpeedCurve
-from wbc_controller.core.robot.mimic import LARGEST_URDF
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.urdf import LARGEST_URDF
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import frozen
 from wbc_controller.settings import Settings

@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.core.robot.mimic import LARGEST_URDF, parse_urdf
-from wbc_controller.core.robot.mimic import inertia_tensor as inertia_tensor
 from wbc_controller.core.robot.transmission import Drive, Transmission, make_drive
+from wbc_controller.core.robot.urdf import LARGEST_URDF, parse_urdf
+from wbc_controller.core.robot.urdf import inertia_tensor as inertia_tensor
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings import RobotSettings

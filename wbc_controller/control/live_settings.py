@@ -57,6 +57,7 @@ class LiveSettings:
         self.settings = settings
         self.newest = derive(settings)
         self.changed: Callable[[], None] = lambda: None
+        self._configured = settings
         self._derive = derive
         self._lock = threading.Lock()
         #: The change that was prepared last, the settings that it was prepared for, and the result.
@@ -99,6 +100,9 @@ class LiveSettings:
             raise ConfigurationError(
                 f"{source}: {', '.join(fixed)}: read only when the controller is configured; configure it anew for that"
             )
+        beyond = list(_beyond(self._configured, self.settings, settings))
+        if beyond:
+            raise ConfigurationError(f"{source}: {'; '.join(beyond)}")
         return settings, self._derive(settings), tuple(f"{key}: {old} -> {new}" for key, _, old, new in differences)
 
 
@@ -118,6 +122,20 @@ def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[t
                 yield from _differences(a, b, f"{key}.")
             elif a != b:
                 yield key, name in live, a, b
+
+
+def _beyond(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
+    """A sentence for each value that changes to one that is out of its range while the controller runs."""
+    for name in type(new).model_fields:
+        parts = getattr(configured, name), getattr(old, name), getattr(new, name)
+        if all(isinstance(part, BaseModel) for part in parts):
+            yield from _beyond(*parts, f"{prefix}{name}.")
+    for name, (lower, upper) in getattr(new, "live_ranges", {}).items():
+        at_first, value = getattr(configured, name), getattr(new, name)
+        low = at_first if lower is None else min(lower, at_first)
+        high = at_first if upper is None else max(upper, at_first)
+        if value != getattr(old, name) and not (low <= value <= high):
+            yield f"{prefix}{name} = {value:g}: while the controller runs it may be from {low:g} to {high:g}"
 
 
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:

@@ -9,16 +9,21 @@ from wbc_controller.core.contacts import Contact
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.infeasibility import explain
 from wbc_controller.core.program.layout import Layout
-from wbc_controller.core.program.problem import QuadraticProgram, Residuals
+from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals
+from wbc_controller.core.program.relaxation import relaxations, soften, widen
 from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.solvers import Answer, Solver, make_solver
+from wbc_controller.core.solvers.daqp import solve_carefully
 from wbc_controller.core.solvers.hierarchy import Hierarchy
 from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.core.tasks import Task
 from wbc_controller.errors import ConfigurationError, NoSolution
 from wbc_controller.records import Array, Infeasibility, LevelReport, References, RobotState, Solution, frozen_mapping
+
+#: Room that strict priorities leave at relaxed bounds, in the problem's units, so that rounding does not close it.
+_ROOM = 1.0e-6
 
 
 class WholeBodyQP:
@@ -108,9 +113,7 @@ class WholeBodyQP:
         answer = self._solver_of(layout).solve(layout.problem)
         if answer.x is None:
             return answer, (), ()
-        (level,) = layout.levels
-        cost = level.cost.value(answer.x) if answer.cost is None else answer.cost
-        return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
+        return answer, (self._report(layout.levels[0], answer.x, answer, started),), ()
 
     def solve(
         self,
@@ -121,8 +124,9 @@ class WholeBodyQP:
     ) -> Solution:
         """Compute the solution of one cycle.
 
-        If the problem is infeasible, constraints are relaxed in this order until it is feasible: limits on combinations
-        of accelerations, joint motion limits, the torque rate limit. `Solution.relaxed` names them.
+        If the problem is infeasible, the torque rate limit is relaxed, and if that is not enough, also the limits on
+        combinations of accelerations and those of joint motion. What their bounds miss becomes part of the cost.
+        `Solution.relaxed` names the groups in which a bound is missed.
 
         Args:
             state: the latched state of the robot.
@@ -149,13 +153,9 @@ class WholeBodyQP:
             )
         residuals = _usable(answer, problem, tolerance)
         iterations = answer.iterations
-        relaxed: list[str] = []
-        for relaxation in self.formulation.relaxable(layout) if residuals is None else ():
-            if residuals is not None:
-                break
-            relaxed.append(relaxation)
-            self.formulation.relax(layout, relaxation, references)
-            answer, levels, unsolved = self._solve(layout)
+        relaxed: tuple[str, ...] = ()
+        if residuals is None:
+            answer, levels, unsolved, relaxed = self._relax(layout, references, answer)
             residuals = _usable(answer, problem, tolerance)
             iterations += answer.iterations
         solved = self._timer()
@@ -180,6 +180,37 @@ class WholeBodyQP:
                 {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
             ),
         )
+
+    def _relax(
+        self, layout: Layout, references: References, failed: Answer
+    ) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...], tuple[str, ...]]:
+        """Solve a problem for which the solver has found no solution, with as little as possible relaxed.
+
+        Returns:
+            What `_solve` returns, and the names of the groups in which a bound is missed.
+        """
+        started, problem, level = self._timer(), layout.problem, layout.levels[0]
+        answer, priorities = failed, self.formulation.has_priorities
+        if self._solver_name != "daqp" and not priorities:  # the problem may be feasible, and the solver have failed
+            answer = solve_carefully(problem)
+            if answer.x is not None:
+                return answer, (self._report(level, answer.x, answer, started),), (), ()
+        for groups in relaxations(self.formulation, layout, references):
+            answer = solve_carefully(problem, soften(layout, groups))
+            if answer.x is None:
+                continue
+            # The minimizer of the problem with soft constraints is that of the problem with bounds widened to it.
+            relaxed = widen(layout, groups, problem.residuals(answer.x).value, _ROOM if priorities else 0.0)
+            if priorities:
+                return *self._solve(layout), relaxed
+            answer.residuals = problem.residuals(answer.x)
+            return answer, (self._report(level, answer.x, answer, started),), (), relaxed
+        return Answer(None, answer.status, answer.iterations), (), (), ()
+
+    def _report(self, level: Level, x: Array, answer: Answer, started: float) -> LevelReport:
+        """The report of the only level."""
+        cost = level.cost.value(x) if answer.cost is None else answer.cost
+        return LevelReport(level.tasks, cost, answer.iterations, self._timer() - started)
 
     def explain(
         self, state: RobotState, references: References, tau_before: Array | None = None

@@ -52,6 +52,8 @@ class StatusSummary:
         if last.fault is not None:
             level = max(level, _WARN)
             warnings.insert(0, f"{last.fault.code}: {last.fault.sentence}")
+        if last.contested and last.command is not None:
+            level = _ERROR
         return diagnostics(wall, level, self._name, "; ".join([last.mode.value, *warnings]), self._hardware, values)
 
 
@@ -99,6 +101,8 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         values["audit/largest_unmodelled_torque"] = f"{float(np.max(np.abs(audit.joint_torques))):.4f} N·m"
     relaxed = Counter(what for report in reports if report.solution is not None for what in report.solution.relaxed)
     warnings = [f"relaxed {what} in {count} of {len(reports)} cycles" for what, count in sorted(relaxed.items())]
+    values |= {f"publishers/{topic}": names for topic, names in last.shared.items()}
+    warnings += last.contested
     if last.audit is not None:
         warnings += last.audit.warnings
     refused = [sentence for report in reports for sentence in report.refused]

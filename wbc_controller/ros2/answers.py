@@ -16,6 +16,10 @@ SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
 }
 
 
+#: Cycles within which a command is taken, unless the requests are so many that it was turned away.
+_LONGEST_WAIT = 1000
+
+
 class Answers:
     """Determines the outcome of a command that a service has put into the command mailbox."""
 
@@ -25,7 +29,6 @@ class Answers:
 
     def ask(self, word: str, send: Callable[[], None], answer: Callable[[bool, str], None]) -> None:
         """Send a command; `answer` is called later with its success and a message."""
-        # Under the lock, so that the second of the next two reports is of a cycle that began after the sending.
         with self._lock:
             self._waiting.append(_Waiting(word, answer))
             send()
@@ -51,17 +54,19 @@ class _Waiting:
     def __init__(self, word: str, answer: Callable[[bool, str], None]) -> None:
         self.answer = answer
         self._word = word
-        self._refusals: list[str] = []
         self._cycles = 0
 
     def observe(self, report: CycleReport) -> bool:
         """Process the report of a cycle; returns whether the command is answered."""
-        self._refusals += [text for text in report.refused if text.startswith(f"command {self._word!r}")]
         self._cycles += 1
-        if self._cycles < 2:
-            return False
-        if self._refusals:
-            self.answer(False, self._refusals[-1])
+        if self._word not in report.requests:  # it is read on another thread, which may take some cycles
+            if self._cycles < _LONGEST_WAIT:
+                return False
+            self.answer(False, f"command {self._word!r} was not taken within {self._cycles} cycles; send it again")
+            return True
+        refusals = [text for text in report.refused if text.startswith(f"command {self._word!r}")]
+        if refusals:
+            self.answer(False, refusals[-1])
             return True
         said = report.mode.value
         if report.fault is not None:

@@ -15,7 +15,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from wbc_controller.control.controller import Controller
-from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
 from wbc_controller.records import Mode
 from wbc_controller.ros2.answers import SERVICES, Answers
 from wbc_controller.ros2.declaration import declare, values
@@ -23,14 +23,13 @@ from wbc_controller.ros2.gate import Gate
 from wbc_controller.ros2.live import LiveParameters
 from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.ros2.process import logging_to, spinning
-from wbc_controller.service.clock import MonotonicClock
-from wbc_controller.service.controller_service import clock_of, make_loop
+from wbc_controller.service.controller_service import make_clock, make_loop
 from wbc_controller.service.loop import ControlLoop
+from wbc_controller.service.urdf import urdf_of
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 from wbc_controller.transports.ros2 import Ros2Transport
-from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import CONTROLLER_TOPICS, endpoints
 
 _log = logging.getLogger(__name__)
@@ -159,7 +158,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             loop = make_loop(
                 controller,
                 gate,
-                clock_of(topics, transport) if self.get_parameter("use_sim_time").value else MonotonicClock(),
+                make_clock(settings, topics, transport, use_sim_time=bool(self.get_parameter("use_sim_time").value)),
                 topics,
                 observers=(self._answers.observe,),
                 node=self.get_fully_qualified_name(),
@@ -180,7 +179,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         (endpoint,) = endpoints(rows, self.get_name(), namespace=self.get_namespace())
 
         def receive(payload: bytes) -> None:
-            self._urdf = str(decode(payload, endpoint.type).data)
+            try:
+                self._urdf = urdf_of(payload, endpoint)
+            except InputRefused as refusal:
+                _log.warning("refused %s: %s", endpoint.name, refusal)
+                return
             if self._starting and self.executor is not None:
                 self.executor.create_task(self.start)
 

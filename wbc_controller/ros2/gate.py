@@ -17,10 +17,12 @@ class Gate:
 
     Attributes:
         open: whether messages are delivered.
+        discovery_time: that of the transport, s.
     """
 
     def __init__(self, transport: Transport) -> None:
         self.open = False
+        self.discovery_time = transport.discovery_time
         self._transport = transport
         self._command: Callable[[bytes], None] = lambda payload: None
 
@@ -40,6 +42,10 @@ class Gate:
                 _log.warning("message on %s ignored: the node is not active", endpoint.name)
 
         self._transport.subscribe(endpoint, deliver)
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        return self._transport.publishers(endpoint)
 
     def command(self, word: str) -> None:
         """Deliver a command as if it had arrived on the command topic."""

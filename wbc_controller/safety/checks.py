@@ -25,7 +25,7 @@ class Check:
         limits: the keys of the configuration that hold its thresholds.
         unit: their unit.
         response: what follows.
-        test: the test that shows it, as ``<file>::<function>`` in test/safety.
+        test: the test that shows it, as ``<file>::<function>`` in test/.
     """
 
     code: str
@@ -37,10 +37,15 @@ class Check:
 
 
 _DAMPS = "damping"
-_STATES, _SUPERVISOR = "test_plausibility.py::test_", "test_supervisor.py::test_"
+_STATES, _SUPERVISOR = "safety/test_plausibility.py::test_", "safety/test_supervisor.py::test_"
 CHECKS = (
     Check("STALE_INPUT", "age of the joint states and the odometry", ("safety.state_timeout",), "s", _DAMPS,
-          "test_checks.py::test_an_input_over_the_limit_is_named_with_its_age"),
+          "safety/test_checks.py::test_an_input_over_the_limit_is_named_with_its_age"),
+    Check("STALE_INPUT", "age of the states by synchronized clocks", ("safety.synchronized_clocks",), "none", _DAMPS,
+          "service/test_clock.py::test_with_synchronized_clocks_a_constant_latency_does_not_activate"),
+    Check("STALE_INPUT", "stamps ahead of this computer's clock, with synchronized clocks",
+          ("safety.clock_tolerance",), "s", "the message is refused",
+          "service/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much"),
     Check("IMPLAUSIBLE_STATE", "magnitude of joint positions and base coordinates", ("safety.max_magnitude",),
           "rad, m", _DAMPS, _STATES + "positions_that_no_robot_has_are_a_fault_and_are_not_compared_with"),
     Check("IMPLAUSIBLE_STATE", "speeds of the joints and the base",
@@ -74,12 +79,15 @@ CHECKS = (
           "no damping at that joint", _STATES + "a_velocity_that_no_joint_has_is_not_damped_and_the_others_are"),
     Check("", "damping in discrete time", ("safety.damping", "control.rate"), "N·m·s/rad, Hz",
           "less damping at light joints", _STATES + "damping_changes_no_velocity_s_sign_whatever_is_configured"),
+    Check("", "other nodes that publish torques", ("safety.torque_publishers",), "names",
+          "`activate` is refused; a warning while active",
+          "service/test_loop.py::test_while_another_node_publishes_torques_activation_is_refused"),
 )  # fmt: skip
 
 
 def checks_table() -> str:
     """The table of all checks, as Markdown."""
-    rows = ["| Checked | Threshold | Unit | Response | Code | Test in `test/safety/` |", "|---|---|---|---|---|---|"]
+    rows = ["| Checked | Threshold | Unit | Response | Code | Test in `test/` |", "|---|---|---|---|---|---|"]
     for check in CHECKS:
         limits, code = ", ".join(f"`{key}`" for key in check.limits), f"`{check.code}`" if check.code else "none"
         file, _, test = check.test.partition("::")
@@ -93,14 +101,14 @@ def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, st
     Args:
         ages: age of each input, s; infinite where none has arrived.
         limit: largest allowed age, s.
-        notes: for inputs whose last message was refused, the reason.
+        notes: for inputs, what to know about their age.
     """
     parts = []
     for name, age in ages.items():
         if not (age <= limit):
             said = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
             note = (notes or {}).get(name)
-            parts.append(f"{name} {said} (limit {1e3 * limit:.0f} ms)" + (f"; last refusal: {note}" if note else ""))
+            parts.append(f"{name} {said} (limit {1e3 * limit:.0f} ms)" + (f"; {note}" if note else ""))
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 
 

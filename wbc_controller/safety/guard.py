@@ -49,7 +49,7 @@ class GuardLimits:
         damping: joint damping, N·m·s/rad.
         damping_time: time of damping before the torques are zero, s.
         damping_torque: largest damping torque, (na,) in N·m.
-        torque_step: largest change of a torque from one message to the next, (na,) in N·m.
+        torque_rate: largest change of a torque, (na,) in N·m/s; by one period's worth at most per message.
         effort: largest torque, (na,) in N·m.
     """
 
@@ -60,7 +60,7 @@ class GuardLimits:
     damping: float
     damping_time: float
     damping_torque: Array
-    torque_step: Array
+    torque_rate: Array
     effort: Array
 
 
@@ -104,6 +104,7 @@ class Guard:
         self._since = 0.0  # when the present mode began, s
         self._command_at = -math.inf  # arrival of the newest command taken into account, s
         self._tau = np.zeros(len(limits.effort))  # last torques on the topic, the controller's or the guard's
+        self._tau_at = -math.inf  # when these came, or were sent, s
 
     @property
     def sending(self) -> bool:
@@ -162,6 +163,7 @@ class Guard:
         limits = self.limits
         usable = np.isfinite(heard.torques).all()
         self._tau = np.clip(heard.torques, -limits.effort, limits.effort) if usable else np.zeros(len(limits.effort))
+        self._tau_at = heard.command_at
         self._enter(GuardMode.DAMPING, now)
 
     def _enter(self, mode: GuardMode, now: float) -> None:
@@ -173,5 +175,6 @@ class Guard:
         wanted = np.zeros(len(limits.effort))
         if self.mode is GuardMode.DAMPING and heard.velocity is not None and not self.blind(now, heard):
             wanted = np.clip(-limits.damping * heard.velocity, -limits.damping_torque, limits.damping_torque)
-        self._tau = np.clip(wanted, self._tau - limits.torque_step, self._tau + limits.torque_step)
+        step = limits.torque_rate * max(0.0, min(now - self._tau_at, limits.period))
+        self._tau, self._tau_at = np.clip(wanted, self._tau - step, self._tau + step), now
         return frozen(self._tau)

@@ -18,6 +18,10 @@ class Clock(Protocol):
         """Time for message headers, ns."""
         ...
 
+    def ahead(self) -> float:
+        """The time of `stamp` less that of `now`, s."""
+        ...
+
     def trouble(self) -> str | None:
         """Why ages cannot be measured at this moment, None if they can; called once per cycle."""
         ...
@@ -28,7 +32,21 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's monotonic clock."""
+    """The machine's monotonic clock.
+
+    Args:
+        synchronized: whether stamps are compared with the wall clock: then `trouble` says when that has been set.
+    """
+
+    #: Step of the wall clock that is said, s: below the smallest useful `safety.clock_tolerance`.
+    _STEP = 0.002
+    #: Time within which both clocks must be read for a comparison, s: a thread may lose the processor in between.
+    _AT_ONCE = 1.0e-4
+
+    def __init__(self, *, synchronized: bool = False) -> None:
+        self._synchronized = synchronized
+        self._ahead = time.time_ns() * 1.0e-9 - time.monotonic()
+        self._compare()
 
     def now(self) -> float:
         """Time since some fixed instant, s."""
@@ -38,13 +56,30 @@ class MonotonicClock:
         """Wall time since the epoch, ns."""
         return time.time_ns()
 
+    def ahead(self) -> float:
+        """Wall time less that of `now`, s, as it was at the last `trouble`."""
+        return self._ahead
+
     def trouble(self) -> str | None:
-        """Return None, as this clock always runs."""
-        return None
+        """Reports that the wall clock was set since the last call, where stamps are compared with it."""
+        if not self._synchronized:
+            return None
+        step = self._compare()
+        if abs(step) <= self._STEP:
+            return None
+        return f"this computer's clock was set {'forward' if step > 0.0 else 'back'} by {abs(step):.3f} s"
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
         """Wait for a duration, or until the event is set."""
         stop.wait(seconds)
+
+    def _compare(self) -> float:
+        """Read both clocks; the change of their difference, s, or 0 where they could not be read at once."""
+        before, wall, after = time.monotonic(), time.time_ns(), time.monotonic()
+        if after - before > self._AT_ONCE:
+            return 0.0
+        old, self._ahead = self._ahead, wall * 1.0e-9 - 0.5 * (before + after)
+        return self._ahead - old
 
 
 class SimulatedClock:
@@ -81,6 +116,10 @@ class SimulatedClock:
         """The simulator's time, ns; 0 before the first message."""
         return self._stamp or 0
 
+    def ahead(self) -> float:
+        """The simulator's time less that of `now`, s: not zero once the former has gone back."""
+        return -self._gone_back * 1.0e-9
+
     def trouble(self) -> str | None:
         """Reports that no time has arrived yet, or that it has jumped back since the last call; None otherwise."""
         with self._moved:
@@ -114,6 +153,10 @@ class ManualClock:
     def stamp(self) -> int:
         """The time shown, ns."""
         return round(self.time * 1.0e9)
+
+    def ahead(self) -> float:
+        """0, as both times are the same."""
+        return 0.0
 
     def trouble(self) -> str | None:
         """Return None, as no trouble is possible."""

@@ -20,6 +20,7 @@ from wbc_controller.service.clock import Clock, MonotonicClock, SimulatedClock
 from wbc_controller.service.inputs import Inputs
 from wbc_controller.service.loop import ControlLoop
 from wbc_controller.service.outputs import Outputs
+from wbc_controller.service.ownership import Ownership
 from wbc_controller.service.urdf import wait_for_urdf
 from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.settings import NODE_NAME, Settings
@@ -74,7 +75,7 @@ def run_controller(
         loop = make_loop(
             controller,
             transport,
-            clock_of(topics, transport) if use_sim_time else MonotonicClock(),
+            make_clock(settings, topics, transport, use_sim_time=use_sim_time),
             topics,
             observers=observers,
             node=full_name,
@@ -125,6 +126,7 @@ def make_loop(
             transport,
             clock,
             partial(controller.live.prepare, source="update"),
+            clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
         ),
         Outputs(
             model,
@@ -137,10 +139,29 @@ def make_loop(
             node,
         ),
         make_audit(settings, qp),
+        Ownership(
+            transport, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)
+        ),
         clock,
         timer=timer,
         observers=observers,
     )
+
+
+def make_clock(
+    settings: Settings, topics: Iterable[Endpoint], transport: Transport, *, use_sim_time: bool
+) -> MonotonicClock | SimulatedClock:
+    """Make the clock of a loop.
+
+    Args:
+        settings: the robot's settings.
+        topics: the node's endpoints.
+        transport: as for `clock_of`.
+        use_sim_time: whether it is the simulator's time.
+    """
+    if use_sim_time:
+        return clock_of(topics, transport)
+    return MonotonicClock(synchronized=settings.safety.synchronized_clocks)
 
 
 def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:

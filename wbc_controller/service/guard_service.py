@@ -234,7 +234,7 @@ def guard_limits(settings: Settings, effort: Array) -> GuardLimits:
         damping=guard.damping,
         damping_time=guard.damping_time,
         damping_torque=guard.torque * effort,
-        torque_step=settings.limits.torque_rate * period * effort,
+        torque_rate=settings.limits.torque_rate * effort,
         effort=effort,
     )
 

@@ -48,6 +48,8 @@ _READER_SHARE = 0.25
 _LONGEST_REASON = 1000
 #: Longest word on the command topic, in characters.
 _LONGEST_WORD = 40
+#: Time on its way from which on a message's age is explained by it, s.
+_WAITED = 0.01
 #: The word that stops the robot, as it stands in a serialized std_msgs/String.
 _ESTOP = b"estop"
 
@@ -61,7 +63,8 @@ class Latched:
             base).
         joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
         ages: age of each part of the state, s; infinite if it has never arrived.
-        notes: for each part of the state whose last message was refused, the reason.
+        notes: for parts of the state, what to know about an age: why the last message was refused, or how long the
+            newest one was on its way.
         commands: words on the command topic, in order of arrival.
         changes: sets of changes, in order of arrival; each set is applied whole or not at all.
         refused: a sentence for each message that was refused.
@@ -80,7 +83,7 @@ class Latched:
 class _Part:
     """Newest message of one part of the state: joint states or odometry."""
 
-    stamps: StampTracker = field(default_factory=StampTracker)
+    stamps: StampTracker
     stamp: int = 0
     q: Array = field(default_factory=lambda: np.zeros(0))
     v: Array = field(default_factory=lambda: np.zeros(0))
@@ -110,6 +113,8 @@ class Inputs:
         transport: Transport,
         clock: Clock,
         prepare: Callable[[Mapping[str, Any]], None] = lambda change: None,
+        *,
+        clock_tolerance: float | None = None,
     ) -> None:
         """Subscribe.
 
@@ -120,6 +125,7 @@ class Inputs:
             transport: carries the messages.
             clock: dates the messages at their arrival.
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
+            clock_tolerance: how far a stamp may be ahead of the clock's, s; None where the two are not synchronized.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -128,9 +134,8 @@ class Inputs:
         self._prepare = prepare
         self._joint_order = JointOrder(model.joints)
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
-        self._parts = {"joint_states": _Part()}
-        if model.floating_base:
-            self._parts["odom"] = _Part()
+        self._clock_tolerance = clock_tolerance
+        self._parts = {name: _Part(self._tracker()) for name in ("joint_states", "odom")[: 1 + model.floating_base]}
         self._notes: dict[str, str] = {}
         self._estop = threading.Event()
         self._waiting = threading.Condition()  # guards the three below
@@ -169,7 +174,12 @@ class Inputs:
     def restart(self) -> None:
         """Take the next stamps as those of a new time: the clock has begun anew."""
         for part in self._parts.values():
-            part.stamps = StampTracker()
+            part.stamps = self._tracker()
+
+    def _tracker(self) -> StampTracker:
+        if self._clock_tolerance is None:
+            return StampTracker()
+        return StampTracker(self._clock.ahead, self._clock_tolerance)
 
     def age_of_joint_states(self) -> float:
         """Age of the newest joint state that was decoded, s; infinite before the first."""
@@ -179,6 +189,10 @@ class Inputs:
         """Age of each part of the state at this moment, by its stamp, s; infinite before the first."""
         now = self._clock.now()
         return {name: part.stamps.age(now) for name, part in self._parts.items()}
+
+    def stood(self) -> float:
+        """How far the stamps have gone on while the clock has stood still, s."""
+        return max(part.stamps.stood for part in self._parts.values())
 
     def latch(self) -> Latched:
         """Decode the newest state, and take the requests that have been read."""
@@ -209,9 +223,22 @@ class Inputs:
             refused += read.refused
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         return Latched(
-            self._state(), self._joint_velocity(), self.ages(), dict(self._notes), tuple(commands), tuple(changes),
+            self._state(), self._joint_velocity(), self.ages(), self._noted(), tuple(commands), tuple(changes),
             tuple(refused),
         )  # fmt: skip
+
+    def _noted(self) -> dict[str, str]:
+        """What to know about the age of each part of the state."""
+        notes, now = {}, self._clock.now()
+        for name, part in self._parts.items():
+            waited = part.stamps.waited(now)
+            if name in self._notes:
+                notes[name] = f"last refusal: {self._notes[name]}"
+            elif waited > _WAITED and self._clock_tolerance is not None:
+                notes[name] = f"{waited:.3f} s of it on its way, or the clocks are not synchronized"
+            elif waited > _WAITED:
+                notes[name] = f"{waited:.3f} s of it on its way"
+        return notes
 
     def _bounded(self, endpoint: Endpoint, put: Callable[[bytes], None]) -> Callable[[bytes], None]:
         """A callback that drops messages over the size of their topic."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import logging
+import math
 import re
 import sys
 import threading
@@ -19,6 +20,7 @@ from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.inputs import Inputs, Latched
 from wbc_controller.service.outputs import Outputs
+from wbc_controller.service.ownership import Ownership
 
 _log = logging.getLogger(__name__)
 
@@ -46,6 +48,7 @@ class ControlLoop:
         inputs: Inputs,
         outputs: Outputs,
         audit: ModelAudit,
+        ownership: Ownership,
         clock: Clock,
         *,
         timer: Callable[[], float] = time.perf_counter,
@@ -58,6 +61,7 @@ class ControlLoop:
             inputs: latch the incoming messages.
             outputs: publish the outgoing messages.
             audit: compares the model with the measured motion.
+            ownership: knows who else publishes on the topics.
             clock: measures ages and durations.
             timer: returns seconds, for the stage times.
             observers: called with the report of every cycle.
@@ -67,31 +71,34 @@ class ControlLoop:
         self._inputs = inputs
         self._outputs = outputs
         self._audit = audit
+        self._ownership = ownership
         self._clock = clock
         self._timer = timer
         self._cycle = 0
         self._deadlines_missed = 0
+        self._due = -math.inf  # when `run_due` waits no longer
         self._activate_when_fresh = False
+        self._waits_for: tuple[str, ...] = ()
         self._said: dict[str, float] = {}
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
         started = self._timer()
-        now = self._clock.now()
         latched = self._inputs.latch()
         timeout = self.controller.state_timeout
+        stood = self._inputs.stood()
+        now = self._clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
         trouble = self._clock.trouble()
         if trouble:
             self._inputs.restart()
+        elif not (stood <= timeout):
+            trouble = (
+                f"the clock has stood still for {1e3 * stood:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
+            )
         problem = Fault("CLOCK", trouble) if trouble else None
         problem = problem or stale_inputs(latched.ages, timeout, latched.notes)
-        requests = latched.commands
-        if self._activate_when_fresh and any(word != "activate" for word in requests):
-            _log.warning("command %r: the activation at the start is cancelled", requests[0])
-            self._activate_when_fresh = False
-        if self._activate_when_fresh and problem is None:
-            self._activate_when_fresh = False
-            requests = ("activate", *requests)
+        self._ownership.refresh(now)
+        requests, refused = self._requests(latched.commands, problem)
         fresh = latched.ages["joint_states"] <= timeout
         stages = {"read": self._timer() - started}
         result = self.controller.cycle(
@@ -104,10 +111,10 @@ class ControlLoop:
         )
         late = stale_inputs(self._inputs.ages(), timeout) if result.solution is not None else None
         if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
-            result = self.controller.cycle(self._clock.now(), latched.state, None, problem=late)
+            result = self.controller.cycle(self._clock.now() + stood, latched.state, None, problem=late)
         stages |= result.stage_seconds
         decided = self._timer()
-        report = self._report(latched, result, stages)
+        report = self._report(latched, result, stages, refused)
         self._outputs.publish_command(report)
         stages["write"] = self._timer() - decided
         stages["total"] = self._timer() - started
@@ -121,6 +128,23 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The requests for the controller, and a sentence for each that is refused, as the robot has another owner."""
+        if self._activate_when_fresh and any(word != "activate" for word in words):
+            _log.warning("command %r: the activation at the start is cancelled", words[0])
+            self._activate_when_fresh = False
+        contested = self._ownership.contested
+        if contested:
+            if self._activate_when_fresh and contested != self._waits_for:
+                self._waits_for = contested
+                _log.warning("the activation at the start waits: %s", "; ".join(contested))
+            sentence = f"command 'activate' is refused: {'; '.join(contested)}"
+            return tuple(word for word in words if word != "activate"), (sentence,) * words.count("activate")
+        if self._activate_when_fresh and problem is None:
+            self._activate_when_fresh = False
+            words = ("activate", *words)
+        return words, ()
 
     def _say(self, report: CycleReport, now: float) -> None:
         """Log refusals and faults; a sentence that recurs in every cycle is logged once per second."""
@@ -142,7 +166,9 @@ class ControlLoop:
         audit = self._audit.look(state, self.controller.qp.dynamics, report.solution, report.command)
         return dataclasses.replace(report, audit=audit)
 
-    def _report(self, latched: Latched, result: CycleResult, stages: dict[str, float]) -> CycleReport:
+    def _report(
+        self, latched: Latched, result: CycleResult, stages: dict[str, float], refused: tuple[str, ...] = ()
+    ) -> CycleReport:
         return CycleReport(
             cycle=self._cycle,
             stamp=latched.state.stamp if latched.state is not None else 0,
@@ -151,9 +177,12 @@ class ControlLoop:
             command=result.command,
             solution=result.solution,
             ages=latched.ages,
-            refused=(*latched.refused, *result.refused),
+            refused=(*latched.refused, *refused, *result.refused),
             stage_seconds=stages,
             deadlines_missed=self._deadlines_missed,
+            requests=latched.commands,
+            contested=self._ownership.contested,
+            shared=self._ownership.shared,
         )
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
@@ -164,18 +193,37 @@ class ControlLoop:
             period: time between cycles, s.
             triggered: run one cycle for each joint state, and once they are stale one cycle per period; otherwise run
                 on absolute deadlines.
-            activate: activate as soon as the inputs are fresh, without a command.
+            activate: activate as soon as the inputs are fresh and the robot has no other owner, without a command.
         """
         self._activate_when_fresh = activate
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         self._inputs.start_reader()
         try:
+            self._ownership.start(stop)
             self._run(stop, period, triggered=triggered)
         finally:
             self._inputs.stop_reader()
+            self._ownership.stop()
             sys.setswitchinterval(switch_interval)
             self._shut_down()
+
+    def run_due(self, now: float, period: float) -> bool:
+        """Run the triggered cycle that is due, if one is: what `run` does with joint states, where time is simulated.
+
+        Args:
+            now: the time that passes while the loop waits, s; its clock may be another one.
+            period: time between cycles, s.
+
+        Returns:
+            Whether a cycle was due.
+        """
+        if not self._inputs.arrived.is_set() and now < self._due:
+            return False
+        self._inputs.arrived.clear()
+        self._guarded_cycle()
+        self._due = now + self._patience(period)
+        return True
 
     def wake(self) -> None:
         """Interrupt the wait for a joint state, so that a loop whose `stop` event is set ends at once."""

@@ -55,6 +55,7 @@ class Outputs:
         self._summary = StatusSummary(node, model.name)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
+        self._contested_said: tuple[str, ...] = ()
         self._scene = scene
         self._markers_period = markers_period
         self._markers_due = -np.inf if markers_period < np.inf else np.inf
@@ -87,7 +88,7 @@ class Outputs:
         self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send the mode if it has changed, and diagnostics if they are due or a message was refused.
+        """Send the mode if it has changed, and diagnostics if they are due or have news.
 
         Args:
             report: report of the cycle.
@@ -102,7 +103,9 @@ class Outputs:
                 text += f" {report.fault.code}: {report.fault.sentence}"
             self._send("state", message("std_msgs/msg/String", data=text))
         self._summary.add(report)
-        if now >= self._diagnostics_due or report.refused:
+        news = report.refused or report.contested != self._contested_said
+        if now >= self._diagnostics_due or news:
+            self._contested_said = report.contested
             self._diagnostics_due = now + self._diagnostics_period
             self._send("diagnostics", self._summary.message(wall))
 

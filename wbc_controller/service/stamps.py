@@ -1,8 +1,9 @@
-"""Ages by stamp: how old a message's content is, on a clock whose offset from ours is learned."""
+"""Ages by stamp: how old a message's content is, on a clock whose offset from ours is learned or known."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 #: A stamp further ahead of where its stream should be is refused, s: latency varies by less.
 _AHEAD = 0.25
@@ -19,13 +20,31 @@ class StampTracker:
     clocks and the shortest latency. What a later message lags more, it waited on its way: in a queue of a process that
     was stopped, say. The offset may rise by `_SLOWER` of the time between stamps, so that a clock that drifts, or a
     simulator that is slower than real time, is not mistaken for latency. A latency that is constant from the start
-    cannot be told from an offset between two clocks.
+    cannot be told from an offset between two clocks. Where the clocks are synchronized the offset is known, and every
+    latency counts; a stamp that is ahead of our clock by more than a tolerance is refused.
+
+    A simulator's clock may stand still while stamps go on; `stood` tells how long.
 
     Stamps have to rise. One that does not, or that is far ahead, is refused; where they go on so for `_REBASE`, the
     stream has a new time.
+
+    Attributes:
+        stood: how far the stamps have gone on, those that were refused too, since our clock moved last, s.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, ahead: Callable[[], float] | None = None, tolerance: float = 0.0) -> None:
+        """Make a tracker that has seen no message.
+
+        Args:
+            ahead: returns the time of the stamps' clock less ours, s; None where it has to be learned.
+            tolerance: how far a stamp may be ahead of that clock, s.
+        """
+        self.stood = 0.0
+        self._newest = (0, -math.inf)  # stamp and arrival of the newest message, whether it was accepted or not
+        self._last_refused = False
+        self._refused = 0.0  # by how much the stamps of refused messages went on since one was accepted, s
+        self._ahead = ahead
+        self._tolerance = tolerance
         self._stamp = 0  # of the newest message that was accepted, ns
         self._arrival = -math.inf
         self._offset = math.inf
@@ -41,6 +60,31 @@ class StampTracker:
         """
         if not stamp > 0:
             return "header.stamp is 0; a state without a time cannot be used"
+        step = (stamp - self._newest[0]) * 1.0e-9
+        if arrival != self._newest[1]:
+            self.stood = 0.0
+        elif 0.0 < step <= _AHEAD:  # another step is a stamp that contradicts the others
+            self.stood += step
+        self._newest = stamp, arrival
+        reason = self._judged(stamp, arrival)
+        if reason is None:
+            self._last_refused = False
+            self._refused = 0.0
+        else:
+            if self._last_refused and 0.0 < step <= _AHEAD:
+                self._refused += step
+            self._last_refused = True
+        return reason
+
+    def _judged(self, stamp: int, arrival: float) -> str | None:
+        """As `judge`, of a stamp that is a time."""
+        if self._ahead is not None:
+            ahead = stamp * 1.0e-9 - (arrival + self._ahead())
+            if not (ahead <= self._tolerance):
+                return (
+                    f"header.stamp is {ahead:.3f} s ahead of this computer's clock (limit {1e3 * self._tolerance:.0f} "
+                    "ms, safety.clock_tolerance)"
+                )
         if self._arrival > -math.inf:
             reason = self._contradiction(stamp, arrival)
             if reason is not None:
@@ -57,10 +101,26 @@ class StampTracker:
     def age(self, now: float) -> float:
         """Age of what the newest message says, s; infinite where none was accepted.
 
+        It is at least what the stamps of messages that were refused have gone on since: our clock may be too slow.
+
         Args:
             now: s, on our clock.
         """
-        return now - self._arrival + (self._lag - self._offset) if self._arrival > -math.inf else math.inf
+        if self._arrival == -math.inf:
+            return math.inf
+        if self._ahead is not None:
+            age = now + self.stood + self._ahead() - self._stamp * 1.0e-9
+        else:
+            age = now - self._arrival + (self._lag - self._offset)
+        return max(age, self._refused)
+
+    def waited(self, now: float) -> float:
+        """What of the age was before the arrival of the newest message, s; 0 where none was accepted.
+
+        Args:
+            now: s, on our clock.
+        """
+        return self.age(now) - (now - self._arrival) if self._arrival > -math.inf else 0.0
 
     def _contradiction(self, stamp: int, arrival: float) -> str | None:
         step = (stamp - self._stamp) * 1.0e-9
@@ -69,6 +129,6 @@ class StampTracker:
         if step < 0.0:
             return f"header.stamp is {-step:.3f} s before that of the last message"
         ahead = step - (arrival - self._arrival)
-        if ahead > _AHEAD:
+        if ahead > _AHEAD and self._ahead is None:
             return f"header.stamp is {ahead:.3f} s ahead of the messages before"
         return None

@@ -6,16 +6,31 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 
-from wbc_controller.core.robot.mimic import LARGEST_URDF
+from wbc_controller.core.robot.urdf import LARGEST_URDF
 from wbc_controller.errors import InputRefused
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.messages import decode
-from wbc_controller.wire.topics import Topic, endpoints
+from wbc_controller.wire.topics import Endpoint, Topic, endpoints
 
 _log = logging.getLogger(__name__)
 
 #: Longest message, in bytes: a URDF, its length, the end of the string and the padding.
 _LARGEST = LARGEST_URDF + 16
+
+
+def urdf_of(payload: bytes, endpoint: Endpoint) -> str:
+    """Read the URDF of a message.
+
+    Args:
+        payload: the serialized message.
+        endpoint: its topic.
+
+    Raises:
+        InputRefused: if it is too long, which is seen before it is decoded, or no message of its type.
+    """
+    if len(payload) > _LARGEST:
+        raise InputRefused(f"{len(payload)} bytes are too long for a URDF; it may have {LARGEST_URDF}")
+    return str(decode(payload, endpoint.type).data)
 
 
 def wait_for_urdf(
@@ -46,9 +61,7 @@ def wait_for_urdf(
         if arrived.is_set():
             return
         try:
-            if len(payload) > _LARGEST:
-                raise InputRefused(f"{len(payload)} bytes are too long for a URDF; it may have {LARGEST_URDF}")
-            found = str(decode(payload, endpoint.type).data)
+            found = urdf_of(payload, endpoint)
         except InputRefused as error:
             if not refused:
                 _log.warning("refused %s: %s", endpoint.name, error)

@@ -94,9 +94,11 @@ def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
         mark = error.problem_mark or error.context_mark
         where = f"{source}:{mark.line + 1}" if mark else source
         raise ConfigurationError(f"{where}: not valid YAML: {error.problem or error.context}") from error
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # The last three are raised on impossible dates and numbers, on keys that are lists, and on deep nesting.
-        raise ConfigurationError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
+    except ConfigurationError:
+        raise
+    except Exception as error:  # a value that does not fit its tag can make PyYAML's constructors raise any exception
+        kind = f"{type(error).__name__}: " if isinstance(error, (LookupError, AttributeError)) else ""
+        raise ConfigurationError(f"{source}: not valid YAML: {kind}{' '.join(str(error).split())}") from error
 
 
 def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:

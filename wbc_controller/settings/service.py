@@ -12,6 +12,9 @@ from wbc_controller.settings.values import NonNegative, Positive, Section
 #: Joint damping, N·m·s/rad: a motor of a humanoid's leg has a fraction of it; beyond, a mistaken unit is more likely.
 Damping = Annotated[NonNegative, Field(le=100.0)]
 
+#: Name of a ROS 2 node, with or without its namespace.
+NodeName = Annotated[str, Field(pattern=r"^(/?[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
+
 
 class ControlSettings(Section):
     """The control loop."""
@@ -55,6 +58,17 @@ class SafetySettings(Section):
 
     state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
         0.05, description="Largest age of a joint state or base state from which torques are computed, s."
+    )
+    synchronized_clocks: bool = Field(
+        False,
+        description="The robot's clock and this computer's are kept synchronized (PTP, chrony), or are both that of a "
+        "simulator (`use_sim_time`): the age of a state is then the time since its stamp, and a latency that is "
+        "constant counts too. Otherwise the offset between the clocks is learned, and with it the shortest latency.",
+    )
+    clock_tolerance: Annotated[Positive, Field(le=0.5)] = Field(
+        0.01,
+        description="With `synchronized_clocks`: how far a stamp may be ahead of this computer's clock, s; by as "
+        "much an age may be too small. With a simulator it is at least the time between two messages of its clock.",
     )
     activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp up, s.")
     hold_time: NonNegative = Field(
@@ -120,6 +134,13 @@ class SafetySettings(Section):
         0.1,
         description="Longest time for which the joint states, or the base's pose and twist, may repeat bit for bit at "
         "velocities that are not zero, s; not less than `state_timeout`.",
+    )
+
+    torque_publishers: list[NodeName] = Field(
+        ["guard"],
+        description="Nodes beside the controller that may publish torques, as the guard does: names in the "
+        "controller's namespace, or with a slash at the start. While any other node publishes torques, `activate` is "
+        "refused.",
     )
 
     @model_validator(mode="after")

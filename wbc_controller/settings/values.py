@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -50,3 +51,6 @@ class Section(BaseModel):
 
     #: The keys that may be changed while the controller runs.
     live: ClassVar[tuple[str, ...]] = ()
+    #: For live keys whose whole range is safe only at rest: the range while the controller runs. None stands for the
+    #: value that the controller was configured with, which always stays possible.
+    live_ranges: ClassVar[Mapping[str, tuple[float | None, float | None]]] = {}

@@ -22,7 +22,7 @@ from cyclonedds.topic import Topic
 from wbc_controller.errors import TransportError
 from wbc_controller.transports import dds_raw
 from wbc_controller.transports.dds_domain import close_domain, domain_settings, open_domain
-from wbc_controller.transports.dds_graph import NodeAnnouncement
+from wbc_controller.transports.dds_graph import Graph, NodeAnnouncement
 from wbc_controller.transports.dds_types import idl_type, type_hash
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import Publish
@@ -53,6 +53,8 @@ class DdsTransport:
         TransportError: if a setting is not valid, security is enforced, or DDS cannot be started.
     """
 
+    discovery_time = 1.0
+
     def __init__(
         self, node: str, namespace: str = "/", domain_id: int | None = None, discovery_range: str | None = None
     ) -> None:
@@ -65,6 +67,7 @@ class DdsTransport:
         self._publications: list[_Publication] = []
         self._dispatcher: _Dispatcher | None = None
         self._announcement: NodeAnnouncement | None = None
+        self._graph: Graph | None = None
         self._participant: Any = None
         open_domain(self._settings)
         try:
@@ -95,6 +98,14 @@ class DdsTransport:
             dispatcher.add(endpoint, reader, callback)
             announcement.add_reader(reader)
 
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this node's own, sorted."""
+        with self._lock, _translated(f"cannot look at {endpoint.name}"):
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            self._graph = self._graph or Graph(self._participant)
+            return self._graph.publishers(_dds_name(endpoint))
+
     def close(self) -> None:
         """Stop the thread and delete all DDS entities. A second call does nothing.
 
@@ -121,13 +132,13 @@ class DdsTransport:
     def _topic(self, endpoint: Endpoint) -> Any:
         self._types.check(endpoint.name, endpoint.type)
         if endpoint.name not in self._topics:
-            self._topics[endpoint.name] = Topic(self._participant, f"rt{endpoint.name}", idl_type(endpoint.type))
+            self._topics[endpoint.name] = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
         return self._topics[endpoint.name]
 
     def _delete_entities(self) -> None:
         for publication in self._publications:
             publication.delete()
-        for part in (self._dispatcher, self._announcement):
+        for part in (self._dispatcher, self._announcement, self._graph):
             if part is not None:
                 part.delete()
         for entity in (*self._topics.values(), self._participant):
@@ -211,6 +222,10 @@ class _Dispatcher:
                 callback(payload)
             except Exception:  # an error must not stop later messages or other topics
                 _log.exception("callback for %s failed", endpoint.name)
+
+
+def _dds_name(endpoint: Endpoint) -> str:
+    return f"rt{endpoint.name}"
 
 
 def _reader_qos(endpoint: Endpoint) -> Any:

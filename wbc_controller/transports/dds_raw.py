@@ -10,7 +10,8 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-from cyclonedds._clayer import ddspy_take, ddspy_write
+from cyclonedds._clayer import ddspy_take, ddspy_take_endpoint, ddspy_write
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.internal import dds_c_t, dds_infinity
 
@@ -44,6 +45,29 @@ def take(reader: Any, limit: int) -> list[bytes]:
         raise DDSException(samples)
     # A sample without valid data only reports that its writer is gone.
     return [payload for payload, info in samples if info.valid_data]
+
+
+def writers_reader(participant: Any) -> Any:
+    """Make a reader for `take_writers`."""
+    return BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+
+
+def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None]]:
+    """Take what has changed about the writers of the domain: about 4 µs for each, as their QoS is not converted.
+
+    Returns:
+        GUID of the writer, GUID of its participant, and the topic's name; None where the writer is gone.
+
+    Raises:
+        DDSException: if the reader could not be read.
+    """
+    samples = ddspy_take_endpoint(reader._ref, limit, lambda *values: values, lambda qos: None)
+    if isinstance(samples, int):
+        raise DDSException(samples)
+    return [
+        (guid, owner, topic if info.instance_state == InstanceState.Alive else None)
+        for guid, owner, _, topic, _, _, info, _ in samples
+    ]
 
 
 def delete(entity: Any) -> None:

@@ -28,7 +28,16 @@ class MemoryBus:
         self.lock = threading.RLock()
         self.types = TopicTypes()
         self._readers: dict[str, list[_Reader]] = {}
+        self._writers: dict[str, list[_Writer]] = {}
         self._latched: dict[str, dict[_Writer, bytes]] = {}
+
+    def _open(self, writer: _Writer) -> None:
+        with self.lock:
+            self._writers.setdefault(writer.endpoint.name, []).append(writer)
+
+    def _owners(self, topic: str) -> list[MemoryTransport]:
+        with self.lock:
+            return [writer.owner for writer in self._writers.get(topic, ())]
 
     def _connect(self, reader: _Reader) -> None:
         with self.lock:
@@ -53,13 +62,26 @@ class MemoryBus:
                 self._readers[reader.endpoint.name].remove(reader)
             for writer in writers:
                 writer.closed = True
+                self._writers[writer.endpoint.name].remove(writer)
                 self._latched.get(writer.endpoint.name, {}).pop(writer, None)
 
 
 class MemoryTransport:
-    """One participant on a `MemoryBus`."""
+    """One participant on a `MemoryBus`.
 
-    def __init__(self, bus: MemoryBus) -> None:
+    Attributes:
+        name: fully qualified name of the node.
+
+    Args:
+        bus: connects it with the others.
+        node: name of the node.
+        namespace: namespace of the node, starting with a slash.
+    """
+
+    discovery_time = 0.0
+
+    def __init__(self, bus: MemoryBus, node: str = "memory", namespace: str = "/") -> None:
+        self.name = f"{namespace.rstrip('/')}/{node}"
         self._bus = bus
         self._readers: list[_Reader] = []
         self._writers: list[_Writer] = []
@@ -69,8 +91,9 @@ class MemoryTransport:
         """Open a topic for writing."""
         with self._bus.lock:
             self._check(endpoint)
-            writer = _Writer(endpoint)
+            writer = _Writer(endpoint, self)
             self._writers.append(writer)
+            self._bus._open(writer)
         return lambda payload: self._bus._publish(writer, payload)
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
@@ -80,6 +103,12 @@ class MemoryTransport:
             reader = _Reader(endpoint, callback)
             self._readers.append(reader)
             self._bus._connect(reader)
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        if self._closed:
+            raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+        return tuple(sorted(owner.name for owner in self._bus._owners(endpoint.name) if owner is not self))
 
     def close(self) -> None:
         """Close all topics. A second call does nothing."""
@@ -95,8 +124,9 @@ class MemoryTransport:
 
 
 class _Writer:
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(self, endpoint: Endpoint, owner: MemoryTransport) -> None:
         self.endpoint = endpoint
+        self.owner = owner
         self.closed = False
 
 

@@ -6,6 +6,7 @@ import importlib
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -16,13 +17,15 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from wbc_controller.errors import TransportError
 from wbc_controller.transports.ros2_reader import Reader, ReaderGroup
 from wbc_controller.transports.topic_types import TopicTypes
-from wbc_controller.transports.transport import Publish
+from wbc_controller.transports.transport import UNNAMED, Publish
 from wbc_controller.wire.topics import Endpoint, Qos
 
 _log = logging.getLogger(__name__)
 
 #: Longest time, at closing, for which delivery of the last messages to the reliable readers is awaited, s.
 _LAST_WORDS = 0.5
+#: What rclpy names a node whose name has not arrived, or that is not of ROS 2.
+_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 class Ros2Transport:
@@ -36,6 +39,8 @@ class Ros2Transport:
             lifecycle states: the safety supervisor decides which commands are accepted.
     """
 
+    discovery_time = 1.0
+
     def __init__(self, node: Any) -> None:
         self._node = node
         self._group = ReaderGroup()
@@ -45,6 +50,7 @@ class Ros2Transport:
         self._closed = False
         self._types = TopicTypes()
         self._publishers: list[Any] = []
+        self._advertised: Counter[str] = Counter()
         self._subscriptions: list[Any] = []
 
     def advertise(self, endpoint: Endpoint) -> Publish:
@@ -61,6 +67,7 @@ class Ros2Transport:
             except Exception as error:  # rclpy's errors here have no common base class
                 raise TransportError(f"cannot advertise {endpoint.name}: {error}") from error
             self._publishers.append(publisher)
+            self._advertised[endpoint.name] += 1
 
         def publish(payload: bytes) -> None:
             try:
@@ -99,6 +106,20 @@ class Ros2Transport:
             self._subscriptions.append(subscription)
             self._reader.add(subscription, deliver)
 
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        with self._lock:
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            try:
+                found = self._node.get_publishers_info_by_topic(endpoint.name)
+            except Exception as error:  # as above
+                raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
+        names, own = sorted(map(_node_name, found)), self._node.get_fully_qualified_name()
+        for _ in range(min(self._advertised[endpoint.name], names.count(own))):
+            names.remove(own)
+        return tuple(names)
+
     def close(self) -> None:
         """Close all topics, but not the node. A second call does nothing.
 
@@ -122,6 +143,12 @@ class Ros2Transport:
             raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
         self._types.check(endpoint.name, endpoint.type)
         return _message_class(endpoint.type)
+
+
+def _node_name(info: Any) -> str:
+    if info.node_name == _NODE_NAME_UNKNOWN:
+        return UNNAMED
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def _message_class(type_name: str) -> Any:

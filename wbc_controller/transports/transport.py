@@ -9,13 +9,21 @@ from wbc_controller.wire.topics import Endpoint
 
 #: Sends one serialized message: little-endian CDR with its four-byte encapsulation header.
 Publish = Callable[[bytes], None]
+#: Stands for a node whose name is not known: it is not a ROS 2 node, or its name has not arrived yet.
+UNNAMED = "(a participant without a node name)"
 
 
 class Transport(Protocol):
     """Carries messages in ROS 2's serialized form, so that one codec (`wire.messages`) serves all transports.
 
     Callbacks run on the transport's thread: they must be short and must not raise.
+
+    Attributes:
+        discovery_time: time after which the other nodes know what this one has opened, and the reverse, s; longer on a
+            machine that is overloaded.
     """
+
+    discovery_time: float
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing.
@@ -33,6 +41,17 @@ class Transport(Protocol):
 
         Raises:
             TransportError: if the topic cannot be opened.
+        """
+        ...
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Fully qualified node name of each publisher on a topic, other than this transport's own, sorted.
+
+        A node with the same name as this one is another. `UNNAMED` stands for a name that is not known. The answer may
+        lag behind the graph; it takes up to a millisecond.
+
+        Raises:
+            TransportError: if the transport is closed, or the graph cannot be read.
         """
         ...
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
+from wbc_controller.core.limits.joint_motion import STOPPING
 from wbc_controller.errors import ConfigurationError, NoSolution
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
 
@@ -382,3 +383,54 @@ def test_a_state_that_is_not_finite_never_gives_torques(bench, solver, where):
         go2.controller.solve(go2.state(q, v), go2.references())
     again = go2.controller.solve(go2.state(), go2.references())
     np.testing.assert_allclose(again.tau, good.tau, atol=0.01)
+
+
+# What is asked of a joint that cannot meet its bounds -----------------------------------------------------------------
+
+
+LIMITS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+
+
+def stopping(limit, q, v, bounds=None):
+    """Bounds of the first of two joints; the other one is at rest in the middle."""
+    q, v = np.array([q, 0.0]), np.array([v, 0.0])
+    bounds = np.stack(limit.bounds(q, v, PERIOD)) if bounds is None else bounds
+    return limit.stopping_bounds(q, v, bounds, LIMITS)[:, 0]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("gap", "speed"), [(0.1, 3.0), (0.02, 2.0), (0.3, 8.0)])
+def test_a_joint_that_brakes_as_little_as_it_may_stops_a_little_beyond_its_limit(side, gap, speed):
+    limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), None, acceleration=200.0, horizon=0.02)
+    q, v = side * (1.0 - gap), side * speed
+    while side * v > 0.0:
+        bounds = stopping(limit, q, v)
+        a = bounds[1] if side > 0.0 else -bounds[0]
+        assert a < 0.0
+        q, v = q + PERIOD * v + 0.5 * PERIOD**2 * side * a, v + PERIOD * side * a
+    # A bound changes only once in a period, so that the last one may take it a little further.
+    assert 1.0 + 0.5 * STOPPING < side * q < 1.0 + STOPPING + 1e-3
+
+
+def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_limit():
+    limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), np.full(2, 5.0), acceleration=200.0)
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        q, v = rng.uniform(-1.05, 1.05), rng.uniform(-6.0, 6.0)
+        whole = np.stack(limit.bounds(np.array([q, 0.0]), np.array([v, 0.0]), PERIOD))
+        lower, upper = stopping(limit, q, v)
+        assert lower <= whole[0, 0]
+        assert upper >= whole[1, 0]
+        assert lower == -np.inf or v < 0.0
+        assert upper == np.inf or v > 0.0
+
+
+def test_beyond_reach_it_brakes_as_the_bounds_ask():
+    limit = JointMotionLimit((LIMITS[0], LIMITS[1]), None, acceleration=200.0)
+    assert stopping(limit, 1.0 + STOPPING + 0.01, 2.0)[1] == -200.0
+    assert stopping(limit, -1.0 - STOPPING - 0.01, -2.0)[0] == 200.0
+
+
+def test_without_position_limits_nothing_is_asked():
+    limit = JointMotionLimit(None, np.full(2, 5.0), acceleration=200.0)
+    np.testing.assert_array_equal(stopping(limit, 0.99, 4.0), [-np.inf, np.inf])

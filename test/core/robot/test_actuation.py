@@ -12,8 +12,9 @@ from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.references import make_board
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.robot.dynamics import Dynamics
-from wbc_controller.core.robot.mimic import parse_urdf, read_mimics
+from wbc_controller.core.robot.mimic import read_mimics
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.urdf import parse_urdf
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings import Settings

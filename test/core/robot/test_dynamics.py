@@ -1,11 +1,16 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from chains import joint, link, robot
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.control.controller import Controller
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.settings.config import Config
+from wbc_controller.settings.files import parse_settings
 
 ROBOTS = ("g1", "talos", "go2")
 FRAMES = {"g1": "left_rubber_hand", "talos": "left_sole_link", "go2": "RR_foot"}
@@ -104,3 +109,26 @@ def test_a_new_snapshot_stands_in_the_nominal_posture(load):
     dynamics = Dynamics(model)
     np.testing.assert_array_equal(dynamics.q[model.q_index], model.posture)
     assert not dynamics.v.any()
+
+
+def test_a_robot_of_one_joint_has_matrices_of_one_column():
+    """Pinocchio gives those of (6, nv) as (6,) where nv is 1."""
+    urdf = robot(link("base"), link("arm"), joint("shoulder", "base", "arm"))
+    own = {"base": "fixed", "joints": ["shoulder"], "posture": [0.3]}
+    pose = {"type": "frame_pose", "frame": "arm", "weight": 1.0}
+    momentum = {"type": "angular_momentum"}
+    settings = parse_settings(
+        {"robot": own, "tasks": {"posture": {"type": "posture"}, "pose": pose, "momentum": momentum}}, "a test"
+    )
+    dynamics = Dynamics(make_model(settings, urdf))
+    dynamics.update(np.array([0.5]), np.array([2.0]))
+    frame = dynamics.model.pinocchio.getFrameId("arm")
+    assert {J.shape for J in (dynamics.centroidal_matrix, dynamics.joint_jacobians, dynamics.joint_jacobians_rate,
+                              dynamics.jacobian(frame, pin.LOCAL))} == {(6, 1)}  # fmt: skip
+    close(dynamics.jacobian(frame, pin.LOCAL) @ dynamics.v, dynamics.velocity(frame, pin.LOCAL))
+    close(dynamics.com_jacobian @ dynamics.v, dynamics.com_velocity)
+    controller = Controller(Config(settings, "", urdf))
+    controller.reset([0.3], [0.0])
+    for i in range(1, 700):
+        result = controller.step([0.3], [0.0], i * controller.period)
+    close(result.tau, controller.dynamics.h, 1e-3)  # it carries the arm

@@ -10,7 +10,7 @@ import pytest
 from chains import joint, link, robot
 
 from wbc_controller.core.robot.from_urdf import build_model
-from wbc_controller.core.robot.mimic import LARGEST_URDF, parse_urdf, parse_xml
+from wbc_controller.core.robot.urdf import LARGEST_URDF, parse_urdf, parse_xml
 from wbc_controller.errors import ConfigurationError
 
 INERTIA = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
@@ -53,7 +53,8 @@ def test_a_mass_that_is_no_finite_number_is_refused(mass):
         (two(inertia=INERTIA.replace('ixx="0.1"', "")), "link 'arm': its <inertial> has no <inertia ixx=…>"),
         (two(inertia=""), "link 'arm': its <inertial> has no <inertia ixx=…>"),
         (two().replace('<mass value="1.0"/>', ""), "link 'arm': its <inertial> has no <mass value=…>; a link without"),
-        (two("0").replace('"1"/>', '"0.0"/>'), "the links that move weigh 0 kg together; one at least has a mass"),
+        (two("0").replace('"1"/>', '"0.0"/>'), "the links that move weigh 0 kg together; they have 1e-06 kg at least"),
+        (two("0").replace('"1"/>', '"1e-320"/>'), "the links that move weigh 9.99989e-321 kg together; they have"),
         (two("1e300"), "<mass value='1e300'> is not a number, such as 0.5, at most 1e+20"),
         (two().replace("0 1 0", "0 -0.0 0"), "joint 'elbow': <axis xyz='0 -0.0 0'> has no direction, such as '0 0 1'"),
         (two(more='<collision><origin xyz="0 0"/></collision>'), "link 'arm': <origin xyz='0 0'> is not 3 numb"),

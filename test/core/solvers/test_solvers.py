@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import qpsolvers
 
-from wbc_controller.core.program.problem import QuadraticProgram, Squares
+from wbc_controller.core.program.problem import QuadraticProgram, Soft, Squares
 from wbc_controller.core.solvers import available_solvers, make_solver
 from wbc_controller.core.solvers.active_set import ActiveSet
+from wbc_controller.core.solvers.daqp import solve_carefully
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.errors import ConfigurationError
 
@@ -48,7 +49,7 @@ def drift(problem, rng, size=0.01):
     return moved
 
 
-def reference_answer(problem):
+def reference_answer(problem, tolerance=1.0e-7):
     """The minimizer by quadprog, checked against the optimality conditions, so that it needs no trust."""
     upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
     G = np.vstack([problem.C[upper], -problem.C[lower]])
@@ -56,7 +57,7 @@ def reference_answer(problem):
     qp = qpsolvers.Problem(problem.H, problem.g, G, h, problem.A, problem.b, problem.x_lower, problem.x_upper)
     solution = qpsolvers.solve_problem(qp, solver="quadprog")
     assert solution.found
-    assert solution.is_optimal(1.0e-7)
+    assert solution.is_optimal(tolerance)
     return solution.x
 
 
@@ -351,3 +352,50 @@ def test_an_active_set_beyond_what_determines_x_is_given_up():
     problem.A[1] = problem.A[0]  # a singular system
     active_set.learn(np.zeros(len(problem.g) + len(problem.upper)))
     assert active_set.solve(problem) is None
+
+
+#: Seeds of feasible problems that DAQP, as it is set up for every cycle, calls infeasible or cycles on.
+CORNERS = {"g1": (607, 1210, 1855, 3011, 3335, 3791, 5018, 6347), "talos": (9195,), "go2": (6507, 7419, 7559, 11695)}
+
+
+@pytest.mark.parametrize(("robot", "seed"), [(robot, seed) for robot, seeds in CORNERS.items() for seed in seeds])
+def test_a_feasible_problem_is_not_called_infeasible(bench, room, robot, seed):
+    """Joints near their limits, and weights that differ: the solution lies in a corner. quadprog finds one as good."""
+    robot = bench(robot)
+    problem = robot.controller.formulation.build(*robot.random_problem(seed)).problem
+    assert room(problem) > 1.0e-5
+    solver = make_solver("daqp", problem)
+    answer = solver.solve(problem)
+    assert answer.x is not None, answer.status
+    assert problem.violation(answer.x) <= solver.tolerance
+    least = problem.cost.value(reference_answer(problem, tolerance=1.0e-7 * np.abs(problem.g).max()))
+    assert problem.cost.value(answer.x) - least <= 1.0e-4 * least
+    np.testing.assert_array_equal(make_solver("daqp", problem).solve(problem).x, answer.x)  # to the last digit
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_soft_constraints_are_missed_at_their_weights(seed):
+    """Against the program with slacks as variables."""
+    rng = np.random.default_rng(seed)
+    problem, k = random_problem(rng), 6
+    n, places = problem.n, np.sort(rng.choice(problem.n + len(problem.upper), k, replace=False))
+    soft = Soft(places, np.array([[2.0], [3.0]]) + rng.normal(size=k), 10.0 ** rng.uniform(-1, 3, k))
+    problem.bounds[:, places] = [[-np.inf], [np.inf]]
+    answer = solve_carefully(problem, soft)
+    whole = QuadraticProgram.empty(n + k, len(problem.b), len(problem.upper) + k)
+    whole.H[:n, :n], whole.H[n:, n:], whole.g[:n] = problem.H, np.diag(soft.weights), problem.g
+    whole.A[:, :n], whole.b[:] = problem.A, problem.b
+    whole.C[:-k, :n], whole.C[-k:, :n], whole.C[-k:, n:] = problem.C, problem.rows(places), np.eye(k)
+    whole.bounds[:, :n], whole.bounds[:, n + k : -k] = problem.bounds[:, :n], problem.bounds[:, n:]
+    whole.bounds[:, -k:] = soft.bounds
+    expected = reference_answer(whole)
+    np.testing.assert_allclose(answer.x, expected[:n], atol=1e-6)
+    np.testing.assert_allclose(np.abs(answer.multipliers[places]), soft.weights * np.abs(expected[n:]), atol=1e-4)
+    assert (np.abs(expected[n:]) > 1e-3).any()
+
+
+def test_soft_constraints_do_not_make_an_infeasible_problem_feasible():
+    problem = random_problem(np.random.default_rng(0))
+    problem.x_lower[0], problem.x_upper[0] = 1.0, -1.0
+    answer = solve_carefully(problem, Soft(np.array([1]), np.zeros((2, 1)), np.ones(1)))
+    assert (answer.x, answer.status) == (None, "infeasible")

@@ -13,6 +13,8 @@ from wbc_controller.records import Array, Tuning, frozen
 RETURN_TIME = 0.1
 #: Distance by which rounding may take a joint beyond its limit, rad.
 _ROUNDING = 1.0e-11
+#: Distance beyond its position limit within which a joint that cannot meet its bounds has to stop, rad.
+STOPPING = 0.0175
 #: The lower limit of q is treated as an upper limit of -q.
 _SIDES = np.array([[1.0], [-1.0]])
 
@@ -130,6 +132,32 @@ class JointMotionLimit:
         lower = clipped(lower, position_lower, position_upper)
         upper = np.maximum(np.minimum(upper, position_upper), position_lower)
         return lower, upper
+
+    def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
+        """Bounds with which a joint still stops, where those of `bounds` cannot be met.
+
+        A joint that moves towards its position limit has to brake, by the same acceleration for all the time, such that
+        it stops `STOPPING` beyond that limit: q̈ ≤ -q̇² / (2 (q_max + STOPPING - q)). Nothing is asked of the others.
+
+        Args:
+            q: joint positions, (nj,) in rad.
+            v: joint velocities, (nj,) in rad/s.
+            bounds: lower and upper bounds as in `bounds`, (2, nj) in rad/s².
+            limits: lower and upper position limits without the margin, both (nj,) in rad.
+
+        Returns:
+            Lower and upper bounds, (2, nj) in rad/s², nowhere tighter than `bounds`; -inf and inf where there is none.
+        """
+        if self._limits is None:
+            return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
+        lower, upper = limits
+        speed = np.multiply(_SIDES, v)
+        room = np.stack([upper + STOPPING - q, q - (lower - STOPPING)])
+        with np.errstate(divide="ignore"):
+            braking = np.where(room > 0.0, -(speed**2) / (2.0 * room), -np.inf)
+        held = np.maximum(braking, np.stack([bounds[1], -bounds[0]]))
+        above, below = np.where((speed > 0.0) & (held < self.acceleration), held, np.inf)
+        return np.stack([-below, above])
 
     def _position_bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
         """Bounds of q̈ from the position limits, clipped to ±q̈_max."""

@@ -17,9 +17,6 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.records import Array, References, RobotState, Tuning
 
-#: Weight in the cost of limits that have been relaxed, (m/s²)⁻².
-_RELAXED = 1.0e4
-
 
 class Formulation:
     """Turns a state and references into a quadratic program; `core.whole_body_qp` solves it.
@@ -207,37 +204,3 @@ class Formulation:
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(self.bias(references))
         return lower - h, upper - h
-
-    def relaxable(self, layout: Layout) -> tuple[str, ...]:
-        """The groups of constraints that `relax` can remove from a built problem, first to be relaxed first."""
-        problem = layout.problem
-        kinds = (
-            limit.kind
-            for limit, rows in zip(layout.row_limits, layout.limits, strict=True)
-            if np.isfinite(problem.lower[rows]).any() or np.isfinite(problem.upper[rows]).any()
-        )
-        return (*kinds, "joint_motion", "torque_rate")
-
-    def relax(self, layout: Layout, what: str, references: References) -> None:
-        """Remove ``joint_motion``, the ``torque_rate`` or a kind of row limits from a built problem.
-
-        Row limits that v̇ = 0 violates become part of the cost instead, with a weight far above the tasks, so that they
-        are still met as far as possible.
-        """
-        problem = layout.problem
-        if what == "joint_motion":
-            problem.x_lower[layout.joints] = -np.inf
-            problem.x_upper[layout.joints] = np.inf
-            layout.motion_bounds = None
-        elif what != "torque_rate":
-            for limit, rows in zip(layout.row_limits, layout.limits, strict=True):
-                if limit.kind == what:
-                    lower, upper = problem.lower[rows], problem.upper[rows]
-                    wanted = np.where(lower > 0.0, lower, np.where(upper < 0.0, upper, np.nan))
-                    there = np.isfinite(wanted)
-                    scale, below = _RELAXED**0.5, len(layout.levels) > 1
-                    layout.levels[0].add(scale * problem.C[rows][there], scale * wanted[there], kept=below)
-                    problem.lower[rows] = -np.inf
-                    problem.upper[rows] = np.inf
-        else:
-            layout.torque_lower[:], layout.torque_upper[:] = self.effort_bounds(references)

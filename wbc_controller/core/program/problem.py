@@ -203,6 +203,13 @@ class QuadraticProgram:
         violation = max(0.0, -least, off) if least == least and off == off else math.nan  # max loses a NaN
         return Residuals(value, equalities, above, below, least, violation)
 
+    def rows(self, places: np.ndarray) -> Array:
+        """Rows of [I; C], (k, n)."""
+        rows, own = np.zeros((len(places), self.n)), places < self.n
+        rows[own, places[own]] = 1.0
+        rows[~own] = self.C[places[~own] - self.n]
+        return rows
+
     def violation(self, x: Array) -> float:
         """Largest violation of a constraint at x; NaN if x contains NaN."""
         return self.residuals(x).violation
@@ -227,6 +234,29 @@ class Residuals:
     below: Array
     least_room: float
     violation: float
+
+
+@dataclass(frozen=True, slots=True)
+class Soft:
+    """Soft constraints on some entries y of x and C x: ½ Σ wᵢ sᵢ² is added to the cost, lower ≤ y + s ≤ upper.
+
+    Attributes:
+        places: index of each y among x and the rows of C, (k,).
+        bounds: lower and upper bounds, (2, k); -inf and inf where there is none.
+        weights: w, (k,).
+    """
+
+    places: np.ndarray
+    bounds: Array
+    weights: Array
+
+    def with_more(self, other: Soft) -> Soft:
+        """These and others."""
+        return Soft(
+            np.concatenate([self.places, other.places]),
+            np.hstack([self.bounds, other.bounds]),
+            np.concatenate([self.weights, other.weights]),
+        )
 
 
 @dataclass(slots=True)

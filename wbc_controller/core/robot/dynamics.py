@@ -50,7 +50,7 @@ class Dynamics:
         self._per_mass = np.zeros((6, model.nv), order="F")  # Pinocchio's memory order
         self.com_jacobian: Array = self._per_mass[:3]
         self.com_drift = np.zeros(3)
-        self.centroidal_matrix: Array = data.Ag
+        self.centroidal_matrix = _matrix(data.Ag)
         self.centroidal_drift: Array = data.dhg.vector
         self._linear_drift = self.centroidal_drift[:3]
         self._placements: list[pin.SE3] = list(data.oMf)
@@ -85,13 +85,13 @@ class Dynamics:
 
         A link's twist is the sum over the joints between base and link of their columns times their velocities.
         """
-        return np.asarray(self._data.J)
+        return _matrix(self._data.J)
 
     @property
     def joint_jacobians_rate(self) -> Array:
         """Time derivative of `joint_jacobians`, (6, nv)."""
         pin.computeJointJacobiansTimeVariation(self._pin, self._data, self.q, self.v)
-        return np.asarray(self._data.dJ)
+        return _matrix(self._data.dJ)
 
     def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
         """Compute the placements of shapes that are fixed to the links."""
@@ -108,8 +108,7 @@ class Dynamics:
 
     def jacobian(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Jacobian of a frame, (6, nv), linear rows first."""
-        J: Array = pin.getFrameJacobian(self._pin, self._data, frame_id, axes)
-        return J
+        return _matrix(pin.getFrameJacobian(self._pin, self._data, frame_id, axes))
 
     def drift_local(self, frame_id: int) -> Array:
         """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): J̇v of its local velocity J v."""
@@ -134,3 +133,8 @@ class Dynamics:
         """
         J = self.jacobian(self._pin.getFrameId(frame), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)
+
+
+def _matrix(J: Array) -> Array:
+    """A matrix of (6, nv) as such: Pinocchio gives it as (6,) where nv is 1."""
+    return J if J.ndim == 2 else J[:, None]

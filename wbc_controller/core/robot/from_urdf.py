@@ -9,12 +9,16 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.robot.actuation import Actuation
-from wbc_controller.core.robot.mimic import Followers, Mimic, parse_urdf, read_mimics
+from wbc_controller.core.robot.mimic import Followers, Mimic, read_mimics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.passive import PassiveForces, PassiveJoint
 from wbc_controller.core.robot.transmission import Transmission, make_drive
+from wbc_controller.core.robot.urdf import parse_urdf
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
+
+#: Smallest mass of a robot, kg: what is divided by a much smaller one is not finite.
+_LEAST_MASS = 1.0e-6
 
 
 def build_model(
@@ -72,8 +76,10 @@ def build_model(
     locked = {name: position for name, position in locked.items() if position != 0.0}
     model = _lock(full, [name for name in _joints_of(full) if name not in joints and name not in following], locked)
     mass = pin.computeTotalMass(model)
-    if not (mass > 0.0):
-        raise ConfigurationError(f"robot.urdf: the links that move weigh {mass:g} kg together; one at least has a mass")
+    if not (mass >= _LEAST_MASS):
+        raise ConfigurationError(
+            f"robot.urdf: the links that move weigh {mass:g} kg together; they have {_LEAST_MASS:g} kg at least"
+        )
     moving = [model.getJointId(name) for name in (*joints, *following)]
     q_of, v_of = (
         {str(model.names[i]): int(getattr(model.joints[i], key)) for i in moving} for key in ("idx_q", "idx_v")

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import product
+
 import daqp
 import numpy as np
 
-from wbc_controller.core.program.problem import QuadraticProgram
+from wbc_controller.core.program.problem import QuadraticProgram, Residuals, Soft
 from wbc_controller.core.solvers.active_set import ActiveSet
 from wbc_controller.core.solvers.solver import Answer, Solver
+from wbc_controller.records import Array
 
+_ACTIVE = 1
+_LOWER = 2
 _EQUALITY = 5
+_SOFT = 8
 _OPTIMAL = 1
-#: Weight of the proximal term in the second attempt.
-_PROXIMAL = 1.0e-4
 _INFINITY = 1.0e30
+#: The most iterations seen in a search that ended is 1000; others cycle.
+_SETTINGS: Mapping[str, float] = {"primal_tol": 1.0e-8, "eps_prox": 0.0, "iter_limit": 1500}
+#: Settings for problems on which DAQP has failed. It calls a problem infeasible if a constraint depends on the active
+#: ones but for less than `sing_tol`; its default of 4e-11 is too much where H is ill-conditioned. Below `pivot_tol` it
+#: refines the solution. With the equalities eliminated it is faster; without, it solves some of the others.
+_CAREFUL: tuple[Mapping[str, float], ...] = (
+    {**_SETTINGS, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
+    {**_SETTINGS, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
+)
 _STATUS = {
     1: "optimal",
     2: "soft optimal",
@@ -57,33 +71,97 @@ class DaqpSolver(Solver):
         for out, bound in ((self._lower, problem.bounds[0]), (self._upper, problem.bounds[1])):
             np.clip(bound, -_INFINITY, _INFINITY, out=out[:m])
             out[m:] = problem.b
+        constraints = self._rows, self._upper, self._lower, self._sense
         if self._model is None:
-            self._model, flag = self._set_up(problem, 0.0)
+            self._model, flag = _set_up(problem.H, problem.g, constraints, _SETTINGS)
         else:
             flag = self._model.update(H=problem.H, f=problem.g, A=self._rows, bupper=self._upper, blower=self._lower)
-        x, flag, iterations, multipliers = self._run(self._model, flag)
-        if flag != _OPTIMAL:
-            # A failed solve must not warm-start the next one. And with an ill-conditioned H and a solution in a corner,
-            # DAQP can report a feasible problem as infeasible; with proximal iterations it hardly ever does.
-            self._model = None
-            x, flag, more, multipliers = self._run(*self._set_up(problem, _PROXIMAL))
-            iterations += more
-        if flag == _OPTIMAL:
-            self._active_set.learn(multipliers[:m])
-            return Answer(x, _STATUS[flag], iterations, multipliers[:m])
-        self._active_set.learn(np.zeros(m))
+        answer = _checked(problem, *_run(self._model, flag))
+        if answer.x is None:
+            self._model = None  # a failed solve must not warm-start the next one
+            iterations, answer = answer.iterations, solve_carefully(problem)
+            answer.iterations += iterations
+        self._active_set.learn(np.zeros(m) if answer.x is None else answer.multipliers)
+        return answer
+
+
+def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answer:
+    """Solve a problem on which DAQP may fail, without warm start.
+
+    The point of the feasible set nearest to 0 decides whether the problem is feasible: DAQP finds it fast and reliably,
+    as it does not depend on H. The search for the minimizer begins with its active set, and if it fails with none.
+
+    Args:
+        problem: the problem.
+        soft: soft constraints, if any.
+
+    Returns:
+        The minimizer, where a soft constraint's multiplier adds to that of the same place. Without x if there is none,
+        and with the status "infeasible" if the constraints cannot be met together.
+    """
+    n, m = problem.n, problem.bounds.shape[1]
+    end = m + len(problem.b)
+    rows = np.vstack([problem.C, problem.A])
+    lower, upper = np.clip(np.hstack([problem.bounds, [problem.b, problem.b]]), -_INFINITY, _INFINITY)
+    sense = np.zeros(end, dtype=np.int32)
+    sense[m:] = _EQUALITY
+    iterations = 0
+    for settings in _CAREFUL:
+        x, flag, used, multipliers = _run(*_set_up(np.eye(n), np.zeros(n), (rows, upper, lower, sense), settings))
+        answer = _checked(problem, x, flag, used, multipliers)
+        iterations += used
+        if answer.x is not None:
+            break
+    else:
+        return Answer(None, _STATUS[-1], iterations)
+    begin = np.array(sense)
+    begin[:m] = _ACTIVE * (answer.multipliers != 0.0) + _LOWER * (answer.multipliers < 0.0)
+    if soft is not None:
+        rows = np.vstack([rows, problem.rows(soft.places)])
+        lower, upper = np.hstack([[lower, upper], np.clip(soft.bounds, -_INFINITY, _INFINITY)])
+        kind = np.full(len(soft.places), _SOFT, dtype=np.int32)
+        sense, begin = np.concatenate([sense, kind]), np.concatenate([begin, kind])
+        inverse_weights = np.concatenate([np.ones(end), 1.0 / soft.weights])
+    for first, settings in product((begin, sense), _CAREFUL):
+        model, flag = _set_up(problem.H, problem.g, (rows, upper, lower, first), settings)
+        if soft is not None and flag >= 0:
+            model.soft_weights(rho_l=inverse_weights, rho_u=inverse_weights)
+        x, flag, used, multipliers = _run(model, flag)
+        answer = _checked(problem, x, flag, used, multipliers)
+        iterations += used
+        if answer.x is not None:
+            break
+    if answer.x is not None and soft is not None:
+        answer.multipliers = np.array(answer.multipliers)
+        np.add.at(answer.multipliers, soft.places, multipliers[end:])
+    answer.iterations = iterations
+    return answer
+
+
+_Constraints = tuple[Array, Array, Array, np.ndarray]
+
+
+def _set_up(H: Array, g: Array, constraints: _Constraints, settings: Mapping[str, float]) -> tuple[daqp.Model, int]:
+    """A new model of ½ xᵀHx + gᵀx with rows, upper and lower bounds and kinds of constraints, and its exit flag."""
+    model = daqp.Model()
+    model.settings = settings
+    flag, _ = model.setup(H, g, *constraints)
+    return model, flag
+
+
+def _run(model: daqp.Model, flag: int) -> tuple[Array, int, int, Array]:
+    """Minimizer, exit flag, iterations and multipliers; if the set-up has failed, the flag given."""
+    if flag < 0:
+        return np.zeros(0), flag, 0, np.zeros(0)
+    x, _, flag, info = model.solve()
+    return x, flag, int(info["iterations"]), info["lam"]
+
+
+def _checked(problem: QuadraticProgram, x: Array, flag: int, iterations: int, multipliers: Array) -> Answer:
+    """The answer of a run of DAQP; without x if it violates a constraint."""
+    if flag < _OPTIMAL:
         return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations)
-
-    def _set_up(self, problem: QuadraticProgram, proximal: float) -> tuple[daqp.Model, int]:
-        model = daqp.Model()
-        model.settings = {"primal_tol": 1.0e-8, "eps_prox": proximal}
-        flag, _ = model.setup(problem.H, problem.g, self._rows, self._upper, self._lower, self._sense)
-        return model, flag
-
-    @staticmethod
-    def _run(model: daqp.Model, flag: int) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Minimizer, exit flag, iterations and multipliers; if the set-up has failed, the flag given."""
-        if flag < 0:
-            return np.zeros(0), flag, 0, np.zeros(0)
-        x, _, flag, info = model.solve()
-        return x, flag, int(info["iterations"]), info["lam"]
+    residuals: Residuals = problem.residuals(x)
+    if not residuals.violation <= DaqpSolver.tolerance:
+        return Answer(None, "inaccurate", iterations)
+    return Answer(x, _STATUS[_OPTIMAL], iterations, multipliers[: problem.bounds.shape[1]], residuals)

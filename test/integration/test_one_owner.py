@@ -1,0 +1,46 @@
+"""Real processes: two controllers of one robot, then two robots on one topic."""
+
+from __future__ import annotations
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+RIVAL = "torques on /effort_controller/commands are published by /wbc_controller too"
+
+
+def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_user):
+    user = dds_user
+    mock = processes.start("mock", "go2")
+    processes.start("run", "go2")
+    second = processes.start("run", "go2", "--activate")
+    user.wait_for_service()
+    # Each says once, in its log, that the other is there.
+    user.until(lambda: processes.logs().count(f"ownership: {RIVAL}") == 2, "both controllers to see each other")
+    user.until(
+        lambda: any(f"'activate' is refused: {RIVAL}" in said for said in user.refusals()),
+        "the refusal",
+        lambda: user.command("activate"),
+    )
+    user.run(0.5)
+    assert {content.data for content in user.all("controller", "state")} == {"inactive"}
+    assert not len(user.efforts())
+    (status,) = user.last("controller", "diagnostics").status
+    assert (status.level, RIVAL in status.message) == (1, True)
+    assert f"the activation at the start waits: {RIVAL}" in processes.logs()
+
+    # One of them ends: the other one is activated.
+    assert processes.stop(second) == 0
+    user.activate_again()
+
+    # A second robot: both say so at once; so does the controller.
+    processes.start("mock", "go2")
+    user.until(
+        lambda: processes.logs().count("/joint_states is published by /mock_robot too: two robots on one topic") == 2,
+        "both robots to see each other",
+    )
+    said = "/odom has several publishers, /mock_robot, /mock_robot: end all but one"
+    user.until(lambda: said in user.last("controller", "diagnostics").status[0].message, "the diagnostics")
+    values = {value.key: value.value for value in user.last("controller", "diagnostics").status[0].values}
+    assert values["publishers//joint_states"] == "/mock_robot, /mock_robot"
+    assert processes.stop(mock) == 0

@@ -1,0 +1,152 @@
+"""Reads a URDF as XML without Pinocchio, and refuses what other readers of it accept in silence or do not survive."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array
+
+#: Longest URDF or SRDF, in characters.
+LARGEST_URDF = 4_000_000
+#: Most links in a chain, as Pinocchio goes down it by recursion; and most links, as its time grows with their square.
+LONGEST_CHAIN, MOST_LINKS = 1000, 5000
+#: Largest magnitude of a negative principal moment of inertia that passes as rounding, kg·m².
+_ROUNDING = 1.0e-6
+#: Largest magnitude of a number.
+_LARGEST_NUMBER = 1.0e20
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_COMPONENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+#: By element: its attributes that are numbers, and how many.
+_NUMBERS: dict[str, dict[str, int]] = {
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(_COMPONENTS, 1),
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
+    "mimic": {"multiplier": 1, "offset": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+
+
+class _Builder(ElementTree.TreeBuilder):
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise ValueError("it has a <!DOCTYPE>, and with it entities, which are not read; write out what they stand for")
+
+
+def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
+    """Read a URDF or SRDF as XML.
+
+    Args:
+        text: the text.
+        key: the configuration key that it belongs to, for the error.
+        kind: the kind of text, for the error.
+
+    Raises:
+        ConfigurationError: if it is too long, not well-formed, or has a document type declaration.
+    """
+    try:
+        if len(text) > LARGEST_URDF:
+            raise ValueError(f"it has {len(text)} characters, and may have {LARGEST_URDF}")
+        parser = ElementTree.XMLParser(target=_Builder())  # noqa: S314 - it refuses entities
+        return ElementTree.fromstring(text, parser)  # noqa: S314
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ConfigurationError(f"{key}: not a usable {kind}: {error}") from error
+
+
+def parse_urdf(urdf: str) -> ElementTree.Element:
+    """Read a URDF, and refuse what other readers of it accept in silence or do not survive.
+
+    Raises:
+        ConfigurationError: where it is no XML, a number is none or too large, an axis has no direction, an
+            ``<inertial>`` lacks a value, a mass or a principal moment of inertia is negative, or links are too many.
+    """
+    tree = parse_xml(urdf, "robot.urdf", "URDF")
+    for body in (*tree.findall("link"), *tree.findall("joint")):
+        subject = f"robot.urdf: {body.tag} {body.get('name')!r}"
+        for element in body.iter():
+            for key, count in _NUMBERS.get(element.tag, {}).items():
+                if (text := element.get(key)) is not None:
+                    _numbers(text, count, f"{subject}: <{element.tag} {key}=")
+        axis = body.find("axis")
+        if axis is not None and body.get("type") != "fixed" and not any(map(float, axis.get("xyz", "1 0 0").split())):
+            raise ConfigurationError(f"{subject}: <axis xyz={axis.get('xyz')!r}> has no direction, such as '0 0 1'")
+        _check_inertial(body, subject)
+    _check_chains(tree)
+    return tree
+
+
+def inertia_tensor(inertia: ElementTree.Element) -> Array:
+    """The tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
+    tensor = np.zeros((3, 3))
+    for key in _COMPONENTS:
+        i, j = ("xyz".index(axis) for axis in key[1:])
+        tensor[i, j] = tensor[j, i] = float(inertia.get(key, "0"))
+    return tensor
+
+
+def _numbers(text: str, count: int, where: str) -> None:
+    values = text.split()
+    if len(values) != count or not all(
+        _NUMBER.fullmatch(value) and abs(float(value)) <= _LARGEST_NUMBER for value in values
+    ):
+        what = "a number, such as 0.5" if count == 1 else f"{count} numbers, such as '0 0 0.5'"
+        raise ConfigurationError(f"{where}{_shortened(text)}> is not {what}, at most {_LARGEST_NUMBER:g}")
+
+
+def _shortened(text: str) -> str:
+    return repr(text if len(text) <= 80 else text[:80] + "…")
+
+
+def _check_inertial(link: ElementTree.Element, subject: str) -> None:
+    """Refuse the ``<inertial>`` of a link that lacks a value or is negative; a link without one has no mass."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    for name, keys in (("mass", ("value",)), ("inertia", _COMPONENTS)):
+        element = inertial.find(name)
+        missing = [key for key in keys if element is None or element.get(key) is None]
+        if missing:
+            raise ConfigurationError(
+                f"{subject}: its <inertial> has no <{name} {missing[0]}=…>; a link without mass has no <inertial>"
+            )
+    mass = float(inertial.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
+    if not (mass >= 0.0):
+        raise ConfigurationError(f"{subject}: its mass is {mass:g} kg; it must not be negative")
+    tensor = inertia_tensor(inertial.find("inertia"))  # type: ignore[arg-type]
+    smallest = float(np.linalg.eigvalsh(tensor)[0])
+    if not (smallest >= -_ROUNDING):
+        raise ConfigurationError(
+            f"{subject}: its smallest principal moment of inertia is {smallest:g} kg·m²; none may be negative"
+        )
+
+
+def _check_chains(tree: ElementTree.Element) -> None:
+    """Refuse too many links, and chains that are too long; a link's last parent counts."""
+    links = [str(link.get("name")) for link in tree.findall("link")]
+    if len(links) > MOST_LINKS:
+        raise ConfigurationError(f"robot.urdf: it has {len(links)} links, and may have {MOST_LINKS}")
+    parents = {}
+    for joint in tree.findall("joint"):
+        child, parent = joint.find("child"), joint.find("parent")
+        if child is not None and parent is not None:
+            parents[str(child.get("link"))] = str(parent.get("link"))
+    children: dict[str, list[str]] = {}
+    for name, parent_name in parents.items():
+        children.setdefault(parent_name, []).append(name)
+    level, depth = [name for name in links if name not in parents], 0
+    while level:
+        depth += 1
+        if depth > LONGEST_CHAIN:
+            raise ConfigurationError(
+                f"robot.urdf: link {level[0]!r} is number {depth} in a chain of links; it may have {LONGEST_CHAIN}"
+            )
+        level = [child for name in level for child in children.get(name, ())]
