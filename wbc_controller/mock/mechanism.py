@@ -26,6 +26,8 @@ _log = logging.getLogger(__name__)
 
 #: Name of the equality constraint that holds the base.
 HOIST = "hoist"
+#: Name of the floor's geom.
+FLOOR = "floor"
 #: Time constant of contacts, joint stops and hoist, in simulation steps; MuJoCo requires at least two.
 STIFF_STEPS = 4.0
 #: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
@@ -264,7 +266,7 @@ def compile_mechanism(
         # Anchor at the base's origin; the pose is written at run time; one metre makes rotation as stiff.
         hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     if contacts:
-        floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name="floor")
+        floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name=FLOOR)
         floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(floor_normal)), np.zeros(3)))[3:]
         floor.contype, floor.conaffinity = 1, 0
     for number, (name, contact) in enumerate(contacts.items()):

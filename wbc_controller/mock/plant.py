@@ -8,8 +8,9 @@ are Pinocchio's; the conversions to MuJoCo's are made here.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,7 +29,7 @@ from wbc_controller.mock.mechanism import (
     lowest,
 )
 from wbc_controller.records import Array
-from wbc_controller.settings import FixedContact, Settings, SurfaceContact
+from wbc_controller.settings import ContactSettings, FixedContact, Settings, SurfaceContact
 
 #: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
 PUSH_LIMIT = 1.0e5
@@ -112,6 +113,29 @@ class Plant:
         self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
         for name in self._grips:
             self.grip(name, self._contacts[name].enabled)
+
+    @property
+    def model(self) -> Any:
+        """MuJoCo's model, which faults change; what depends on it is up to date after `forward`."""
+        return self._model
+
+    @property
+    def data(self) -> Any:
+        """MuJoCo's data in the present state, to be read only."""
+        return self._data
+
+    @property
+    def contacts(self) -> Mapping[str, ContactSettings]:
+        """The contacts of the configuration, by name."""
+        return self._contacts
+
+    def body(self, frame: str) -> int:
+        """Index of the MuJoCo body on which a frame of the URDF is."""
+        return self._body_of(frame_on_joint(self._robot, frame)).id
+
+    def foot_placement(self, contact: str) -> pin.SE3:
+        """Place the frame of a contact in the world."""
+        return self._placement(self._feet[contact])
 
     @property
     def time(self) -> float:

@@ -16,8 +16,7 @@ import gc
 import logging
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -25,6 +24,11 @@ import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.mock.faults.catalogue import read_faults
+from wbc_controller.mock.faults.fault import Fault
+from wbc_controller.mock.faults.injector import Injector
+from wbc_controller.mock.inbox import Inbox
+from wbc_controller.mock.measurement import STREAMS, WORLD_FRAME, measure, transform, wrench_message
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -34,14 +38,15 @@ from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, endpoin
 
 #: Name of the node, and prefix of its private topics.
 NODE_NAME = "mock_robot"
-#: Reference frame of poses.
-WORLD_FRAME = "world"
 #: Rate of the contact wrenches and the transform, Hz of simulated time; they are for viewers only.
 SLOW_RATE = 100.0
 #: Wall time after which lockstep publishes an unanswered state again, s.
 REPUBLISH_AFTER = 0.05
 #: Lateness at which the real-time schedule restarts, s: catching up on more would flood the controller.
 MAX_LATE = 0.2
+
+#: Places of faults after which a state may never be answered.
+_NOT_IN_LOCKSTEP = ("delivery", "delivery of commands", "stamps and clock")
 
 _log = logging.getLogger(__name__)
 
@@ -53,6 +58,8 @@ class MockRobot:
 
     Attributes:
         plant: the physics.
+        faults: what goes wrong; planned by `plan`, or on the topic ``fault``.
+        sent: where it is set, called with the stream of each message sent and the true time of what it tells, ns.
         rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
     """
 
@@ -88,6 +95,8 @@ class MockRobot:
         if not (0.0 < real_time_factor < float("inf")):
             raise ConfigurationError(f"real-time factor {real_time_factor}: it must be positive and finite")
         self.plant = Plant(model, settings)
+        self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
+        self.sent: Callable[[str, int], None] | None = None
         self.rebased = 0
         self._robot = model
         self._mock = settings.mock
@@ -102,7 +111,7 @@ class MockRobot:
         self._tau: Array | None = None
         self._tau_time = 0.0
         self._last_refusal: dict[str, str] = {}
-        self._inbox = _Inbox()
+        self._inbox = Inbox()
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
         opened = endpoints(
@@ -170,26 +179,24 @@ class MockRobot:
     def publish(self) -> None:
         """Publish the time and the present state. The joint states come last, as they trigger a control cycle."""
         stamp, base = self.stamp, self._robot.base_link
-        self._publish("clock", "", messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp)))
-        q, v = self.plant.state()
-        if self._robot.floating_base:
-            self._publish("odom", "", _odometry(stamp, base, q, v))
-        self._publish("imu", "", _imu(stamp, base, *self.plant.imu()))
-        joint_states = messages.message(
-            "sensor_msgs/msg/JointState",
-            header=messages.header(stamp),
-            name=list(self._robot.joints),
-            position=q[self._robot.q_index],
-            velocity=v[self._robot.v_index],
-            effort=self._robot.actuation.at_joints(self.plant.applied_torques),
-        )
-        self._publish("joint_states", "", joint_states)
+        if self.faults.busy:
+            self.faults.pass_time()
+        measured = measure(self._robot, self.plant, stamp)
+        if self.faults.busy:
+            self.faults.spoil(measured)
+        for stream in STREAMS:
+            payload = messages.encode(measured.message(stream)) if stream not in measured.silent else None
+            if self.faults.busy:
+                for parcel in self.faults.post(stream, stamp, payload):
+                    self._send(stream, parcel.taken, parcel.payload)
+            elif payload is not None:
+                self._send(stream, stamp, payload)
         if self._periods % self._slow_decimation == 0:
             if self._robot.floating_base:
-                self._publish("tf", "", _transform(stamp, base, q))
+                self._publish("tf", "", transform(stamp, base, self.plant.state()[0][:7]))
             for name, wrench in self.plant.contact_wrenches().items():
                 frame = name if wrench.size == 6 else self._contacts[name].against or WORLD_FRAME
-                self._publish("contact_wrench", name, _wrench(stamp, frame, wrench))
+                self._publish("contact_wrench", name, wrench_message(stamp, frame, wrench))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
         """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
@@ -216,20 +223,41 @@ class MockRobot:
         Raises:
             WbcError: if the simulation has diverged.
         """
-        uses = {"push": self._push, "hold": self._hold}
+        uses = {"push": self._push, "hold": self._hold, "fault": self._fault}
         for key, contact, payload in self._inbox.take_requests():
             self._try(key, payload, uses.get(key, partial(self._grip, contact)))
         if not self._lockstep:
             newest = self._inbox.take_effort()
+            if self.faults.busy:
+                newest = next((parcel.payload for parcel in self.faults.post("effort", 0, newest)[-1:]), None)
             if newest is not None and not self._try("effort", newest, self._take_effort):
                 self._tau = None
         if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
-            self.plant.apply(self._tau)
+            self.plant.apply(self.faults.torques(self._tau) if self.faults.busy else self._tau)
         else:
             self.plant.damp(self._mock.damping)
         for _ in range(self.plant.steps_per_period):
             self.plant.step()
         self._periods += 1
+
+    def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
+        """Plan faults.
+
+        Args:
+            faults: what is to happen.
+            since: simulated time from which their starts count, s.
+
+        Raises:
+            InputRefused: where they do not fit the robot, or cannot happen in lockstep.
+        """
+        if self._lockstep:
+            late = [fault.kind() for fault in faults if fault.place in _NOT_IN_LOCKSTEP]
+            if late:
+                raise InputRefused(
+                    f"{', '.join(late)}: the mock robot waits for an answer to each of its states (lockstep); faults "
+                    f"of {', '.join(_NOT_IN_LOCKSTEP)} need a robot that goes on"
+                )
+        self.faults.plan(faults, since)
 
     def _open(self, endpoint: Endpoint, transport: Transport) -> None:
         key = endpoint.key
@@ -238,7 +266,7 @@ class MockRobot:
                 self._publishers[key, endpoint.subject] = transport.advertise(endpoint)
             return
         self._types[key] = endpoint.type
-        if key in ("push", "hold", "grip"):
+        if key in ("push", "hold", "grip", "fault"):
             transport.subscribe(endpoint, lambda payload: self._inbox.put_request(key, endpoint.subject, payload))
         elif key == "joint_commands" and self._lockstep:
             transport.subscribe(endpoint, self._inbox.put_answer)
@@ -247,6 +275,12 @@ class MockRobot:
 
     def _publish(self, key: str, subject: str, content: Any) -> None:
         self._publishers[key, subject](messages.encode(content))
+
+    def _send(self, stream: str, taken: int, payload: bytes) -> None:
+        """Send what was measured at a time, ns."""
+        self._publishers[stream, ""](payload)
+        if self.sent is not None:
+            self.sent(stream, taken)
 
     def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
         """Decode and use a message; a refusal is logged only when its text changes."""
@@ -307,109 +341,13 @@ class MockRobot:
     def _grip(self, contact: str, content: Any) -> None:
         self.plant.grip(contact, bool(content.data))
 
-
-class _Inbox:
-    """Passes serialized messages from the transport's threads to the robot's thread."""
-
-    def __init__(self) -> None:
-        self._arrived = threading.Condition()
-        self._effort: bytes | None = None
-        # Bounded, because they are not emptied while the robot waits.
-        self._answers: deque[bytes] = deque(maxlen=10)
-        self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
-
-    def put_effort(self, payload: bytes) -> None:
-        with self._arrived:
-            self._effort = payload
-
-    def put_answer(self, payload: bytes) -> None:
-        with self._arrived:
-            self._answers.append(payload)
-            self._arrived.notify()
-
-    def put_request(self, key: str, subject: str, payload: bytes) -> None:
-        with self._arrived:
-            self._requests.append((key, subject, payload))
-
-    def take_effort(self) -> bytes | None:
-        with self._arrived:
-            payload, self._effort = self._effort, None
-            return payload
-
-    def take_answers(self) -> list[bytes]:
-        with self._arrived:
-            payloads = list(self._answers)
-            self._answers.clear()
-            return payloads
-
-    def take_requests(self) -> list[tuple[str, str, bytes]]:
-        with self._arrived:
-            requests = list(self._requests)
-            self._requests.clear()
-            return requests
-
-    def wait_for_answer(self, timeout: float) -> None:
-        """Wait until a command has arrived, at most `timeout` seconds."""
-        with self._arrived:
-            self._arrived.wait_for(lambda: bool(self._answers), timeout)
-
-
-def _vector(values: Array) -> Any:
-    x, y, z = values.tolist()
-    return messages.message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
-def _quaternion(values: Array) -> Any:
-    x, y, z, w = values.tolist()
-    return messages.message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-
-def _odometry(stamp: int, base: str, q: Array, v: Array) -> Any:
-    x, y, z = q[:3].tolist()
-    pose = messages.message(
-        "geometry_msgs/msg/Pose",
-        position=messages.message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=_quaternion(q[3:7]),
-    )
-    twist = messages.message("geometry_msgs/msg/Twist", linear=_vector(v[:3]), angular=_vector(v[3:6]))
-    exact = np.zeros(36)
-    return messages.message(
-        "nav_msgs/msg/Odometry",
-        header=messages.header(stamp, WORLD_FRAME),
-        child_frame_id=base,
-        pose=messages.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=exact),
-        twist=messages.message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=exact),
-    )
-
-
-def _transform(stamp: int, base: str, q: Array) -> Any:
-    transform = messages.message(
-        "geometry_msgs/msg/TransformStamped",
-        header=messages.header(stamp, WORLD_FRAME),
-        child_frame_id=base,
-        transform=messages.message(
-            "geometry_msgs/msg/Transform", translation=_vector(q[:3]), rotation=_quaternion(q[3:7])
-        ),
-    )
-    return messages.message("tf2_msgs/msg/TFMessage", transforms=[transform])
-
-
-def _imu(stamp: int, base: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
-    exact = np.zeros(9)
-    return messages.message(
-        "sensor_msgs/msg/Imu",
-        header=messages.header(stamp, base),
-        orientation=_quaternion(quaternion),
-        orientation_covariance=exact,
-        angular_velocity=_vector(angular_velocity),
-        angular_velocity_covariance=exact,
-        linear_acceleration=_vector(specific_force),
-        linear_acceleration_covariance=exact,
-    )
-
-
-def _wrench(stamp: int, frame: str, wrench: Array) -> Any:
-    """Make a WrenchStamped from a force, (3,), or a wrench, (6,)."""
-    torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
-    content = messages.message("geometry_msgs/msg/Wrench", force=_vector(wrench[:3]), torque=_vector(torque))
-    return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
+    def _fault(self, content: Any) -> None:
+        """Plan faults from now on, or end all of them."""
+        if content.data.strip() == "clear":
+            self.faults.clear()
+            return
+        try:
+            faults = read_faults(content.data, "faults")
+        except ConfigurationError as error:
+            raise InputRefused(str(error)) from error
+        self.plan(faults, self.plant.time)

@@ -175,6 +175,8 @@ MOCK_TOPICS: tuple[Topic, ...] = (
           "Hangs the base at its initial pose (true) or releases it (false)."),
     Topic("grip", "~/contacts/{contact}/grip", "std_msgs/msg/Bool", _IN, REQUEST,
           "Holds the link of a fixed contact at its present pose (true) or releases it (false)."),
+    Topic("fault", "~/fault", "std_msgs/msg/String", _IN, REQUEST,
+          "YAML with one fault or a list of them (docs/faults.md), or `clear`."),
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, STATE_OUT,
           "Measured positions, velocities and applied efforts."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _OUT, STATE_OUT, "Simulated time, sent before each state."),

@@ -1,0 +1,15 @@
+"""Outcomes of trials that never were, for the tests of what counts and shows them."""
+
+from typing import Any
+
+from wbc_controller.campaign.outcome import Outcome
+
+
+def outcome(kind: str = "kick", seed: int = 0, **changes: Any) -> Outcome:
+    values: dict[str, Any] = {
+        "robot": "go2", "kind": kind, "seed": seed, "parameters": {"speed": 0.5}, "expected": "either",
+        "deadline": None,
+        "result": "survived", "code": "", "sentence": "", "after": None, "moved": 0.03, "longest": 0.002,
+        "simulated": 1.2, "wall": 1.0, "violations": {},
+    }  # fmt: skip
+    return Outcome(**{**values, **changes})

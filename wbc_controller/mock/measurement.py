@@ -1,0 +1,159 @@
+"""What the mock robot's sensors measure at one instant, and the messages that say so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.mock.plant import Plant
+from wbc_controller.records import Array
+from wbc_controller.wire import messages
+
+#: Reference frame of poses.
+WORLD_FRAME = "world"
+#: The streams of a robot, in the order in which they are sent: the joint states are last, as they trigger a cycle.
+STREAMS = ("clock", "odom", "imu", "joint_states")
+
+
+@dataclass(slots=True)
+class Measurement:
+    """The values of all sensors at one instant. Faults change them before they are sent.
+
+    Attributes:
+        taken: true simulated time, ns.
+        stamps: time that each stream's message tells, ns; of the clock the time that it shows.
+        names: names of the joints.
+        position: of the joints, (nj,) in rad.
+        velocity: of the joints, (nj,) in rad/s.
+        effort: of the joints, (nj,) in N·m.
+        base: name of the link whose pose the odometry tells.
+        pose: its position and quaternion in the world, (7,).
+        twist: its twist in its own axes, (6,).
+        orientation: of the inertial measurement unit, quaternion, (4,).
+        angular_velocity: likewise, (3,) in rad/s.
+        specific_force: likewise, (3,) in m/s².
+        absent: names of joints that the joint states lack.
+        silent: streams that send nothing this time.
+    """
+
+    taken: int
+    stamps: dict[str, int]
+    names: list[str]
+    position: Array
+    velocity: Array
+    effort: Array
+    base: str
+    pose: Array
+    twist: Array
+    orientation: Array
+    angular_velocity: Array
+    specific_force: Array
+    silent: set[str]
+    absent: set[str] = field(default_factory=set)
+
+    def message(self, stream: str) -> Any:
+        """The message of one of the `STREAMS`."""
+        stamp = self.stamps[stream]
+        if stream == "clock":
+            return messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp))
+        if stream == "odom":
+            return _odometry(stamp, self.base, self.pose, self.twist)
+        if stream == "imu":
+            return _imu(stamp, self.base, self.orientation, self.angular_velocity, self.specific_force)
+        values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
+        names = self.names
+        if self.absent:
+            there = [name not in self.absent for name in names]
+            names = [name for name in names if name not in self.absent]
+            values = {quantity: of_all[there] for quantity, of_all in values.items()}
+        return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
+
+
+def measure(robot: RobotModel, plant: Plant, stamp: int) -> Measurement:
+    """Measure the present state exactly.
+
+    Args:
+        robot: the robot.
+        plant: its physics.
+        stamp: simulated time, ns.
+    """
+    q, v = plant.state()
+    silent = set() if robot.floating_base else {"odom"}
+    return Measurement(
+        stamp,
+        dict.fromkeys(STREAMS, stamp),
+        list(robot.joints),
+        q[robot.q_index],
+        v[robot.v_index],
+        robot.actuation.at_joints(plant.applied_torques),
+        robot.base_link,
+        q[:7],
+        v[:6],
+        *plant.imu(),
+        silent,
+    )
+
+
+def transform(stamp: int, base: str, pose: Array) -> Any:
+    """Make a TFMessage from the world to the base, from its pose, (7,)."""
+    content = messages.message(
+        "geometry_msgs/msg/TransformStamped",
+        header=messages.header(stamp, WORLD_FRAME),
+        child_frame_id=base,
+        transform=messages.message(
+            "geometry_msgs/msg/Transform", translation=_vector(pose[:3]), rotation=_quaternion(pose[3:])
+        ),
+    )
+    return messages.message("tf2_msgs/msg/TFMessage", transforms=[content])
+
+
+def wrench_message(stamp: int, frame: str, wrench: Array) -> Any:
+    """Make a WrenchStamped from a force, (3,) in N, or a wrench, (6,) in N and N·m."""
+    torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
+    content = messages.message("geometry_msgs/msg/Wrench", force=_vector(wrench[:3]), torque=_vector(torque))
+    return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
+
+
+def _vector(values: Array) -> Any:
+    x, y, z = values.tolist()
+    return messages.message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+
+def _quaternion(values: Array) -> Any:
+    x, y, z, w = values.tolist()
+    return messages.message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def _odometry(stamp: int, base: str, position_and_quaternion: Array, twist: Array) -> Any:
+    x, y, z = position_and_quaternion[:3].tolist()
+    pose = messages.message(
+        "geometry_msgs/msg/Pose",
+        position=messages.message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=_quaternion(position_and_quaternion[3:]),
+    )
+    velocity = messages.message("geometry_msgs/msg/Twist", linear=_vector(twist[:3]), angular=_vector(twist[3:]))
+    exact = np.zeros(36)
+    return messages.message(
+        "nav_msgs/msg/Odometry",
+        header=messages.header(stamp, WORLD_FRAME),
+        child_frame_id=base,
+        pose=messages.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=exact),
+        twist=messages.message("geometry_msgs/msg/TwistWithCovariance", twist=velocity, covariance=exact),
+    )
+
+
+def _imu(stamp: int, base: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
+    exact = np.zeros(9)
+    return messages.message(
+        "sensor_msgs/msg/Imu",
+        header=messages.header(stamp, base),
+        orientation=_quaternion(quaternion),
+        orientation_covariance=exact,
+        angular_velocity=_vector(angular_velocity),
+        angular_velocity_covariance=exact,
+        linear_acceleration=_vector(specific_force),
+        linear_acceleration_covariance=exact,
+    )
