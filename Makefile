@@ -37,7 +37,7 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	    --output-file requirements/dev.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) .venv-tsid build *.egg-info report .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-tsid build *.egg-info report faults .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'

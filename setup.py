@@ -49,7 +49,8 @@ setup(
         ],
         "test": ["pytest>=7.4"],  # by this, colcon test knows that the tests are pytest's
         "plots": ["plotly>=7.1,<8"],
-        "demo": ["wbc_controller[robots,mock,plots]"],
+        "campaign": ["joblib>=1.4,<2"],  # for wbc faults
+        "demo": ["wbc_controller[robots,mock,plots,campaign]"],
     },
     entry_points={
         "console_scripts": [

@@ -76,7 +76,12 @@ def _named(annotation: Any) -> Any:
 def _field_table(section: type[BaseModel]) -> str:
 
     def live(name: str) -> str:
-        return " *Live.*" if name in getattr(section, "live", ()) else ""
+        if name not in getattr(section, "live", ()):
+            return ""
+        if name not in section.live_ranges:
+            return " *Live.*"
+        low, high = ("the configured value" if end is None else f"{end:g}" for end in section.live_ranges[name])
+        return f" *Live, from {low} to {high}.*"
 
     rows = [
         f"| `{name}` | {_kind(field)} | {_default(field)} | {field.description}{live(name)} |"

@@ -15,7 +15,7 @@ def invoke(*words):
 def test_help_lists_every_command_and_says_what_it_does():
     result = invoke("--help")
     assert result.exit_code == 0
-    for command in ("run", "mock", "guard", "check", "demo", "topics"):
+    for command in ("run", "mock", "guard", "check", "demo", "fuzz", "topics"):
         assert f"  {command} " in result.output
     assert "g1, talos, go2" in result.output
 
@@ -24,7 +24,8 @@ def test_help_lists_every_command_and_says_what_it_does():
     ("command", "parts"),
     [
         ("run", ("CONFIG", "--activate", "--record", "--namespace", "--remap FROM:=TO")),
-        ("mock", ("CONFIG", "--real-time-factor", "--lockstep", "--namespace", "--remap")),
+        ("mock", ("CONFIG", "--real-time-factor", "--lockstep", "--faults", "--namespace", "--remap")),
+        ("faults", ("[ROBOT]...", "--kinds", "--seeds", "--jobs", "--out", "--backend", "--address")),
         ("guard", ("CONFIG", "--namespace", "--remap", "commands stop")),
         ("check", ("CONFIG", "before the robot moves")),
         ("demo", ("--report", "--lockstep", "--real-time-factor")),

@@ -1,4 +1,4 @@
-"""The command line: `wbc run`, `mock`, `guard`, `check`, `demo`, `topics`, `security-policy`."""
+"""The command line: `wbc run`, `mock`, `guard`, `check`, `demo`, `faults`, `fuzz`, `topics`, `security-policy`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.fuzz.commands import fuzz
 from wbc_controller.service.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -39,6 +40,9 @@ def main() -> None:
 
     CONFIG is the name of a robot that is shipped (g1, talos, go2) or the path of a .yaml file.
     """
+
+
+main.add_command(fuzz)
 
 
 def _node_options(function: F) -> F:
@@ -94,9 +98,19 @@ def run(
 @click.argument("config")
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
 @click.option("--lockstep", is_flag=True, help="Wait for the controller's answer to each state.")
+@click.option(
+    "--faults", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="A YAML file with a list of faults and the times at which they happen: docs/faults.md.",
+)  # fmt: skip
 @_node_options
 def mock(
-    config: str, real_time_factor: float, lockstep: bool, namespace: str, remaps: tuple[str, ...], verbose: bool
+    config: str,
+    real_time_factor: float,
+    lockstep: bool,
+    faults: Path | None,
+    namespace: str,
+    remaps: tuple[str, ...],
+    verbose: bool,
 ) -> None:
     """Run the mock robot: rigid-body physics behind the robot's topics."""
     try:
@@ -117,7 +131,46 @@ def mock(
             remappings=remappings,
             real_time_factor=real_time_factor,
             lockstep=lockstep,
+            faults=faults,
         )
+
+
+@main.command()
+@click.argument("robots", nargs=-1, metavar="[ROBOT]...")
+@click.option("--kinds", default="", help="Kinds of fault, separated by commas: docs/faults.md; all by default.")
+@click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Trials per kind and robot.")
+@click.option("--seed", type=click.IntRange(0), help="One trial per kind and robot, with this seed, to repeat it.")
+@click.option("--jobs", default=-1, show_default=True, help="Trials at once; -1 for one per processor.")
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("faults"), show_default=True,
+              help="Folder of the results; what is missing there is run.")  # fmt: skip
+@click.option("--backend", default="loky", show_default=True, help="loky (this machine), dask or ray.")
+@click.option("--address", help="Address of the dask scheduler or the ray cluster.")
+def faults(
+    robots: tuple[str, ...],
+    kinds: str,
+    seeds: int,
+    seed: int | None,
+    jobs: int,
+    folder: Path,
+    backend: str,
+    address: str | None,
+) -> None:
+    """Run a campaign of faults on mock robots, and report what came of each: g1, talos and go2 by default.
+
+    The status is 1 where a trial violates what has to hold.
+    """
+    from wbc_controller.campaign.run import run_campaign
+
+    good = run_campaign(
+        robots or ("g1", "talos", "go2"),
+        [kind.strip() for kind in kinds.split(",") if kind.strip()],
+        range(seeds) if seed is None else (seed,),
+        folder,
+        jobs=jobs,
+        backend=backend,
+        address=address,
+    )
+    sys.exit(0 if good else 1)
 
 
 @main.command()

@@ -412,7 +412,13 @@ class TestUpdate:
             ("{tasks: {com: {weight: true}}}", "a weight is a number, not True"),
             ("{tasks: {com: {weight: .nan}}}", "a weight must be from 0 to 1e6, not nan"),
             ("{tasks: {com: {weight: -1}}}", "a weight must be from 0 to 1e6, not -1"),
-            (f"{{tasks: {{com: {{weight: 1{'0' * 400}}}}}}}", "a weight must be from 0 to 1e6, not 1000"),
+            ("{tasks: {com: {weight: 1000000000}}}", "a weight must be from 0 to 1e6, not 1000"),
+            (f"{{tasks: {{com: {{weight: 1{'0' * 400}}}}}}}", "tasks.com.weight: a whole number of 401 characters"),
+            (f"{{tasks: {{com: {{weight: 0x{'f' * 4000}}}}}}}", "tasks.com.weight: a whole number of 4002 characters"),
+            ("{tasks: {com: {weight: !!timestamp x}}}", "not valid YAML"),
+            ("{tasks: {com: {weight: !!bool x}}}", "not valid YAML: KeyError: 'x'"),
+            ("{tasks: {com: {weight: 1, weight: 2}}}", "tasks.com.weight: the key 'weight' stands twice"),
+            ("{tasks: {com: &a {weight: 1}, base: *a}}", "an update has no aliases"),
             ("{tasks: {com: {enabled: 1}}}", "tasks.com.enabled is true or false, not 1"),
             ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is a list of 3 numbers, not 1"),
             ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task takes 3"),
@@ -425,7 +431,7 @@ class TestUpdate:
             ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is a list of 3 numbers, not [1, 2, 'a']"),
             ("{tasks: {com: {setpoint: [1, 2, true]}}}", "is a list of 3 numbers, not [1, 2, True]"),
             ("{tasks: {com: {setpoint: [1, 2, .nan]}}}", "tasks.com.setpoint holds a value that is not finite"),
-            (f"{{tasks: {{com: {{setpoint: [1, 2, 1{'0' * 400}]}}}}}}", "is a list of 3 numbers"),
+            (f"{{tasks: {{com: {{setpoint: [1, 2, 1{'0' * 400}]}}}}}}", "setpoint: a whole number of 401 characters"),
         ],
     )
     def test_what_is_refused(self, make, text, said):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import reprlib
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -25,8 +24,9 @@ from wbc_controller.core.references.changes import (
 from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.core.tasks import AxisAlignmentTask, FrameOrientationTask, FramePoseTask, GazeTask, RelativePoseTask
 from wbc_controller.core.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
-from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
 from wbc_controller.records import Array, ChangeSettings
+from wbc_controller.settings.files import read_yaml
 from wbc_controller.wire.joint_order import no_duplicates
 from wbc_controller.wire.messages import nanoseconds
 
@@ -259,17 +259,8 @@ def _wrench(content: Any) -> Array:
 _LONGEST_UPDATE = 4096
 
 
-class _UpdateLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # written in C where it can be
-    """Refuses keys that stand twice, of which YAML itself takes the last."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [str(key.value) for key, _ in node.value]
-        twice = [key for key in keys if keys.count(key) > 1]
-        if twice:
-            raise yaml.YAMLError(f"the key {twice[0]!r} stands twice; keep one of them")
-        return super().construct_mapping(node, deep)
-
-
+#: Parses YAML in C where PyYAML was built with it.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _UPDATE_FORM = (
     "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
     "contacts: {left_foot: {enabled: false}}}"
@@ -288,12 +279,13 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
     if len(content.data) > _LONGEST_UPDATE:
         raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
     try:
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(content.data, Loader=_UpdateLoader)):
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(content.data, Loader=_LOADER)):
             raise InputRefused(f"an update has no aliases (*name); {_UPDATE_FORM}")
-        update = yaml.load(content.data, Loader=_UpdateLoader)  # noqa: S506  # a safe loader
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # The last three are raised on impossible dates and numbers, on keys that are lists, and on deep nesting.
+        update = read_yaml(content.data, "update", _LOADER)
+    except (yaml.YAMLError, RecursionError) as error:  # the latter on deep nesting
         raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
+    except ConfigurationError as error:
+        raise InputRefused(f"{error}; {_UPDATE_FORM}") from error
     if not isinstance(update, dict) or not update:
         raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
     changes: list[Change] = []
@@ -337,10 +329,8 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a YAML value is a number that fits into a double."""
-    return isinstance(value, float) or (
-        isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    )
+    """Whether a YAML value is a number; a whole one fits into a double, as longer ones are refused before."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:

@@ -1,0 +1,49 @@
+"""Real processes: other participants flood the controller's inputs, and an emergency stop passes all the same."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from domains import own_domain
+
+from wbc_controller.fuzz.floods import CYCLES, STALL, StopTrial, flood_trials
+
+#: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
+KINDS, TRIALS = ("activate", "update", "trajectory", "joint_states", "large"), 2
+#: Messages per second that a flood has to reach, so that it is one: a busy machine sends fewer than the 10,000.
+LEAST = {"large": 1.0}
+LEAST_OF_SMALL = 500.0
+#: Inputs whose losses the diagnostics must name.
+NAMED = {"activate", "update", "trajectory", "large"}
+
+
+@pytest.mark.live
+def test_a_stop_passes_every_flood_within_two_cycles_and_the_loop_goes_on(tmp_path):
+    trials = flood_trials("go2", tmp_path, TRIALS, kinds=KINDS, domain=own_domain())
+    assert [trial.flood for trial in trials] == [kind for kind in KINDS for _ in range(TRIALS)]
+    for trial in trials:
+        print(trial)
+        assert trial.rate >= LEAST.get(trial.flood, LEAST_OF_SMALL), trial
+        assert trial.obeyed, trial
+        assert trial.steady, trial
+        assert trial.said or trial.flood not in NAMED, trial
+
+
+TRIAL = StopTrial("activate", CYCLES, 0.01, STALL, 0.0, 5000, 10_000.0, True, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("change", "obeyed", "steady"),
+    [
+        ({}, True, True),
+        ({"cycles": CYCLES + 1}, False, True),
+        ({"cycles": CYCLES + 2, "late": 0.002}, True, True),
+        ({"cycles": CYCLES + 3, "late": 0.002}, False, True),
+        ({"slowest": STALL + 0.001}, True, False),
+        ({"slowest": STALL + 0.003, "late": 0.002}, True, True),
+    ],
+)
+def test_a_trial_is_judged_by_what_the_machine_was_late(change, obeyed, steady):
+    trial = dataclasses.replace(TRIAL, **change)
+    assert (trial.obeyed, trial.steady) == (obeyed, steady)

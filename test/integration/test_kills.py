@@ -1,0 +1,39 @@
+"""Real processes: the controller and the mock robot are killed, hung up and stopped at random moments."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from domains import own_domain
+
+from wbc_controller.fuzz.kills import SLACK, WAYS, KillTrial, kill_trials
+
+
+@pytest.mark.live
+def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(tmp_path):
+    trials = kill_trials("go2", tmp_path, 1, domain=own_domain())  # `wbc fuzz kills` does 50 of each
+    assert [(trial.victim, trial.way) for trial in trials] == [
+        (victim, way) for victim in ("controller", "mock") for way in WAYS
+    ]
+    for trial in trials:
+        print(trial)
+        assert trial.held, trial
+
+
+TRIAL = KillTrial("controller", "kill", 0.0, 0.014, 0.014, 0.0, 0.05, 0.0, "damping COMMANDS_STOPPED: …", True, True)
+
+
+@pytest.mark.parametrize(
+    ("change", "held"),
+    [
+        ({}, True),
+        ({"gap": 0.014 + SLACK + 0.001}, False),
+        ({"gap": 0.014 + SLACK + 0.001, "late": 0.001}, True),
+        ({"stale": 0.05 + SLACK + 0.001}, False),
+        ({"right": False}, False),
+        ({"restarted": False}, False),
+    ],
+)
+def test_a_trial_is_judged_by_what_the_machine_was_late(change, held):
+    assert dataclasses.replace(TRIAL, **change).held is held

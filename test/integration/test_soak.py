@@ -1,0 +1,35 @@
+"""Real processes: a minute of controller, mock robot and guard, with flat memory and without a fault of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from domains import own_domain
+
+from wbc_controller.fuzz.soak import SoakResult, soak
+
+#: Duration here, s; `wbc fuzz soak` takes half an hour.
+SECONDS = 60.0
+
+
+@pytest.mark.live
+def test_a_minute_passes_with_flat_memory_and_without_a_fault(tmp_path):
+    result = soak("go2", tmp_path, SECONDS, domain=own_domain())
+    print(result.memory, result.faults, result.rate, result.late)
+    assert result.own_faults == []
+    for name in ("controller", "mock", "guard"):
+        assert result.flat(name), (name, result.memory[name])
+    assert result.rate > 50.0  # it was at work; a busy machine leaves it fewer cycles than the 500
+
+
+def test_memory_that_grows_is_seen_and_noise_is_not():
+    rng = np.random.default_rng(0)
+    flat = (100_000 + rng.integers(0, 500, 60)).tolist()
+    warm_up = [90_000 + 1000 * min(i, 20) for i in range(60)]
+    result = SoakResult(60.0, {"flat": flat, "warm-up": warm_up, "leak": [100_000 + 100 * i for i in range(60)]})
+    assert [name for name in result.memory if not result.flat(name)] == ["leak"]
+
+
+def test_a_fault_is_the_machines_only_if_it_was_late_by_half_of_what_the_fault_allows():
+    faults = [("damping STALE_INPUT: …", 0.03, 0.05), ("damping FALLEN: …", 0.001, 0.05)]
+    assert SoakResult(faults=faults).own_faults == ["damping FALLEN: …"]

@@ -1,0 +1,275 @@
+"""Real processes on a DDS domain of their own, and a user who talks to them: what the live trials share."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.errors import WbcError
+from wbc_controller.fuzz import DOMAIN
+from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
+from wbc_controller.records import Array
+from wbc_controller.service.guard_service import NODE_NAME as GUARD_NODE
+from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.settings.config import load
+from wbc_controller.transports.dds import DdsTransport
+from wbc_controller.wire.decoding import read_odometry
+from wbc_controller.wire.joint_order import JointOrder
+from wbc_controller.wire.messages import decode, encode, message, nanoseconds
+from wbc_controller.wire.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
+
+#: Wall time after which something that should have happened has not, s.
+PATIENCE = 30.0
+#: Messages that are kept of each topic: a minute of the fastest ones.
+_KEPT = 30_000
+#: What a user listens to, by node.
+_HEARD = {
+    "controller": ("effort", "joint_commands", "state", "diagnostics"),
+    "mock": ("joint_states", "odom"),
+    "guard": ("state",),
+}
+
+
+class Lateness:
+    """How late this machine is: by a bare thread that naps, and by how long watched processes wait for a processor.
+
+    Attributes:
+        worst: largest lateness since `forget`, s: of a nap of the thread, or of the main thread of a watched process
+            within `_WINDOW`.
+    """
+
+    _NAP, _WINDOW = 0.001, 0.05
+
+    def __init__(self) -> None:
+        self.worst = 0.0
+        self._waited: dict[int, deque[tuple[float, float]]] = {}
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="lateness", daemon=True)
+        self._thread.start()
+
+    def watch(self, process: int) -> None:
+        """Watch the main thread of a process, too."""
+        self._waited[process] = deque()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self.worst = 0.0
+
+    def end(self) -> None:
+        """End the thread."""
+        self._ended = True
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended:
+            began = time.monotonic()
+            time.sleep(self._NAP)
+            now = time.monotonic()
+            self.worst = max(self.worst, now - began - self._NAP)
+            for process, waited in list(self._waited.items()):
+                try:  # time on the processor, time of waiting for one, ns
+                    total = 1.0e-9 * int(Path(f"/proc/{process}/schedstat").read_text().split()[1])
+                except (OSError, IndexError):  # it has ended
+                    self._waited.pop(process, None)
+                    continue
+                waited.append((now, total))
+                while now - waited[0][0] > self._WINDOW:
+                    waited.popleft()
+                self.worst = max(self.worst, total - waited[0][1])
+
+
+class Rig:
+    """A mock robot, a controller and a guard as processes, and a user on the same domain.
+
+    Attributes:
+        settings: those of the robot.
+        model: of the robot.
+        configuration: the file that all processes read.
+        record: a file for the controller's record.
+        lateness: of this machine.
+    """
+
+    def __init__(
+        self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
+    ) -> None:
+        """Join the domain. No process is started yet.
+
+        Args:
+            robot: a robot that is shipped, or the path of a configuration.
+            folder: for the configuration, the logs and the record; it is made.
+            domain: DDS domain.
+            changes: of settings, by dotted key.
+        """
+        config = load(robot).replace(changes or {})
+        self.settings = config.settings
+        self.model = make_model(self.settings)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self.configuration = folder / "robot.yaml"
+        self.configuration.write_text(config.to_yaml(), encoding="utf-8")
+        self.record = folder / "cycles.npz"
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.lateness = Lateness()
+        self.kept: dict[str, deque[tuple[float, bytes]]] = {}
+        self._types: dict[str, str] = {}
+        self.inputs: dict[str, Endpoint] = {}
+        self._transport = DdsTransport("trial_user", domain_id=domain, discovery_range="LOCALHOST")
+        owners: dict[str, list[Endpoint]] = {
+            "controller": controller_endpoints(self.settings, self.model),
+            "mock": list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)),
+            "guard": list(endpoints(GUARD_TOPICS, GUARD_NODE)),
+        }
+        for owner, topics in owners.items():
+            for topic in topics:
+                if topic.direction is Direction.OUT and topic.key in _HEARD[owner]:
+                    self._listen(f"{owner}/{topic.key}", topic)
+                if topic.direction is Direction.IN and owner == "controller":
+                    self.inputs[f"{topic.key}/{topic.subject}".rstrip("/")] = topic
+        self.advertise = self._transport.advertise
+        self._command = self.advertise(counterpart(self.inputs["command"]))
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name in list(self.processes):
+            self.stop(name)
+        self._transport.close()
+        self.lateness.end()
+
+    def _listen(self, name: str, topic: Endpoint) -> None:
+        kept = self.kept[name] = deque(maxlen=_KEPT)
+        self._types[name] = topic.type
+        deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
+        self._transport.subscribe(deep, lambda payload: kept.append((time.monotonic(), payload)))
+
+    def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
+        """Start ``mock``, ``controller`` or ``guard``, as `wbc mock`, `run` or `guard`, with options of the command."""
+        words = ["run" if name == "controller" else name, str(self.configuration), *options]
+        with (self._folder / f"{name}.log").open("ab") as log:
+            process = subprocess.Popen(  # noqa: S603 - this package itself
+                [sys.executable, "-m", "wbc_controller", *words], env=self._environment, stdout=log, stderr=log
+            )
+        self.processes[name] = process
+        self.lateness.watch(process.pid)
+        return process
+
+    def stop(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
+        """End a process by a signal, and wait for it; its exit status."""
+        process = self.processes.pop(name)
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.send_signal(number)
+        try:
+            return process.wait(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+    def log(self, name: str) -> str:
+        """What a process has written."""
+        path = self._folder / f"{name}.log"
+        return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+    def command(self, word: str) -> float:
+        """Send a word to the controller; when, on the monotonic clock, s."""
+        self._command(encode(message("std_msgs/msg/String", data=word)))
+        return time.monotonic()
+
+    def said(self, node: str) -> str:
+        """The newest state of ``controller`` or ``guard``; empty where it has said none."""
+        kept = self.kept[f"{node}/state"]
+        return str(decode(kept[-1][1], self._types[f"{node}/state"]).data) if kept else ""
+
+    def stamp(self) -> int:
+        """Stamp of the robot's newest state, ns; 0 before the first one."""
+        kept = self.kept["mock/joint_states"]
+        return nanoseconds(decode(kept[-1][1], self._types["mock/joint_states"]).header.stamp) if kept else 0
+
+    def centre_of_mass(self) -> Array:
+        """The robot's centre of mass in its newest state, (3,) in m."""
+        joints, base = (self.heard(f"mock/{key}")[-1][1] for key in ("joint_states", "odom"))
+        q = np.zeros(self.model.nq)
+        q[self.model.q_index], _ = JointOrder(self.model.joints).read(joints)
+        q[:7], _ = read_odometry(base, self.model.base_link)
+        return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
+
+    def heard(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
+        """Messages of a topic such as ``controller/effort`` that came after a time, with their times, oldest first."""
+        recent = [each for each in list(self.kept[name]) if each[0] > since]
+        return [(when, decode(payload, self._types[name])) for when, payload in recent]
+
+    def efforts(self, since: float) -> tuple[Array, Array]:
+        """Times, (n,) in s, and torques, (n, na) in N·m, of what came for the joints after a time."""
+        heard = self.heard("controller/effort", since)
+        torques = np.array([content.data for _, content in heard]).reshape(-1, self.model.na)
+        return np.array([when for when, _ in heard]), torques
+
+    def until(
+        self,
+        condition: Callable[[], Any],
+        what: str,
+        again: Callable[[], Any] = lambda: None,
+        patience: float = PATIENCE,
+    ) -> None:
+        """Wait for a condition, doing `again` four times a second.
+
+        Raises:
+            WbcError: if it does not come true in time.
+        """
+        deadline, due = time.monotonic() + patience, 0.0
+        while not condition():
+            now = time.monotonic()
+            if now >= due:
+                again()
+                due = now + 0.25
+            if now >= deadline:
+                raise WbcError(
+                    f"waited {patience:g} s in vain for {what}; controller: {self.said('controller')!r}, guard: "
+                    f"{self.said('guard')!r}"
+                )
+            time.sleep(0.002)
+
+    def wait_for(self, *names: str) -> None:
+        """Wait for the first messages of processes that have just been started."""
+        topics = {"mock": "mock/joint_states", "controller": "controller/state", "guard": "guard/state"}
+        for name in names:
+            kept = self.kept[topics[name]]
+            self.until(kept.__len__, f"the first message of {name}")
+
+    def forget(self, *names: str) -> None:
+        """Forget what a node has said."""
+        for name, kept in self.kept.items():
+            if name.partition("/")[0] in names:
+                kept.clear()
+
+    def activate(self) -> None:
+        """Reset a fault, and activate the controller."""
+
+        def ask() -> None:
+            if not self.said("controller").startswith("inactive"):
+                self.command("reset")
+            self.command("activate")
+
+        self.until(lambda: self.said("controller") == "active", "the activation", ask)

@@ -1,0 +1,186 @@
+"""What the fuzzer of messages needs of a node: topics, ordinary messages, and a look at what each message did."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
+from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.topics import TASK_TYPES, Direction, Endpoint, counterpart
+
+#: Most processor time for reading a request, s: the largest trajectory takes half of it on a slow core.
+READ_LIMIT = 0.5
+#: Most processor time of one cycle, s, and for reading a message that a cycle reads itself.
+CYCLE_LIMIT = 0.02
+#: Room for rounding in comparisons of torques, N·m.
+_ROUNDING = 1.0e-9
+
+_log = logging.getLogger("wbc_controller")
+
+
+class Broken(Exception):
+    """What must hold whatever arrives does not hold: one sentence."""
+
+
+class Slow(Broken):
+    """A message or cycle took too much processor time."""
+
+
+class Target(Protocol):
+    """A node under test, fresh; everything about it is deterministic.
+
+    Attributes:
+        topics: its incoming topics, by name.
+        alive: whether it still does its work; a message that is valid may end that.
+    """
+
+    topics: Mapping[str, Endpoint]
+    alive: bool
+
+    def example(self, topic: Endpoint) -> Any:
+        """An ordinary message of one of its topics, valid now."""
+        ...
+
+    def take(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message, and see that all holds that must hold.
+
+        Raises:
+            Broken: if it does not.
+        """
+        ...
+
+    def finish(self) -> None:
+        """Deliver what is held back; raises as `take`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """The robot of the fuzzer."""
+
+    settings: Settings
+    model: RobotModel
+
+
+@cache
+def fuzzed_robot(name: str) -> Robot:
+    """A shipped robot with a task of every kind and a grip, all of them off, and activated without a ramp.
+
+    Args:
+        name: of a shipped robot with a floating base.
+    """
+    settings = load_settings(find_configuration(name))
+    content = settings.model_dump(exclude_unset=True)
+    base = make_model(settings).base_link
+    contact = next(iter(content["contacts"]))
+    frame = content["contacts"][contact]["frame"]
+    needs: dict[str, dict[str, Any]] = {
+        "relative_pose": {"frame": frame, "reference_frame": base},
+        "axis_alignment": {"frame": base, "axis": [0.0, 0.0, 1.0]},
+        "gaze": {"frame": base, "axis": [1.0, 0.0, 0.0]},
+        "contact_wrench": {"contact": contact},
+    }
+    needs |= {kind: {"frame": base} for kind in ("frame_pose", "frame_position", "frame_orientation")}
+    there = {task["type"] for task in content["tasks"].values()}
+    for kind in sorted(TASK_TYPES.keys() - there):
+        content["tasks"][f"any_{kind}"] = {"type": kind, "enabled": False, **needs.get(kind, {})}
+    content["contacts"]["grip"] = {
+        "type": "fixed", "frame": frame, "max_force": 100.0, "max_moment": 10.0, "enabled": False
+    }  # fmt: skip
+    content["control"] = {**content.get("control", {}), "markers_rate": 0.0}  # they only cost time
+    content["safety"] = {**content.get("safety", {}), "activation_ramp": 0.0}
+    settings = parse_settings(content, f"the fuzzer's {name}")
+    return Robot(settings, make_model(settings))
+
+
+def writers(topics: Mapping[str, Endpoint], transport: Transport) -> dict[str, Publish]:
+    """Open the other end of incoming topics, by name."""
+    return {name: transport.advertise(counterpart(topic)) for name, topic in topics.items()}
+
+
+def incoming(topics: list[Endpoint]) -> dict[str, Endpoint]:
+    """The incoming ones of a node's topics, by name."""
+    return {topic.name: topic for topic in topics if topic.direction is Direction.IN}
+
+
+def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:
+    """See that torques are finite, within their limits, and changed by no more than a step.
+
+    Args:
+        tau: torques, (na,) in N·m.
+        before: those before, (na,).
+        limits: effort limits, (na,).
+        step: largest change, (na,).
+        what: who sent them, for the sentence.
+
+    Raises:
+        Broken: if they are not.
+    """
+    if not np.isfinite(tau).all():
+        raise Broken(f"{what} sent torques that are not finite: {tau.tolist()}")
+    if not (np.abs(tau) <= limits + _ROUNDING).all():
+        raise Broken(f"{what} sent torques over their limits by {float((np.abs(tau) - limits).max()):g} N·m")
+    if not (np.abs(tau - before) <= step + _ROUNDING).all():
+        raise Broken(f"{what} changed a torque by {float((np.abs(tau - before) - step).max()):g} N·m more than allowed")
+
+
+@contextlib.contextmanager
+def within(seconds: float, what: str) -> Iterator[None]:
+    """Hold a piece of work to a processor time of this thread, s.
+
+    Raises:
+        Slow: if it takes longer.
+    """
+    began = time.thread_time()
+    yield
+    spent = time.thread_time() - began
+    if not (spent <= seconds):
+        raise Slow(f"{what} took {1e3 * spent:.0f} ms of processor time; at most {1e3 * seconds:.0f} ms are allowed")
+
+
+class _Errors(logging.Handler):
+    """Keeps the records of errors."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.records: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        self.records.append(f"{record.getMessage()}: {type(error).__name__}: {error}")
+
+
+@contextlib.contextmanager
+def listening() -> Iterator[list[str]]:
+    """Collect the errors that this package logs; keep its warnings, those of overflows, and Python's garbage back.
+
+    The control loop itself collects next to no garbage, as it freezes what lives at its start.
+    """
+    handler, level = _Errors(), _log.level
+    _log.addHandler(handler)
+    _log.setLevel(logging.ERROR)
+    propagate, _log.propagate = _log.propagate, False
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        with np.errstate(all="ignore"):
+            yield handler.records
+    finally:
+        _log.removeHandler(handler)
+        _log.setLevel(level)
+        _log.propagate = propagate
+        if collecting:
+            gc.enable()
