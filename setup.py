@@ -29,7 +29,7 @@ setup(
     install_requires=[
         "click>=8.1,<9",
         "cyclonedds>=11.0.1,<12",
-        "daqp>=0.8,<0.12",
+        "daqp>=0.11,<0.12",
         "numpy>=1.26,<3",
         "osqp>=1.0,<2",
         "pin>=4.1,<5",

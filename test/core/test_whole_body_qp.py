@@ -238,9 +238,9 @@ def test_a_joint_that_cannot_brake_as_it_should_brakes_as_it_can(bench):
     assert solution.tau[i] == pytest.approx(-g1.model.effort_limits[i], abs=1e-3)
     v_dot, (lower, upper) = solution.v_dot[g1.model.v_index], joint_bounds(g1, state)
     assert upper[i] < v_dot[i] < -100.0
-    assert solution.binding["motion:left_elbow_joint:upper"] > 1.0e6
-    # The others pull a little too: they miss their bounds by at most a fiftieth of what the elbow does.
-    assert np.delete(np.maximum(lower - v_dot, v_dot - upper), i).max() < 0.02 * (v_dot - upper)[i]
+    assert solution.binding["motion:left_elbow_joint:upper"] > 1.0e5
+    # The others pull a little too: they miss their bounds by at most a twentieth of what the elbow does.
+    assert np.delete(np.maximum(lower - v_dot, v_dot - upper), i).max() < 0.05 * (v_dot - upper)[i]
 
 
 def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):

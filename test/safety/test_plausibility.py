@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.assembly.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.records import Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
+from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, joint_speed_limits
 from wbc_controller.safety.supervisor import Supervisor
 
 PERIOD = 0.002
@@ -141,8 +145,70 @@ def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
         robot.v[joint(robot.model, 3 * leg + 1)[1]] = 1.0
         robot.v[joint(robot.model, 3 * leg + 2)[1]] = -1.5
     robot.v[2] = 0.3  # the base rises in the world, as on stairs
-    robot.step(800)
+    while robot.mode is Mode.ACTIVE:
+        robot.step()
     robot.says("FALLEN", "above the lowest limb (limit 0.4 of the ", "safety.min_height")
+    height, at_first = map(float, re.findall(r"(\d\.\d+) m ", robot.fault.sentence))
+    assert 0.36 < height / at_first < 0.4  # seen within 10 ms
+
+
+def folding(robot, speed=1.0):
+    """The legs fold, and the base sinks to the feet."""
+    robot.step(10)
+    for leg in range(4):
+        robot.v[joint(robot.model, 3 * leg + 1)[1]] = speed
+        robot.v[joint(robot.model, 3 * leg + 2)[1]] = -1.5 * speed
+    robot.step(800)
+
+
+def test_without_a_smallest_height_a_base_may_sink(body):
+    robot = body(fall=FallLimits(tilt=1.0, height=0.0))
+    robot.q[joint(robot.model, 1)[0]] += 0.1  # not symmetric: or the lowest end would be the base itself
+    for leg in range(4):
+        robot.q[joint(robot.model, 3 * leg + 1)[0]] += 1.6  # on its back legs: the feet above the base
+    again(robot)
+    folding(robot)
+    assert robot.mode is Mode.ACTIVE
+
+
+def test_where_the_limbs_are_hardly_below_the_base_its_height_does_not_count(body):
+    """It lies with its feet beside it: 5 cm less are nothing."""
+    robot = body()
+    for leg in range(4):
+        robot.q[joint(robot.model, 3 * leg + 1)[0]] = 1.57
+        robot.q[joint(robot.model, 3 * leg + 2)[0]] = -0.25
+    robot.step()
+    watch = robot.supervisor._fall
+    assert 0.0 < watch._height < LEAST_HEIGHT
+    for leg in range(4):
+        robot.v[joint(robot.model, 3 * leg + 1)[1]] = 0.5
+    robot.step(300)
+    assert robot.mode is Mode.ACTIVE
+
+
+def again(robot):
+    for word in ("damp", "reset", "activate"):
+        robot.supervisor.request(word, robot.now, None)
+
+
+def test_tilt_and_height_are_counted_from_each_activation_anew(body):
+    robot = body(fall=FallLimits(tilt=1.0, height=0.0))
+    robot.v[3] = 1.0
+    for _ in range(3):  # 0.8 rad in each activation, 2.4 rad in all
+        robot.step(round(0.8 / PERIOD))
+        assert robot.mode is Mode.ACTIVE
+        again(robot)
+    robot = body(fall=FallLimits(tilt=3.2, height=0.7))
+    for leg in range(4):
+        robot.v[joint(robot.model, 3 * leg + 1)[1]] = 0.5
+        robot.v[joint(robot.model, 3 * leg + 2)[1]] = -1.0
+    watch = robot.supervisor._fall
+    for _ in range(3):  # 0.8 of the height in each activation, half of it in all
+        robot.step()
+        while watch._height_of(RobotState(0, robot.q, robot.v)) > 0.8 * watch._height:
+            robot.step()
+        assert robot.mode is Mode.ACTIVE
+        again(robot)
 
 
 def test_stairs_are_no_fall(body):
@@ -153,11 +219,20 @@ def test_stairs_are_no_fall(body):
     assert robot.mode is Mode.ACTIVE
 
 
-def test_a_fixed_base_does_not_fall(body):
+def test_without_limits_nothing_is_a_fall(body):
     robot = body(fall=None)
     robot.v[3] = 1.0
     robot.step(1000)
     assert robot.mode is Mode.ACTIVE
+
+
+def test_a_fixed_base_does_not_fall(robot_of, changed):
+    settings = changed(robot_of("go2")[0], {"robot": {"base": "fixed"}})
+    watch = FallWatch(make_model(settings), FallLimits(tilt=0.01, height=1.0))
+    watch.begin()
+    for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
+        q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
+        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12))) is None
 
 
 def test_single_solutions_do_not_renew_the_time_for_holding(body):
@@ -194,6 +269,22 @@ def test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed(body):
     assert robot.mode is Mode.ACTIVE
     robot.step(4)
     robot.says("RELAXED", "self_collision, joint_motion, torque_rate had to be relaxed for 50", "safety.relax_time")
+
+
+def test_an_activation_begins_with_whole_budgets(body):
+    robot = body(hold_time=0.1, hold_window=10.0)
+    for outcome, relaxed in ((NOTHING, ()), (None, ("joint_motion",))):
+        robot.step(10)
+        robot.relaxed = relaxed
+        robot.step(40 if outcome is not None else 200, outcome=outcome)
+        robot.relaxed = ()
+        again(robot)
+        robot.step(10)
+        robot.relaxed = relaxed
+        robot.step(40 if outcome is not None else 200, outcome=outcome)
+        robot.relaxed = ()
+        robot.step(5)
+        assert robot.mode is Mode.ACTIVE
 
 
 def test_relaxing_now_and_then_is_none(body):
@@ -270,6 +361,27 @@ def test_messages_that_are_lost_are_plausible(body):
     robot.step(dt=0.3)
     robot.step(10)
     assert robot.mode is Mode.ACTIVE
+
+
+def test_after_a_pause_a_joint_is_no_further_than_its_largest_velocity_leads(body):
+    robot = body(fall=None)
+    robot.step(10)
+    place = joint(robot.model, 4)[0]
+    fastest = joint_speed_limits(robot.model, robot.limits.plausibility.joint_speed)[4]
+    robot.q[place] += 0.06 * fastest + 0.15
+    robot.step(dt=0.06)
+    assert robot.mode is Mode.ACTIVE
+    robot.step(500)
+    robot.q[place] -= 0.06 * fastest + 0.25
+    robot.step(dt=0.06)
+    robot.says("IMPLAUSIBLE_STATE", repr(robot.model.joints[4]), "differs by -0.25 rad", "safety.joint_mismatch")
+
+
+def test_velocity_limits_that_are_zero_or_tiny_in_the_urdf_are_none(robot_of):
+    _, model = robot_of("go2")
+    limits = np.array([0.0, 1e-3, 0.5, 1.0, 20.0, 1e6, *model.velocity_limits[6:]])
+    found = joint_speed_limits(SimpleNamespace(velocity_limits=limits), 5.0)
+    np.testing.assert_allclose(found[:6], [1000.0, 5.0, 5.0, 5.0, 100.0, 1000.0])
 
 
 @pytest.mark.parametrize("jump", [-1.0, 0.25, 3.2])
@@ -444,3 +556,30 @@ def test_damping_changes_no_velocity_s_sign_whatever_is_configured(robot_of, nam
         full[model.v_index] = D
         rates = np.linalg.eigvals(np.linalg.solve(M, np.diag(full))).real * PERIOD
         assert rates.max() <= (1.0 + 1e-9 if trial == 0 else 2.0)
+
+
+def test_the_supervisor_damps_as_much_as_a_sampled_loop_can_bear(body):
+    robot = body(damping=100.0)
+    robot.step(100)
+    robot.supervisor.request("damp", robot.now, None)
+    speeds = np.full(robot.model.nj, 0.01)
+    for _ in range(10):
+        robot.step(velocity=speeds)
+    D = stable_damping(robot.model, 100.0, PERIOD)
+    assert D.max() < 50.0
+    np.testing.assert_allclose(robot.commands[-1].tau, -D * 0.01)
+
+
+def test_rotors_can_be_damped_too(robot_of, changed):
+    settings, _ = robot_of("go2")
+    light, heavy = (make_model(changed(settings, {"robot": {"armature": armature}})) for armature in (0.01, 0.1))
+    np.testing.assert_allclose(
+        stable_damping(heavy, 1e4, PERIOD) - stable_damping(light, 1e4, PERIOD), 0.09 / PERIOD, rtol=0.4
+    )
+
+
+def test_odometry_that_is_slow_and_not_stale_is_not_frozen(robot_of, changed):
+    settings, model = robot_of("go2")
+    for timeout, frozen_time in ((0.05, 0.1), (0.5, 0.5)):
+        limits = make_supervisor_limits(changed(settings, {"safety": {"state_timeout": timeout}}), model)
+        assert limits.plausibility.frozen_time == frozen_time

@@ -243,7 +243,7 @@ class Supervisor:
             return None
         if self.mode is Mode.DAMPING:
             tau = self._damping(joint_velocity)
-        if tau is None or self.mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT):
+        if tau is None:  # in inactive, stopped and fault
             tau = np.zeros(self._model.na)
         return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None, joint_velocity)
 

@@ -12,8 +12,10 @@ from wbc_controller.core.program.layout import Layout
 from wbc_controller.core.program.problem import Soft
 from wbc_controller.records import Array, References
 
-#: Weight of what is missed, squared: (m/s²)⁻², (rad/s²)⁻², and for torques per squared effort limit.
+#: Weight of what is missed, squared: (m/s²)⁻², and for torques per squared effort limit.
 _MISSED = 1.0e4
+#: Likewise of joint accelerations, (rad/s²)⁻²: the same at an end of 0.1 m.
+_JOINT = 1.0e2
 #: Weight of the bounds of a joint that can still stop in time, (rad/s²)⁻²: about that of tasks, so that a robot whose
 #: knees have to brake keeps its balance.
 _BRAKING = 1.0
@@ -98,9 +100,9 @@ def _motion(formulation: Formulation, layout: Layout) -> Relaxable:
     )
     brakes = np.isfinite(stopping).any(axis=0)
     group = Relaxable.of(layout, "joint_motion", joints)
-    weights = np.where(np.isin(group.places, joints[brakes]), _BRAKING, _MISSED)
+    weights = np.where(np.isin(group.places, joints[brakes]), _BRAKING, _JOINT)
     bounds = Soft(group.soft.places, group.soft.bounds, weights)
-    stops = Soft(joints[brakes], stopping[:, brakes], np.full(int(brakes.sum()), _MISSED))
+    stops = Soft(joints[brakes], stopping[:, brakes], np.full(int(brakes.sum()), _JOINT))
     return replace(group, soft=bounds.with_more(stops))
 
 

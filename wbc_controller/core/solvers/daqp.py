@@ -25,9 +25,11 @@ _SETTINGS: Mapping[str, float] = {"primal_tol": 1.0e-8, "eps_prox": 0.0, "iter_l
 #: ones but for less than `sing_tol`; its default of 4e-11 is too much where H is ill-conditioned. Below `pivot_tol` it
 #: refines the solution. With the equalities eliminated it is faster; without, it solves some of the others.
 _CAREFUL: tuple[Mapping[str, float], ...] = (
-    {**_SETTINGS, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
-    {**_SETTINGS, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
+    {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
+    {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
 )
+#: Rows count as dependent below this share of the largest singular value.
+_RANK = 1.0e-9
 _STATUS = {
     1: "optimal",
     2: "soft optimal",
@@ -129,6 +131,8 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         x, flag, used, multipliers = _run(model, flag)
         answer = _checked(problem, x, flag, used, multipliers)
         iterations += used
+        if answer.x is None and flag >= _OPTIMAL:
+            answer = _checked(problem, _corrected(problem, x, multipliers[:m]), flag, used, multipliers)
         if answer.x is not None:
             break
     if answer.x is not None and soft is not None:
@@ -136,6 +140,17 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         np.add.at(answer.multipliers, soft.places, multipliers[end:])
     answer.iterations = iterations
     return answer
+
+
+def _corrected(problem: QuadraticProgram, x: Array, multipliers: Array) -> Array:
+    """The point nearest to x at which the equalities and the active constraints hold to the last digits.
+
+    Where a soft constraint is missed by much, multipliers are large, and x loses digits.
+    """
+    active = np.flatnonzero(multipliers)
+    rows = np.vstack([problem.A, problem.rows(active)])
+    right = np.concatenate([problem.b, problem.bounds[(multipliers[active] > 0.0).astype(np.intp), active]])
+    return np.asarray(x - np.linalg.lstsq(rows, rows.dot(x) - right, rcond=_RANK)[0])
 
 
 _Constraints = tuple[Array, Array, Array, np.ndarray]
