@@ -51,13 +51,12 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
-    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "mechanics", "views", "wire"), ("numpy",)),
+    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire"), ("numpy",)),
     "service": (
         (
             "core/robot",
             "core/contacts",
             "core/references",
-            "core/whole_body_qp",
             "safety",
             "settings",
             "assembly",

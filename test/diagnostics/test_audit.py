@@ -6,6 +6,7 @@ mass, a torque with the wrong sign and an unknown push are each named within a s
 
 from __future__ import annotations
 
+import dataclasses
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 
@@ -17,8 +18,14 @@ from wbc_controller.control.controller import Controller
 from wbc_controller.core.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
 from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.diagnostics.audit import ModelAudit
+from wbc_controller.mechanics.energy import energy_residual
+from wbc_controller.mechanics.external import ExternalWrench
+from wbc_controller.mechanics.momentum import momentum_residual
 from wbc_controller.mock.robot import MockRobot
+from wbc_controller.mock.simulation import Simulation
 from wbc_controller.records import CycleReport
+from wbc_controller.service.audit import make_audit
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.controller_service import make_loop
 from wbc_controller.service.wiring import controller_endpoints
@@ -124,6 +131,52 @@ def test_with_the_right_model_nothing_is_left_over(robot):
     assert share < 0.02
     assert force < 0.001
     assert not run.warned(CALM, 10.0)
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_the_residuals_are_those_of_the_laws_of_motion(robot):
+    """Without its filter, against the functions of `mechanics` (S5, S6), with a wrong link and a known wrench."""
+    simulation = Simulation(robot)
+    controller, plant = simulation.controller, simulation.plant
+    limits = make_audit(controller.config.settings, controller.model)._limits
+    audit = ModelAudit(controller.model, dataclasses.replace(limits, time_constant=1.0e-15))
+    base, known = controller.model.base_link, np.array([5.0, 12.0, -3.0, 0.5, -0.3, 0.2])
+    controller.board.apply([SetExternalWrench(base, known)], controller.dynamics, simulation.time)
+    plant.push(base, known + [9.0, 0.0, 4.0, 0.0, 0.0, 0.0], 1.0)  # more than is known: a residual to compare
+    model, seen = controller.model.pinocchio, []
+    before = None
+
+    def compare(now):
+        nonlocal before
+        result = now.result
+        report = audit.look(result.state, controller.dynamics, result.solution, result.command)
+        if before is not None and report is not None and np.array_equal(before.solution.tau, before.command.tau):
+            wrenches = [ExternalWrench(base, known)]
+            force = controller.model.actuation.generalized_force(before.command.tau)
+            if controller.model.actuation.rotors is not None:
+                force = (
+                    force - controller.model.actuation.rotors @ (result.state.v - before.state.v) / controller.period
+                )
+            energy = energy_residual(model, before.state, result.state, force, wrenches)
+            momentum = momentum_residual(model, before.state, result.state, [*contacts, *wrenches]).residual[:3]
+            seen.append(
+                (report.energy, energy.residual, report.throughput, energy.throughput, *report.force, *momentum)
+            )
+        contacts[:] = [
+            ExternalWrench(base, controller.contacts[name].wrench_in_world(controller.dynamics, f), "WORLD")
+            for name, f in result.solution.forces.items()
+        ]
+        before = result
+
+    contacts = []
+    simulation.run(0.1, compare)
+    values = np.array(seen)
+    assert len(values) > 40
+    assert np.abs(values[:, 0]).max() > 0.1
+    assert np.abs(values[:, 4:7]).max() > 2.0
+    np.testing.assert_allclose(values[:, 0], values[:, 1], atol=1e-6)
+    np.testing.assert_allclose(values[:, 2], values[:, 3], rtol=1e-9)
+    np.testing.assert_allclose(values[:, 4:7], values[:, 7:10], atol=1e-4)
 
 
 @pytest.mark.parametrize(

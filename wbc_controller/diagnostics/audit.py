@@ -3,21 +3,20 @@
 Between two states the energy must change by the work of the torques (equation (29) of the note; S6), the momentum by
 gravity and contact forces (equation (26); S5), and every joint must accelerate by the equations of motion (S1). A
 residual indicates a wrong model, a torque that did not arrive as it was sent, or an unknown external force.
+
+The balances are those of `mechanics.energy.energy_residual` and `mechanics.momentum.momentum_residual`, from what the
+snapshot of a cycle holds already: M, the centre of mass and its velocity.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.contacts import Contact
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.mechanics.energy import EnergyBalance, energy_residual
-from wbc_controller.mechanics.external import ExternalWrench
-from wbc_controller.mechanics.momentum import momentum_residual
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
@@ -48,33 +47,44 @@ class AuditLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class _Sent:
-    """A state, the torques sent for it, and the external wrenches assumed."""
+class _Cycle:
+    """What the next cycle's state is compared with.
+
+    Attributes:
+        state: latched state.
+        energy: T + V, J (equation (29)).
+        momentum: linear momentum in the world, (3,) in N·s (equation (28)).
+        tau: torques sent, (na,) in N·m.
+        solution: solution whose torques were sent; None if others were: it then predicts nothing.
+        force: sum of all external forces in that solution, (3,) in N, world axes; without one it has no meaning.
+        powers: power of each known external wrench of that solution, W.
+    """
 
     state: RobotState
+    energy: float
+    momentum: Array
     tau: Array
-    solution: Solution | None  # None if other torques were sent: it then predicts nothing
-    contacts: tuple[ExternalWrench, ...]
-    external: tuple[ExternalWrench, ...]
+    solution: Solution | None
+    force: Array
+    powers: list[float]
 
 
 class ModelAudit:
     """Compares each state with the motion predicted from the previous state and its torques."""
 
-    def __init__(self, model: RobotModel, contacts: Mapping[str, Contact], limits: AuditLimits) -> None:
+    def __init__(self, model: RobotModel, limits: AuditLimits) -> None:
         """Make an audit.
 
         Args:
             model: the robot's model.
-            contacts: the robot's contacts, by name.
             limits: limits on the residuals.
         """
         self._model = model
-        self._contacts = contacts
         self._limits = limits
-        self._data = model.pinocchio.createData()
+        self._mass = model.mass
+        self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = model.mass * model.gravity
-        self._sent: _Sent | None = None
+        self._before: _Cycle | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -84,35 +94,33 @@ class ModelAudit:
         self._since: dict[str, float] = {}
 
     def look(
-        self,
-        state: RobotState,
-        dynamics: Dynamics,
-        solution: Solution | None,
-        command: JointCommand | None,
+        self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
     ) -> AuditReport | None:
         """Compare this cycle's state with the previous one.
 
         Args:
             state: latched state of this cycle.
-            dynamics: dynamics at that state.
-            solution: solution of this cycle.
+            dynamics: the controller's snapshot; of this state, where there is a solution.
+            solution: solution of this cycle; None where the controller is not active, or has found none.
             command: command sent in this cycle.
 
         Returns:
-            The report; None if there is nothing to compare, as no torques were sent or states were lost.
+            The report; None if there is nothing to compare, as the controller is or was not active, or as states were
+            lost.
         """
-        sent, self._sent = self._sent, self._remember(state, dynamics, solution, command)
-        if sent is None:
+        before = self._before
+        self._before = after = self._cycle(state, dynamics, solution, command)
+        if before is None or after is None:
             self._forget()
             return None
-        gap = (state.stamp - sent.state.stamp) * 1.0e-9
+        gap = (state.stamp - before.state.stamp) * 1.0e-9
         if gap <= 0.0:  # the same state again: keep the older one, with its torques
-            self._sent = sent
+            self._before = before
             return None
         if gap > _LARGEST_GAP * self._limits.period:
             self._forget()
             return None
-        self._filter(sent, state, dynamics, gap)
+        self._filter(before, after, dynamics, gap)
         return AuditReport(
             energy=self._energy,
             throughput=self._throughput,
@@ -121,70 +129,62 @@ class ModelAudit:
             warnings=tuple(self._warnings(state.stamp * 1.0e-9)),
         )
 
-    def _remember(
-        self,
-        state: RobotState,
-        dynamics: Dynamics,
-        solution: Solution | None,
-        command: JointCommand | None,
-    ) -> _Sent | None:
-        if command is None:
+    def _cycle(
+        self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
+    ) -> _Cycle | None:
+        if solution is None or command is None:
             return None
-        if solution is None or not np.array_equal(solution.tau, command.tau):
-            return _Sent(state, command.tau, None, (), ())
-        base = self._model.base_link
-        contacts = tuple(
-            ExternalWrench(base, self._contacts[name].wrench_in_world(dynamics, force), "WORLD")
-            for name, force in solution.forces.items()
-            if not self._contacts[name].internal
-        )
-        external = tuple(ExternalWrench(frame, wrench) for frame, wrench in solution.external_wrenches.items())
-        return _Sent(state, command.tau, solution, contacts, external)
+        energy = 0.5 * float(state.v @ (dynamics.M @ state.v)) - float(self._gravity @ dynamics.com)
+        momentum = self._mass * dynamics.com_velocity
+        if not np.array_equal(solution.tau, command.tau):
+            return _Cycle(state, energy, momentum, command.tau, None, momentum, [])
+        # The solution obeys the equations of motion: gravity, contacts and known wrenches together give this force.
+        force = self._mass * (dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift)
+        return _Cycle(state, energy, momentum, command.tau, solution, force, _powers(solution, dynamics))
 
-    def _filter(self, sent: _Sent, state: RobotState, dynamics: Dynamics, gap: float) -> None:
-        model = self._model
+    def _filter(self, before: _Cycle, after: _Cycle, dynamics: Dynamics, gap: float) -> None:
+        model, predicted = self._model, before.solution
         share = gap / (self._limits.time_constant + gap)
-        force = model.actuation.generalized_force(sent.tau)
+        force = model.actuation.generalized_force(before.tau)
         if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
-            ends = (sent.state, state)
-            force += 0.5 * sum(model.passive_force(end.q, end.v) for end in ends)
-        if model.actuation.rotors is not None:  # Pinocchio's energy covers only links and armature
-            force -= model.actuation.rotors @ (state.v - sent.state.v) / gap
-        # Contact forces do no work: a contact does not move along the axes that it holds.
-        energy: EnergyBalance = energy_residual(
-            model.pinocchio, sent.state, state, force, sent.external, data=self._data
-        )
-        self._energy += share * (energy.residual - self._energy)
-        self._throughput += share * (energy.throughput - self._throughput)
-        if sent.solution is None:
+            force += 0.5 * sum(model.passive_force(end.state.q, end.state.v) for end in (before, after))
+        # Contact forces do no work: a contact does not move along the axes that it holds. The work of constant torques
+        # is exact, that of constant wrenches is to second order in the time between the states.
+        powers = force * model.difference(before.state.q, after.state.q) / gap
+        supplied, throughput = float(powers.sum()), float(np.abs(powers).sum())
+        if predicted is not None:
+            for start, end in zip(before.powers, _powers(predicted, dynamics), strict=True):
+                supplied += 0.5 * (start + end)
+                throughput += 0.5 * abs(start + end)
+        self._energy += share * ((after.energy - before.energy) / gap - supplied - self._energy)
+        self._throughput += share * (throughput - self._throughput)
+        if predicted is None:
             return
         if model.floating_base:
-            momentum = momentum_residual(
-                model.pinocchio, sent.state, state, (*sent.contacts, *sent.external), data=self._data
-            )
-            self._force += share * (momentum.residual[:3] - self._force)
-        unexpected = dynamics.M @ ((state.v - sent.state.v) / gap - sent.solution.v_dot)
+            self._force += share * ((after.momentum - before.momentum) / gap - before.force - self._force)
+        unexpected = dynamics.M @ ((after.state.v - before.state.v) / gap - predicted.v_dot)
         self._torques += share * (model.joint_forces(unexpected) - self._torques)
 
-    def _warnings(self, now: float) -> Sequence[str]:
+    def _warnings(self, now: float) -> list[str]:
         limits = self._limits
         size = float(np.linalg.norm(self._force))
         over = np.abs(self._torques) / limits.torques
         worst = int(np.argmax(over))
-        found = {
-            "UNMODELLED_FORCE": (size > limits.force, self._say_force(size)),
-            "UNMODELLED_TORQUE": (bool(over[worst] > 1.0), self._say_torque(worst)),
-            "ENERGY_RESIDUAL": (
+        found: tuple[tuple[str, bool, Callable[[], str]], ...] = (
+            ("UNMODELLED_FORCE", size > limits.force, lambda: self._say_force(size)),
+            ("UNMODELLED_TORQUE", bool(over[worst] > 1.0), lambda: self._say_torque(worst)),
+            (
+                "ENERGY_RESIDUAL",
                 abs(self._energy) > limits.energy * max(self._throughput, limits.power),
-                f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
+                lambda: f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
             ),
-        }
+        )
         warnings = []
-        for name, (wrong, sentence) in found.items():
+        for name, wrong, sentence in found:
             if not wrong:
                 self._since.pop(name, None)
             elif now - self._since.setdefault(name, now) >= limits.patience:
-                warnings.append(f"{name}: {sentence}")
+                warnings.append(f"{name}: {sentence()}")
         return warnings
 
     def _say_force(self, size: float) -> str:
@@ -199,3 +199,11 @@ class ModelAudit:
             f"{self._torques[joint]:.3g} N·m at {self._model.joints[joint]}: a torque that does not arrive as sent, "
             "friction, or a wrong inertia"
         )
+
+
+def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:
+    """Power of each known external wrench of a solution at the state of a snapshot, W."""
+    return [
+        float(dynamics.external_force(frame, wrench) @ dynamics.v)
+        for frame, wrench in solution.external_wrenches.items()
+    ]

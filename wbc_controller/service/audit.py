@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.diagnostics.audit import AuditLimits, ModelAudit
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -21,9 +20,9 @@ def joint_efforts(model: RobotModel) -> Array:
     return np.where(driven, efforts, np.median(efforts[driven]))
 
 
-def make_audit(settings: Settings, qp: WholeBodyQP) -> ModelAudit:
+def make_audit(settings: Settings, model: RobotModel) -> ModelAudit:
     """Build the live audit of the model."""
-    audit, model = settings.audit, qp.model
+    audit = settings.audit
     limits = AuditLimits(
         time_constant=audit.time_constant,
         patience=audit.patience,
@@ -33,4 +32,4 @@ def make_audit(settings: Settings, qp: WholeBodyQP) -> ModelAudit:
         torques=audit.torque * joint_efforts(model),
         period=1.0 / settings.control.rate,
     )
-    return ModelAudit(model, qp.contacts, limits)
+    return ModelAudit(model, limits)

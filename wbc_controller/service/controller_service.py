@@ -138,7 +138,7 @@ def make_loop(
             markers_period,
             node,
         ),
-        make_audit(settings, qp),
+        make_audit(settings, model),
         Ownership(
             transport, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)
         ),

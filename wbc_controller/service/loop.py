@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from wbc_controller.control.controller import Controller
 from wbc_controller.control.result import CycleResult
 from wbc_controller.diagnostics.audit import ModelAudit
-from wbc_controller.records import CycleReport, Fault, RobotState
+from wbc_controller.records import CycleReport, Fault, Mode, RobotState
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.inputs import Inputs, Latched
@@ -163,7 +163,9 @@ class ControlLoop:
         """Compare the motion with the model; called after the torques are sent, so that they need not wait."""
         if state is None:
             return report
-        audit = self._audit.look(state, self.controller.qp.dynamics, report.solution, report.command)
+        # While it is not active, the supervisor may have refused the very state.
+        solution = report.solution if report.mode is Mode.ACTIVE else None
+        audit = self._audit.look(state, self.controller.qp.dynamics, solution, report.command)
         return dataclasses.replace(report, audit=audit)
 
     def _report(

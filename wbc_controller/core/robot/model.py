@@ -184,6 +184,10 @@ class RobotModel:
             self.followers.move(v)
         return q, v
 
+    def difference(self, before: Array, after: Array) -> Array:
+        """The motion from one configuration to another, (nv,): as a velocity that lasts for 1 s."""
+        return np.asarray(pin.difference(self.pinocchio, before, after))
+
     def passive_force(self, q: Array, v: Array) -> Array:
         """Generalized force of the springs and dampers of passive joints at a state, (nv,)."""
         force = np.zeros(self.nv)
