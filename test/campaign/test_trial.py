@@ -121,7 +121,7 @@ def _fails(controller):
         ("estop", {}, _with_torques(_once(lambda tau: tau * np.nan)), "not_finite"),
         ("estop", {}, _with_torques(_once(lambda tau: tau + 1e3)), "over_limit"),
         ("estop", {}, _with_torques(_once(lambda tau: tau + 20.0)), "over_rate"),
-        ("estop", {}, _with_torques(_once(lambda tau: tau[:-1])), "unreadable"),
+        ("estop", {}, _with_torques(_once(lambda tau: tau[:-1])), "internal_error"),
         ("estop", {}, _fails, "internal_error"),
         ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
         ("message_dropout", {"duration": 0.15}, _old_states, "stale"),

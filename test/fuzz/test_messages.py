@@ -111,8 +111,8 @@ class TestWhatIsBrokenIsFound:
     def test_a_refused_message_that_is_used(self, monkeypatch):
         original = Inputs._attempt
 
-        def broken(self, endpoint, payload, read):
-            reason = original(self, endpoint, payload, read)
+        def broken(self, endpoint, read):
+            reason = original(self, endpoint, read)
             if reason is not None:
                 self._estop.set()
             return reason

@@ -29,8 +29,8 @@ from wbc_controller.service.mailbox import Mailbox
 from wbc_controller.service.stamps import StampTracker
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire import decoding
-from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode
+from wbc_controller.wire.states import JointStateReader, OdometryReader, StateReader
 from wbc_controller.wire.topics import Direction, Endpoint
 
 _log = logging.getLogger(__name__)
@@ -83,6 +83,7 @@ class Latched:
 class _Part:
     """Newest message of one part of the state: joint states or odometry."""
 
+    reader: StateReader
     stamps: StampTracker
     stamp: int = 0
     q: Array = field(default_factory=lambda: np.zeros(0))
@@ -132,10 +133,11 @@ class Inputs:
         self._vocabulary = vocabulary
         self._clock = clock
         self._prepare = prepare
-        self._joint_order = JointOrder(model.joints)
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._clock_tolerance = clock_tolerance
-        self._parts = {name: _Part(self._tracker()) for name in ("joint_states", "odom")[: 1 + model.floating_base]}
+        self._parts = {"joint_states": _Part(JointStateReader(model.joints), self._tracker())}
+        if model.floating_base:
+            self._parts["odom"] = _Part(OdometryReader(model.base_link), self._tracker())
         self._notes: dict[str, str] = {}
         self._estop = threading.Event()
         self._waiting = threading.Condition()  # guards the three below
@@ -202,7 +204,7 @@ class Inputs:
             if newest is None:
                 continue
             received, payload = newest
-            reason = self._attempt(endpoint, payload, partial(self._read_state, endpoint, received))
+            reason = self._attempt(endpoint, partial(self._read_state, endpoint.key, received, payload))
             if reason is not None:
                 self._notes[endpoint.key] = reason
                 refused.append(f"{endpoint.name}: {reason}")
@@ -287,13 +289,13 @@ class Inputs:
     def _decoded(self, endpoint: Endpoint, payload: bytes) -> _Read:
         """Decode and validate one request."""
         read = _Read()
-        reason = self._attempt(endpoint, payload, partial(self._read_request, endpoint, read))
+        reason = self._attempt(endpoint, partial(self._read_request, endpoint, payload, read))
         return read if reason is None else _Read(refused=[f"{endpoint.name}: {reason}"])
 
-    def _attempt(self, endpoint: Endpoint, payload: bytes, read: Callable[[Any], None]) -> str | None:
-        """Decode a message and read it; the reason for its refusal, if it is refused."""
+    def _attempt(self, endpoint: Endpoint, read: Callable[[], None]) -> str | None:
+        """Read a message; the reason for its refusal, if it is refused."""
         try:
-            read(decode(payload, endpoint.type))
+            read()
         except (InputRefused, ConfigurationError) as refusal:
             reason = str(refusal)
         except Exception as error:  # a message that exposes a bug must not end the loop
@@ -303,20 +305,18 @@ class Inputs:
             return None
         return reason if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + "…"
 
-    def _read_state(self, endpoint: Endpoint, received: float, content: Any) -> None:
+    def _read_state(self, key: str, received: float, payload: bytes) -> None:
         """Read one part of the state, and judge its stamp; one that is refused leaves the last in force."""
-        if endpoint.key == "joint_states":
-            q, v = self._joint_order.read(content)
-        else:
-            q, v = decoding.read_odometry(content, self._model.base_link)
-        stamp, part = decoding.stamp_of(content), self._parts[endpoint.key]
+        part = self._parts[key]
+        stamp, q, v = part.reader.read(payload)
         reason = part.stamps.judge(stamp, received)
         if reason is not None:
             raise InputRefused(reason)
         part.stamp, part.q, part.v = stamp, q, v
-        self._notes.pop(endpoint.key, None)
+        self._notes.pop(key, None)
 
-    def _read_request(self, endpoint: Endpoint, read: _Read, content: Any) -> None:
+    def _read_request(self, endpoint: Endpoint, payload: bytes, read: _Read) -> None:
+        content = decode(payload, endpoint.type)
         if endpoint.key == "command":
             word = content.data.strip()
             if len(word) > _LONGEST_WORD:

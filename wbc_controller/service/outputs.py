@@ -12,8 +12,12 @@ from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
 from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, header, message, torques
 from wbc_controller.wire.topics import Direction, Endpoint
+
+#: The numbers of a geometry_msgs/WrenchStamped: force, then torque.
+_WRENCH = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
 
 
 class Outputs:
@@ -43,14 +47,29 @@ class Outputs:
             node: name of the node, with its namespace.
         """
         self._actuation = model.actuation
-        self._joints = list(model.joints)
         self._contacts = contacts
         self._publish: dict[tuple[str, str], Publish] = {
             (endpoint.key, endpoint.subject): transport.advertise(endpoint)
             for endpoint in endpoints
             if endpoint.direction is Direction.OUT
         }
-        self._zeros = encode(torques(self._actuation.command(np.zeros(model.na))))
+        no_torques, joints = self._actuation.command(np.zeros(model.na)), np.zeros(model.nj)
+        self._zeros = encode(torques(no_torques))
+        # The messages of every cycle are written in place.
+        self._efforts = Template(torques(no_torques), ["data"])
+        commands = message(
+            "sensor_msgs/msg/JointState",
+            header=header(0),
+            name=list(model.joints),
+            position=joints,
+            velocity=joints,
+            effort=joints,
+        )
+        self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
+        self._wrenches = {
+            name: Template(wrench_stamped(0, contact.wrench_frame, np.zeros(6)), _WRENCH)
+            for name, contact in contacts.items()
+        }
         self._state_said: tuple[object, object] | None = None
         self._summary = StatusSummary(node, model.name)
         self._diagnostics_period = diagnostics_period
@@ -64,24 +83,16 @@ class Outputs:
         """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
         command = report.command
         if command is not None:
-            self._send("effort", torques(self._actuation.command(command.tau)))
-            self._send(
-                "joint_commands",
-                message(
-                    "sensor_msgs/msg/JointState",
-                    header=header(command.stamp),
-                    name=self._joints,
-                    position=command.q_desired,
-                    velocity=command.v_desired,
-                    effort=self._actuation.at_joints(command.tau),
-                ),
-            )
+            self._publish["effort", ""](self._efforts.write(0, self._actuation.command(command.tau)))
+            joints = self._actuation.at_joints(command.tau)
+            payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
+            self._publish["joint_commands", ""](payload)
         if report.solution is not None and report.mode is Mode.ACTIVE:
             for name, contact in self._contacts.items():
                 force = report.solution.forces.get(name)
                 if force is not None:
-                    wrench = wrench_stamped(report.stamp, contact.wrench_frame, contact.basis @ force)
-                    self._send("contact_wrench", wrench, name)
+                    payload = self._wrenches[name].write(report.stamp, contact.basis @ force)
+                    self._publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:
         """Send zero torques, whatever has failed: the bytes were made at the start."""

@@ -15,12 +15,16 @@ _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
 
 
 class JointOrder:
-    """Reads joint states by joint name, and caches the joint order of the last message."""
+    """Reads joint states by joint name, and caches the joint order of the last message.
+
+    Attributes:
+        index: where each of the robot's joints stands in the last message, (nj,).
+    """
 
     def __init__(self, joints: Sequence[str]) -> None:
         self._joints = tuple(joints)
         self._names: list[str] | None = None  # None before the first message, since a message's list may be empty
-        self._index = np.zeros(0, dtype=np.intp)
+        self.index = np.zeros(0, dtype=np.intp)
 
     def read(self, content: Any) -> tuple[Array, Array]:
         """Read a sensor_msgs/JointState of a robot.
@@ -44,14 +48,14 @@ class JointOrder:
             InputRefused: as in `read`.
         """
         if content.name != self._names:
-            self._index = self._find(content.name)
+            self.index = self._find(content.name)
             self._names = content.name
         values = []
         for what in columns:
             array = getattr(content, what)
             if len(array) != len(content.name):
                 raise InputRefused(f"{what} has {len(array)} values for {len(content.name)} names")
-            own = array[self._index]
+            own = array[self.index]
             if not np.isfinite(own).all():
                 i = int(np.flatnonzero(~np.isfinite(own))[0])
                 raise InputRefused(

@@ -1,0 +1,161 @@
+"""Messages of a fixed shape, read and written in place: from one to the next only their numbers change.
+
+The codec of `wire.messages` makes an object of every message. A stream such as joint states repeats itself in all but
+its stamp and its arrays: where these stand is found once, with that codec, and then only the bytes around them are
+compared. To read 29 joints takes an eighth of the codec's time, to write them a tenth.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import struct
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.records import Array
+from wbc_controller.wire.messages import encode
+
+_STAMP = struct.Struct("<iI")
+#: Bytes of the encapsulation header; what follows is aligned, so that numbers stand at multiples of eight after it.
+_START = 4
+#: Two fillings of a message's numbers that differ in every byte.
+_FILLINGS = (0x11, 0x22)
+
+
+class FixedShape:
+    """Where the numbers of a message stand in its serialized bytes.
+
+    Numbers are the stamp of its header, floating-point fields, and arrays of them. All other bytes are its shape:
+    sizes, names, frames.
+    """
+
+    def __init__(self, content: Any) -> None:
+        """Find them.
+
+        Args:
+            content: a message made by `wire.messages.message` or `decode`.
+        """
+        first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
+        varies = first != second
+        bytes_of_numbers = np.flatnonzero(varies)
+        self._places: dict[str, slice] = {}
+        seen = 0
+        for path, count in _numbers(content):
+            if count:
+                start = (int(bytes_of_numbers[seen]) - _START) // 8
+                self._places[path] = slice(start, start + count)
+                seen += 8 * count
+        self._size = len(first)
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], varies, [True]]))).tolist()
+        self._around = [
+            (start, stop, first[start:stop].tobytes()) for start, stop in zip(edges[::2], edges[1::2], strict=True)
+        ]
+
+    def fits(self, payload: bytes) -> bool:
+        """Whether a serialized message has this shape."""
+        return len(payload) == self._size and all(payload[start:stop] == same for start, stop, same in self._around)
+
+    def place(self, *paths: str) -> slice:
+        """Where numbers stand in `numbers`.
+
+        Args:
+            paths: such as ``position`` or ``pose.pose.position.x``; several directly follow one another. A stamp is the
+                path of one number, to be read by `read_stamp`.
+
+        Raises:
+            KeyError: where the message has no such numbers.
+            ValueError: where they do not follow one another.
+        """
+        places = [self._places[path] for path in paths]
+        if any(before.stop != after.start for before, after in itertools.pairwise(places)):
+            raise ValueError(f"{', '.join(paths)} do not follow one another")
+        return slice(places[0].start, places[-1].stop)
+
+
+def numbers(payload: bytes | bytearray) -> Array:
+    """A serialized message as numbers, of which those at the places of its `FixedShape` mean something."""
+    return np.frombuffer(payload, dtype="<f8", offset=_START, count=(len(payload) - _START) // 8)
+
+
+def read_stamp(payload: bytes, place: slice) -> tuple[int, int]:
+    """Seconds and nanoseconds of the stamp at a place of `FixedShape`."""
+    seconds, nanoseconds = _STAMP.unpack_from(payload, _START + 8 * place.start)
+    return seconds, nanoseconds
+
+
+class Template:
+    """Serializes messages that differ in some numbers alone."""
+
+    def __init__(self, content: Any, *fields: Sequence[str]) -> None:
+        """Lay out a message.
+
+        Args:
+            content: a message of the shape; numbers that are not named in `fields`, its stamp aside, keep their values.
+            fields: the numbers that `write` takes, each by the paths of numbers that follow one another.
+        """
+        shape = FixedShape(content)
+        self._bytes = bytearray(encode(content))
+        self._numbers = numbers(self._bytes)
+        self._fields = [shape.place(*paths) for paths in fields]
+        self._stamp = _START + 8 * shape.place("header.stamp").start if hasattr(content, "header") else None
+
+    def write(self, nanoseconds: int, *values: Any) -> bytes:
+        """Serialize a message.
+
+        Args:
+            nanoseconds: the stamp, ns; without effect in a message without a header.
+            values: one array for each of the fields, of its size.
+        """
+        if self._stamp is not None:
+            _STAMP.pack_into(self._bytes, self._stamp, *divmod(nanoseconds, 1_000_000_000))
+        for place, value in zip(self._fields, values, strict=True):
+            self._numbers[place] = value
+        return bytes(self._bytes)
+
+
+def _is_message(value: object) -> bool:
+    return hasattr(value, "__msgtype__")
+
+
+def _is_stamp(value: Any) -> bool:
+    return getattr(value, "__msgtype__", "") == "builtin_interfaces/msg/Time"
+
+
+def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
+    """The path of each field of numbers, in the order of serialization, and its size in units of eight bytes."""
+    for field in dataclasses.fields(content):
+        value, here = getattr(content, field.name), f"{path}{field.name}"
+        if isinstance(value, float):
+            yield here, 1
+        elif isinstance(value, np.ndarray) and value.dtype == np.float64:
+            yield here, value.size
+        elif _is_stamp(value):
+            yield here, 1
+        elif _is_message(value):
+            yield from _numbers(value, f"{here}.")
+        elif isinstance(value, list):
+            for i, item in enumerate(value):
+                if _is_message(item):
+                    yield from _numbers(item, f"{here}[{i}].")
+
+
+def _filled(content: Any, byte: int) -> Any:
+    """A copy of a message, every byte of its numbers set."""
+    whole, number = (np.frombuffer(bytes([byte]) * 8, dtype=kind)[0].item() for kind in ("<u4", "<f8"))
+    changed: dict[str, Any] = {}
+    for field in dataclasses.fields(content):
+        value = getattr(content, field.name)
+        if isinstance(value, float):
+            changed[field.name] = number
+        elif isinstance(value, np.ndarray) and value.dtype == np.float64:
+            changed[field.name] = np.full(value.shape, number)
+        elif _is_stamp(value):
+            changed[field.name] = dataclasses.replace(value, **dict.fromkeys(("sec", "nanosec"), whole))
+        elif _is_message(value):
+            changed[field.name] = _filled(value, byte)
+        elif isinstance(value, list):
+            changed[field.name] = [_filled(item, byte) if _is_message(item) else item for item in value]
+    return dataclasses.replace(content, **changed)

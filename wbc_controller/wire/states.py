@@ -1,0 +1,138 @@
+"""Reads the streams of measured states: in place, where a message has the shape of the one before."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.core.tasks.form import unit_quaternion
+from wbc_controller.errors import InputRefused
+from wbc_controller.records import Array
+from wbc_controller.wire import decoding
+from wbc_controller.wire.in_place import FixedShape, numbers, read_stamp
+from wbc_controller.wire.joint_order import JointOrder
+from wbc_controller.wire.messages import decode
+
+_POSITION, _ORIENTATION = "pose.pose.position.", "pose.pose.orientation."
+_LINEAR, _ANGULAR = "twist.twist.linear.", "twist.twist.angular."
+
+
+class StateReader(ABC):
+    """Reads one stream of states.
+
+    Messages are read by the codec, and checked, until two in a row have the same size. From then on those of the same
+    shape are read in place, which gives the same values; a message of another shape, or with a value that is refused,
+    is read by the codec again.
+    """
+
+    type: str
+
+    def __init__(self) -> None:
+        self._shape: FixedShape | None = None
+        self._stamp = slice(0)
+        self._size = 0  # of the last message that was read by the codec
+
+    def read(self, payload: bytes) -> tuple[int, Array, Array]:
+        """Read a serialized message.
+
+        Returns:
+            The stamp in ns, positions and velocities.
+
+        Raises:
+            InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
+                that a state can have.
+        """
+        if self._shape is not None and self._shape.fits(payload):
+            seconds, rest = read_stamp(payload, self._stamp)
+            values = self._in_place(numbers(payload))
+            if values is not None and seconds >= 0 and rest < 1_000_000_000:
+                return seconds * 1_000_000_000 + rest, *values
+        content = decode(payload, self.type)
+        q, v = self._by_codec(content)
+        stamp = decoding.stamp_of(content)
+        self._learn(payload, content)
+        return stamp, q, v
+
+    def _learn(self, payload: bytes, content: Any) -> None:
+        if len(payload) != self._size:
+            self._size = len(payload)
+            return
+        shape = FixedShape(content)
+        if shape.fits(payload):  # it does not where a writer leaves other bytes than zero between fields
+            self._shape, self._stamp = shape, shape.place("header.stamp")
+            self._find(shape)
+
+    @abstractmethod
+    def _by_codec(self, content: Any) -> tuple[Array, Array]:
+        """Positions and velocities of a message."""
+
+    @abstractmethod
+    def _find(self, shape: FixedShape) -> None:
+        """Find the values of the last message in its shape."""
+
+    @abstractmethod
+    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
+        """Positions and velocities from the numbers of a message; None if one is not finite."""
+
+
+class JointStateReader(StateReader):
+    """Reads sensor_msgs/JointState by joint name: positions in rad and velocities in rad/s, (nj,) each."""
+
+    type = "sensor_msgs/msg/JointState"
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        """Make a reader.
+
+        Args:
+            joints: names of the robot's joints, in its order.
+        """
+        super().__init__()
+        self._order = JointOrder(joints)
+        self._index = np.zeros((2, 0), dtype=np.intp)
+
+    def _by_codec(self, content: Any) -> tuple[Array, Array]:
+        return self._order.read(content)
+
+    def _find(self, shape: FixedShape) -> None:
+        starts = [shape.place(column).start for column in ("position", "velocity")]
+        self._index = np.stack([start + self._order.index for start in starts])
+
+    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
+        own = values[self._index]
+        return (own[0], own[1]) if np.isfinite(own).all() else None
+
+
+class OdometryReader(StateReader):
+    """Reads nav_msgs/Odometry: position and quaternion of the base in the world, (7,); its twist in its frame, (6,)."""
+
+    type = "nav_msgs/msg/Odometry"
+
+    def __init__(self, base_link: str) -> None:
+        """Make a reader.
+
+        Args:
+            base_link: the frame whose twist it is.
+        """
+        super().__init__()
+        self._base_link = base_link
+        self._pose = self._twist = slice(0)
+
+    def _by_codec(self, content: Any) -> tuple[Array, Array]:
+        return decoding.read_odometry(content, self._base_link)
+
+    def _find(self, shape: FixedShape) -> None:
+        self._pose = shape.place(*(_POSITION + axis for axis in "xyz"), *(_ORIENTATION + axis for axis in "xyzw"))
+        self._twist = shape.place(*(kind + axis for kind in (_LINEAR, _ANGULAR) for axis in "xyz"))
+
+    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
+        pose, twist = values[self._pose].copy(), values[self._twist].copy()
+        if not (np.isfinite(pose).all() and np.isfinite(twist).all()):
+            return None
+        try:
+            pose[3:] = unit_quaternion(pose[3:], "")
+        except InputRefused:
+            return None  # the codec's way says it in full
+        return pose, twist
