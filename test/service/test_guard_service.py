@@ -12,6 +12,7 @@ import pytest
 
 from wbc_controller.assembly.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.service import guard_service
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.guard_service import NODE_NAME, GuardService, run_guard
 from wbc_controller.settings import RobotSettings
@@ -168,6 +169,41 @@ def test_diagnostics_by_the_conventions(stage):
     values = {value.key: value.value for value in status.values}
     assert status.level == 2
     assert (values["mode"], values["takeovers"], values["controller"]) == ("damping", "1", "active")
+
+
+def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stage, monkeypatch):
+    """If its own thread was kept off the processor, so was the one that reads."""
+    on = stage()
+    on.mode("active")
+    on.run(0.1, commands=True)
+    on.joints()
+    on.clock.time += 0.02
+    monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: on.command())
+    on.service.cycle()
+    assert not on.kept["effort"]
+    assert on.service.guard.takeovers == 0
+    monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: None)
+    on.joints()
+    on.clock.time += 0.02
+    on.service.cycle()
+    assert on.kept["effort"]
+
+
+def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypatch):
+    on = stage()
+    on.run(0.1, commands=True)
+    on.run(0.1)
+    sent, step = len(on.kept["effort"]), on.service.guard.step
+
+    def late(now, heard):
+        tau = step(now, heard)
+        on.clock.time += 1e-4
+        on.command()
+        return tau
+
+    monkeypatch.setattr(on.service.guard, "step", late)
+    on.service.cycle()
+    assert len(on.kept["effort"]) == sent
 
 
 def test_stopped_while_damping_it_leaves_zero_torques(stage):

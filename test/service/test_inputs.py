@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from wbc_controller.core.references.changes import EnableTask, SetWeight
+from wbc_controller.service import inputs
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.inputs import Inputs
 from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
@@ -301,3 +303,37 @@ def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
     assert set(latched.ages) == {"joint_states"}
     assert latched.state.q.shape == (model.na,)
     assert not latched.refused
+
+
+@pytest.mark.parametrize(
+    ("key", "subject", "largest"),
+    [("joint_states", "", 1 << 18), ("odom", "", 1 << 16), ("trajectory", "com", 1 << 20)],
+)
+def test_each_topic_has_its_largest_message(go2, key, subject, largest):
+    go2.publish[key, subject](b"\x00" * (largest + 1))
+    (sentence,) = go2.inputs.latch().refused
+    assert sentence.endswith(f": 1 messages refused: more than {largest} bytes")
+    go2.publish[key, subject](b"\x00" * largest)
+    assert "more than" not in go2.inputs.latch().refused[0]
+
+
+def test_an_emergency_stop_wakes_the_loop(go2, make):
+    go2.send("command", make.string("activate"))
+    assert not go2.inputs.arrived.is_set()
+    go2.send("command", make.string("estop"))
+    assert go2.inputs.arrived.is_set()
+
+
+def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkeypatch):
+    times, slept, done = iter(np.arange(100.0)), [], threading.Event()
+
+    def sleep(seconds):
+        slept.append(seconds)
+        done.set()
+
+    monkeypatch.setattr(inputs, "time", SimpleNamespace(perf_counter=lambda: next(times), sleep=sleep))
+    go2.inputs.start_reader()
+    go2.send("command", make.string("activate"))
+    assert done.wait(20.0)
+    go2.inputs.stop_reader()
+    assert slept == [3.0]  # each reading takes one second of that clock

@@ -14,7 +14,7 @@ RETURN_TIME = 0.1
 #: Distance by which rounding may take a joint beyond its limit, rad.
 _ROUNDING = 1.0e-11
 #: Distance beyond its position limit within which a joint that cannot meet its bounds has to stop, rad.
-STOPPING = 0.0175
+STOPPING = 0.0165
 #: The lower limit of q is treated as an upper limit of -q.
 _SIDES = np.array([[1.0], [-1.0]])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,7 +63,7 @@ class Relaxable:
         return bool((np.maximum(self.bounds[0] - at, at - self.bounds[1]) > _MET * self.units).any())
 
 
-def relaxations(formulation: Formulation, layout: Layout, references: References) -> list[list[Relaxable]]:
+def relaxations(formulation: Formulation, layout: Layout, references: References) -> Iterator[list[Relaxable]]:
     """The groups of limits that can be relaxed together in a built problem, the least first.
 
     First the torque rate alone, where it narrows the available torques; then all limits but the available torques.
@@ -81,12 +81,14 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
         hard=np.stack(formulation.effort_bounds(references)),
         units=formulation.torque_limit.effort_limits,
     )
+    first = [rate] if len(rate.places) else []
+    if first:
+        yield first
     rows = [
         Relaxable.of(layout, limit.kind, n + np.arange(place.start, place.stop))
         for limit, place in zip(layout.row_limits, layout.limits, strict=True)
     ]
-    every = [group for group in (rate, *rows, _motion(formulation, layout)) if len(group.places)]
-    return [[rate], every] if len(rate.places) else [every]
+    yield first + [group for group in (*rows, _motion(formulation, layout)) if len(group.places)]
 
 
 def _motion(formulation: Formulation, layout: Layout) -> Relaxable:

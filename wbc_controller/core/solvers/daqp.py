@@ -124,8 +124,11 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         kind = np.full(len(soft.places), _SOFT, dtype=np.int32)
         sense, begin = np.concatenate([sense, kind]), np.concatenate([begin, kind])
         inverse_weights = np.concatenate([np.ones(end), 1.0 / soft.weights])
-    for first, settings in product((begin, sense), _CAREFUL):
-        model, flag = _set_up(problem.H, problem.g, (rows, upper, lower, first), settings)
+    attempts = [(problem.H, problem.g, first, settings) for first, settings in product((begin, sense), _CAREFUL)]
+    if soft is not None:  # rarely needed, and better than none: the least is missed, and no task pursued
+        attempts.append((np.eye(n), np.zeros(n), begin, _CAREFUL[0]))
+    for H, g, first, settings in attempts:
+        model, flag = _set_up(H, g, (rows, upper, lower, first), settings)
         if soft is not None and flag >= 0:
             model.soft_weights(rho_l=inverse_weights, rho_u=inverse_weights)
         x, flag, used, multipliers = _run(model, flag)
