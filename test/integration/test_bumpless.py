@@ -18,7 +18,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import encode, message
-from wbc_controller.wire.topics import Direction, counterpart
+from wbc_controller.wire.topics import counterpart
 
 SWITCHES = 100
 #: Sideways from the middle, m; time for the way and on each side, and between two switches of tasks, s.
@@ -59,7 +59,8 @@ class Robot:
         controller = Controller(settings, preflight=False, model=self.model)
         self.loop = make_loop(controller, MemoryTransport(bus), self.clock, topics, observers=(observer,))
         user = MemoryTransport(bus)
-        self._publish = {t.key: user.advertise(counterpart(t)) for t in topics if t.direction is Direction.IN}
+        # Not on the topics of the state: the robot would have a rival.
+        self._publish = {t.key: user.advertise(counterpart(t)) for t in topics if t.key in ("command", "update")}
 
     def send(self, key, text):
         self._publish[key](encode(message("std_msgs/msg/String", data=text)))

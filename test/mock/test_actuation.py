@@ -136,7 +136,7 @@ def test_the_audit_accounts_for_springs_transmissions_and_followers():
     board = make_board(settings, controller)
     board.reset(controller.dynamics, 0.0)
     board.apply([SetSetpoint("posture", np.array([-0.3, 0.5, -0.6, 0.4, -0.2]))], controller.dynamics, 0.0)
-    audit, limits = make_audit(settings, controller), settings.audit.torque * joint_efforts(model)
+    audit, limits = make_audit(settings, model), settings.audit.torque * joint_efforts(model)
     nothing = frozen(np.full(model.nj, np.nan))
     energies, torques = [], []
     for _ in range(500):

@@ -223,7 +223,7 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
     name, contact = CASES[case]
     robot = Simulation(g1_with(name, contact))
     model, reports = robot.controller.model, []
-    audit = make_audit(robot.controller.config.settings, robot.controller.qp)
+    audit = make_audit(robot.controller.config.settings, robot.controller.model)
 
     def look(robot):
         q, v = robot.plant.state()

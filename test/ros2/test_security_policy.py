@@ -47,6 +47,8 @@ SCHEMA = {
 class Recorder:
     """A transport that only writes down what is opened."""
 
+    discovery_time = 0.0
+
     def __init__(self):
         self.published, self.subscribed = set(), set()
 
@@ -56,6 +58,9 @@ class Recorder:
 
     def subscribe(self, endpoint, callback):
         self.subscribed.add(endpoint.name)
+
+    def publishers(self, endpoint):
+        return ()
 
 
 def read(text):
@@ -111,7 +116,7 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     rules = allowed["/operator"]
     nodes = opened(settings, model)
     commands = {name for name in nodes[CONTROLLER].subscribed if name.startswith("/wbc_controller/")}
-    mock = {"push", "hold"} | {f"contacts/{contact}/grip" for contact in settings.contacts}
+    mock = {"push", "hold", "fault"} | {f"contacts/{contact}/grip" for contact in settings.contacts}
     assert rules["publish"] == commands | {f"/mock_robot/{name}" for name in mock} | set(NODE_PUBLISHES)
     assert not rules["publish"] & {"/effort_controller/commands", "/joint_states", "/odom", "/guard/state"}
     published = set().union(*(recorder.published for recorder in nodes.values()))
