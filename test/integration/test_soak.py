@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from domains import own_domain
 
 from wbc_controller.fuzz.soak import SoakResult, soak
@@ -12,7 +11,6 @@ from wbc_controller.fuzz.soak import SoakResult, soak
 SECONDS = 60.0
 
 
-@pytest.mark.live
 def test_a_minute_passes_with_flat_memory_and_without_a_fault(tmp_path):
     result = soak("go2", tmp_path, SECONDS, domain=own_domain())
     print(result.memory, result.faults, result.rate, result.late)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
+from chains import MENAGERIE, menagerie
 
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.assembly.safety import make_supervisor_limits
@@ -572,12 +573,14 @@ def test_the_supervisor_damps_as_much_as_a_sampled_loop_can_bear(body):
     np.testing.assert_allclose(robot.commands[-1].tau, -D * 0.01)
 
 
-def test_rotors_can_be_damped_too(robot_of, changed):
-    settings, _ = robot_of("go2")
-    light, heavy = (make_model(changed(settings, {"robot": {"armature": armature}})) for armature in (0.01, 0.1))
-    np.testing.assert_allclose(
-        stable_damping(heavy, 1e4, PERIOD) - stable_damping(light, 1e4, PERIOD), 0.09 / PERIOD, rtol=0.4
-    )
+def test_rotors_behind_a_transmission_can_be_damped_too():
+    transmission = menagerie().model_dump(exclude_unset=True)["robot"]["transmission"]
+    D = {}
+    for inertia in (0.0, 0.4):
+        both = {**transmission["both"], "rotor_inertia": inertia}
+        model = make_model(menagerie(transmission={**transmission, "both": both}), MENAGERIE)
+        D[inertia] = dict(zip(model.joints, stable_damping(model, 1e4, PERIOD), strict=True))
+    assert D[0.4]["hip"] > 1.4 * D[0.0]["hip"]
 
 
 def test_odometry_that_is_slow_and_not_stale_is_not_frozen(robot_of, changed):

@@ -130,16 +130,16 @@ def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monk
     assert clock.trouble() is None
     now["wall"] += 1_000_000  # within what synchronization does
     assert clock.trouble() is None
-    now["wall"] += 3_500_000_000
+    now["wall"] += 5_000_000
     assert other.trouble() is None
-    assert clock.trouble() == "this computer's clock was set forward by 3.500 s"
+    assert clock.trouble() == "this computer's clock was set forward by 0.005 s"
     assert clock.trouble() is None
-    assert clock.ahead() == pytest.approx(1.7e9 - 50.0 + 3.501, abs=1e-5)
-    now["wall"] -= 3_500_000_000
+    assert clock.ahead() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
+    now["wall"] -= 5_000_000
     now["apart"] = 0.01  # the processor was lost between the two readings: they say nothing
     assert clock.trouble() is None
     now["apart"] = 0.0
-    assert clock.trouble().startswith("this computer's clock was set back by 3.")
+    assert clock.trouble().startswith("this computer's clock was set back by 0.0")
 
 
 SYNCHRONIZED = {"safety": {"synchronized_clocks": True}}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.core.references.changes import EnableTask, SetWeight
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.service import inputs
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.inputs import Inputs
@@ -268,6 +269,23 @@ def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
     latched = go2.inputs.latch()
     assert latched.changes == ()
     assert len(latched.refused) == 1
+
+
+def test_changes_of_the_settings_are_prepared_where_they_are_read(go2, make):
+    prepared = []
+
+    def prepare(change):
+        prepared.append(change)
+        if "safety" in change:
+            raise ConfigurationError("not while it runs")
+
+    go2.inputs._prepare = prepare
+    go2.send("update", make.string("{control: {weight_ramp: 0.9}}"))
+    go2.send("update", make.string("{safety: {damping: 1.0}}"))
+    latched = go2.inputs.latch()
+    assert prepared == [{"control": {"weight_ramp": 0.9}}, {"safety": {"damping": 1.0}}]
+    assert len(latched.changes) == 1
+    assert latched.refused == ("/wbc_controller/update: not while it runs",)
 
 
 def test_a_long_refusal_is_cut(go2, make):

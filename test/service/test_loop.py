@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import threading
 
 import numpy as np
@@ -634,3 +636,14 @@ def test_several_publishers_of_joint_states_are_on_diagnostics(bench):
     status = last_status(controller)
     assert status.level == 0
     assert {"publishers//joint_states": "/gripper, /memory"}.items() <= {v.key: v.value for v in status.values}.items()
+
+
+def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, caplog):
+    controller = bench()
+    report = controller.cycle()
+    words = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
+    for _ in range(10):
+        controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
+    assert len(caplog.messages) == 20
+    controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
+    assert len(caplog.messages) == 40
