@@ -24,7 +24,7 @@ pytestmark = pytest.mark.live
 CHANGES = {
     "control": {"rate": 200.0},
     "safety": {"state_timeout": 0.3, "damping_time": 1.0, "activation_ramp": 0.3},
-    "guard": {"patience": 0.2},
+    "guard": {"patience": 0.2, "damping": 0.3},  # so little that a guard that is late does not shake the legs
     "mock": {"command_timeout": 10.0},  # what damps the robot is the guard
 }
 SUPPORT = Path(__file__).resolve().parent.parent / "support"

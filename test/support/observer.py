@@ -2,7 +2,7 @@
 
 Run as ``python observer.py <robot>``; each line read is a word for the command topic. Printed are the states
 of controller and guard as they change, and fifty times a second the robot's torques: the largest, the largest
-difference from a damping of 2 N·m·s/rad, and their power.
+difference from the damping of the guard, and their power.
 """
 
 from __future__ import annotations

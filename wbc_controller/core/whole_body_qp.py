@@ -15,7 +15,7 @@ from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.solvers import Answer, Solver, make_solver
-from wbc_controller.core.solvers.daqp import solve_carefully
+from wbc_controller.core.solvers.daqp import INFEASIBLE, solve_carefully
 from wbc_controller.core.solvers.hierarchy import Hierarchy
 from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.core.tasks import Task
@@ -191,7 +191,8 @@ class WholeBodyQP:
         """
         started, problem, level = self._timer(), layout.problem, layout.levels[0]
         answer, priorities = failed, self.formulation.has_priorities
-        if self._solver_name != "daqp" and not priorities:  # the problem may be feasible, and the solver have failed
+        infeasible = self._solver_name == "daqp" and failed.status == INFEASIBLE
+        if not infeasible and not priorities:  # the solver may have failed on a feasible problem
             answer = solve_carefully(problem)
             if answer.x is not None:
                 return answer, (self._report(level, answer.x, answer, started),), (), ()

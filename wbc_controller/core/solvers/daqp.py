@@ -28,12 +28,12 @@ _CAREFUL: tuple[Mapping[str, float], ...] = (
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
 )
-#: Rows count as dependent below this share of the largest singular value.
-_RANK = 1.0e-9
+#: Status of a problem whose constraints cannot be met together; that of other failures is different.
+INFEASIBLE = "infeasible"
 _STATUS = {
     1: "optimal",
     2: "soft optimal",
-    -1: "infeasible",
+    -1: "taken for infeasible",
     -2: "cycling",
     -3: "unbounded",
     -4: "iteration limit",
@@ -99,7 +99,7 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
 
     Returns:
         The minimizer, where a soft constraint's multiplier adds to that of the same place. Without x if there is none,
-        and with the status "infeasible" if the constraints cannot be met together.
+        and with the status `INFEASIBLE` if the constraints cannot be met together.
     """
     n, m = problem.n, problem.bounds.shape[1]
     end = m + len(problem.b)
@@ -115,7 +115,7 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         if answer.x is not None:
             break
     else:
-        return Answer(None, _STATUS[-1], iterations)
+        return Answer(None, INFEASIBLE, iterations)
     begin = np.array(sense)
     begin[:m] = _ACTIVE * (answer.multipliers != 0.0) + _LOWER * (answer.multipliers < 0.0)
     if soft is not None:
@@ -134,8 +134,6 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         x, flag, used, multipliers = _run(model, flag)
         answer = _checked(problem, x, flag, used, multipliers)
         iterations += used
-        if answer.x is None and flag >= _OPTIMAL:
-            answer = _checked(problem, _corrected(problem, x, multipliers[:m]), flag, used, multipliers)
         if answer.x is not None:
             break
     if answer.x is not None and soft is not None:
@@ -143,17 +141,6 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         np.add.at(answer.multipliers, soft.places, multipliers[end:])
     answer.iterations = iterations
     return answer
-
-
-def _corrected(problem: QuadraticProgram, x: Array, multipliers: Array) -> Array:
-    """The point nearest to x at which the equalities and the active constraints hold to the last digits.
-
-    Where a soft constraint is missed by much, multipliers are large, and x loses digits.
-    """
-    active = np.flatnonzero(multipliers)
-    rows = np.vstack([problem.A, problem.rows(active)])
-    right = np.concatenate([problem.b, problem.bounds[(multipliers[active] > 0.0).astype(np.intp), active]])
-    return np.asarray(x - np.linalg.lstsq(rows, rows.dot(x) - right, rcond=_RANK)[0])
 
 
 _Constraints = tuple[Array, Array, Array, np.ndarray]

@@ -1,0 +1,44 @@
+import numpy as np
+
+from wbc_controller.core.program.relaxation import relaxations, soften, widen
+
+
+def built(bench, seed=2):
+    g1 = bench("g1")
+    state, references, before = g1.random_problem(seed)
+    formulation = g1.controller.formulation
+    layout = formulation.build(state, references, before)
+    return g1, layout, list(relaxations(formulation, layout, references)), formulation.effort_bounds(references)
+
+
+def test_first_comes_the_torque_rate_then_all(bench):
+    _, _, stages, _ = built(bench)
+    assert [[group.name for group in stage] for stage in stages] == [["torque_rate"], ["torque_rate", "joint_motion"]]
+    _, _, stages, _ = built(bench, seed=0)  # without torques before
+    assert [[group.name for group in stage] for stage in stages] == [["joint_motion"]]
+
+
+def test_what_the_torque_rate_misses_counts_in_effort_limits_and_the_available_torques_remain(bench):
+    g1, layout, ((rate,), _), available = built(bench)
+    weights = rate.soft.weights * g1.model.effort_limits**2
+    np.testing.assert_allclose(weights, weights[0])
+    before = np.array(layout.problem.bounds)
+    soft = soften(layout, [rate])
+    np.testing.assert_array_equal(soft.bounds, before[:, rate.places])
+    np.testing.assert_array_equal(layout.problem.bounds[:, rate.places], available)
+    others = np.setdiff1d(np.arange(before.shape[1]), rate.places)
+    np.testing.assert_array_equal(layout.problem.bounds[:, others], before[:, others])
+
+
+def test_bounds_are_widened_to_what_was_missed_and_no_further(bench):
+    _, layout, (_, every), _ = built(bench)
+    before = np.array(layout.problem.bounds)
+    soften(layout, every)
+    value = np.clip(np.zeros(before.shape[1]), *before)
+    (motion,) = (group for group in every if group.name == "joint_motion")
+    place = motion.places[3]
+    value[place] = before[1, place] + 7.0
+    assert widen(layout, every, value, 0.0) == ("joint_motion",)
+    expected = np.array(before)
+    expected[1, place] += 7.0
+    np.testing.assert_array_equal(layout.problem.bounds, expected)
