@@ -10,6 +10,7 @@ from domains import own_domain
 from wbc_controller.fuzz.kills import SLACK, WAYS, KillTrial, kill_trials
 
 
+@pytest.mark.live
 def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(tmp_path):
     trials = kill_trials("go2", tmp_path, 1, domain=own_domain())  # `wbc fuzz kills` does 50 of each
     assert [(trial.victim, trial.way) for trial in trials] == [

@@ -31,6 +31,8 @@ _LARGE = 10_000_000
 _POINTS = 100
 #: Time of a flood before and after the stop, s.
 _BEFORE, _AFTER = (0.2, 0.6), 0.15
+#: Time after a flood in which a busy machine may still bring the diagnostics of it, s.
+_TOLD = 2.0
 #: Cycles within which a stop is obeyed, counted from the newest state that its sender knew when it was sent.
 CYCLES = 2
 #: Longest cycle, beside the lateness of the machine, s.
@@ -264,9 +266,12 @@ def _stop_once(rig: Rig, running: Any, count: Any, before: float) -> _Stop:
     seconds = time.monotonic() - began
     late, sent = rig.lateness.worst, count.value
     times, torques = rig.efforts(sent_at)
-    said = any(
-        entry.key.startswith("refused") for _, content in rig.heard("controller/diagnostics", began)
-        for entry in content.status[0].values
-    )  # fmt: skip
+    said, told = False, time.monotonic() + _TOLD
+    while not said and time.monotonic() < told:
+        said = any(
+            entry.key.startswith("refused") for _, content in rig.heard("controller/diagnostics", began)
+            for entry in content.status[0].values
+        )  # fmt: skip
+        time.sleep(0.02)
     seen = float(times[~torques.any(axis=1)][0] - sent_at)
     return _Stop(start, known, rig.stamp(), seen, late, sent, seconds, said)

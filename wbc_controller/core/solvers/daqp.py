@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import product
 
 import daqp
 import numpy as np
@@ -124,7 +123,9 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         kind = np.full(len(soft.places), _SOFT, dtype=np.int32)
         sense, begin = np.concatenate([sense, kind]), np.concatenate([begin, kind])
         inverse_weights = np.concatenate([np.ones(end), 1.0 / soft.weights])
-    attempts = [(problem.H, problem.g, first, settings) for first, settings in product((begin, sense), _CAREFUL)]
+    attempts = [
+        (problem.H, problem.g, first, settings) for first, settings in zip((begin, sense), _CAREFUL, strict=True)
+    ]
     if soft is not None:  # rarely needed, and better than none: the least is missed, and no task pursued
         attempts.append((np.eye(n), np.zeros(n), begin, _CAREFUL[0]))
     for H, g, first, settings in attempts:
