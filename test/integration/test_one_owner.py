@@ -22,12 +22,14 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
         "the refusal",
         lambda: user.command("activate"),
     )
+    user.until(
+        lambda: f"the activation at the start waits: {RIVAL}" in processes.logs(), "the activation at the start to wait"
+    )
     user.run(0.5)
     assert {content.data for content in user.all("controller", "state")} == {"inactive"}
     assert not len(user.efforts())
     (status,) = user.last("controller", "diagnostics").status
     assert (status.level, RIVAL in status.message) == (1, True)
-    assert f"the activation at the start waits: {RIVAL}" in processes.logs()
 
     # One of them ends: the other one is activated.
     assert processes.stop(second) == 0

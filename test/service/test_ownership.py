@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
 from wbc_controller.service.ownership import Ownership
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.transports.transport import UNNAMED
 from wbc_controller.wire.topics import counterpart
 
 
@@ -124,3 +127,14 @@ def test_a_loop_in_real_time_waits_until_the_others_are_discovered_and_looks_the
     on.ownership.stop()
     assert waited == [pytest.approx(30.0, abs=20.0)]
     assert len(on.ownership.contested) == 1
+
+
+def test_a_publisher_that_was_there_before_counts_when_the_loop_begins(graph, monkeypatch):
+    """Also where its name has not arrived yet."""
+    on = graph()
+    monkeypatch.setattr(MemoryTransport, "publishers", lambda transport, topic: (UNNAMED,) * (topic.key == "effort"))
+    early = Ownership(MemoryTransport(on.bus), on.topics, [], "/r1/wbc_controller", simulated=False)
+    assert early.contested == ()
+    early.start(threading.Event())
+    early.stop()
+    assert "published by (a participant without a node name) too" in early.contested[0]

@@ -42,7 +42,7 @@ def eventually() -> Callable[..., None]:
     """Wait until something is true: ``eventually(condition, again)`` does `again` before each look."""
 
     def eventually(
-        condition: Callable[[], bool], again: Callable[[], None] = lambda: None, seconds: float = 10
+        condition: Callable[[], bool], again: Callable[[], None] = lambda: None, seconds: float = 60
     ) -> None:
         deadline = time.monotonic() + seconds
         again()

@@ -32,7 +32,7 @@ class Ownership:
     def __init__(
         self, transport: Transport, topics: Iterable[Endpoint], allowed: Sequence[str], node: str, *, simulated: bool
     ) -> None:
-        """Make it when the topics have been opened; it knows nothing until the first look.
+        """Make it when the topics have been opened.
 
         Args:
             transport: the controller's own.
@@ -49,6 +49,7 @@ class Ownership:
         keys = ("effort", "joint_states", "odom", *(("clock",) if simulated else ()))
         self._topics = {topic.key: topic.name for topic in topics if topic.key in keys}
         self._watch = GraphWatch(transport, [topic for topic in topics if topic.key in keys], self._judge)
+        self._watch.look()  # names arrive from now on, so that the look before the loop begins can tell whose they are
         self._running = False
         self._looked = -math.inf
         self._known_at = time.monotonic() + transport.discovery_time
