@@ -131,6 +131,12 @@ def test_what_the_user_configured_comes_last_and_peers_are_escaped():
     assert configuration(DomainSettings(0, DiscoveryRange.SYSTEM_DEFAULT), "") == ""
 
 
+@pytest.mark.parametrize("discovery_range", [DiscoveryRange.LOCALHOST, DiscoveryRange.SUBNET, DiscoveryRange.OFF])
+def test_a_lost_packet_is_sent_again_within_a_few_cycles(discovery_range):
+    """Not after Cyclone's 100 ms: `wbc fuzz floods --kinds large` beside other work shows it."""
+    assert "<HeartbeatInterval>10 ms</HeartbeatInterval>" in configuration(DomainSettings(0, discovery_range))
+
+
 @pytest.mark.parametrize("domain_id", [0, 101, 232])
 @pytest.mark.parametrize("discovery_range", DiscoveryRange.__members__)
 def test_every_configuration_is_accepted_by_cyclone(domain_id, discovery_range, monkeypatch):

@@ -33,6 +33,14 @@ MAX_DOMAIN_ID = 232
 _PORT_BASE, _PORTS_PER_DOMAIN, _PORTS_PER_PARTICIPANT, _FIRST_UNICAST_PORT = 7400, 250, 2, 10
 _JAZZY_MAX_PARTICIPANT_INDEX = 32
 
+#: A packet that a full socket dropped is sent again after the writer's heartbeat interval, by default 100 ms: fifty
+#: control cycles, for a stop beside a flood of large messages. And the larger the socket's buffer (the kernel's own
+#: limit allowing, net.core.rmem_max), the rarer that is.
+_LOSSES = (
+    "<Internal><HeartbeatInterval>10 ms</HeartbeatInterval>"
+    '<SocketReceiveBufferSize min="0 B" max="16 MiB"/></Internal>'
+)
+
 
 class DiscoveryRange(str, enum.Enum):
     """Range of a participant's automatic discovery."""
@@ -163,7 +171,7 @@ def _xml(settings: DomainSettings, *, own_interfaces: bool = False) -> str:
         discovery += f"<Peers>{''.join(f'<Peer Address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
     return (
         f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
-        f"<Discovery>{discovery}</Discovery></Domain></CycloneDDS>"
+        f"<Discovery>{discovery}</Discovery>{_LOSSES}</Domain></CycloneDDS>"
     )
 
 
