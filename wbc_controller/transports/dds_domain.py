@@ -37,8 +37,7 @@ _JAZZY_MAX_PARTICIPANT_INDEX = 32
 #: control cycles, for a stop beside a flood of large messages. And the larger the socket's buffer (the kernel's own
 #: limit allowing, net.core.rmem_max), the rarer that is.
 _LOSSES = (
-    "<Internal><HeartbeatInterval>10 ms</HeartbeatInterval>"
-    '<SocketReceiveBufferSize min="0 B" max="16 MiB"/></Internal>'
+    '<Internal><HeartbeatInterval>10 ms</HeartbeatInterval><SocketReceiveBufferSize min="0 B" max="16 MiB"/></Internal>'
 )
 
 
