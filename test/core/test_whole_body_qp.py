@@ -278,6 +278,14 @@ def test_only_what_has_to_be_relaxed_is(bench, room, robot):
     assert {(), ("torque_rate",), ("joint_motion",), ("torque_rate", "joint_motion")} <= seen
 
 
+def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pursued(bench):
+    """DAQP calls its soft program infeasible, which has a solution, with all weights as they are."""
+    talos = bench("talos")
+    solution = talos.controller.solve(*talos.random_problem(3926))
+    assert solution.relaxed == ("torque_rate", "joint_motion")
+    assert max(solution.residuals.values()) < 1.0e-8
+
+
 def test_a_cycle_with_something_relaxed_leaves_no_trace(bench):
     g1, fresh = bench("g1"), bench("g1")
     before = g1.controller.solve(g1.state(), g1.references())

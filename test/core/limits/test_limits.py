@@ -58,7 +58,7 @@ def test_the_torque_rate_matters(bench):
 
 
 def test_the_velocity_limit_matters(bench):
-    limited = bench("g1", limits={"position": False, "velocity": True, "acceleration": 1.0e4})
+    limited = bench("g1", limits={"position": False, "velocity_scale": 1.0, "acceleration": 1.0e4})
     free = bench("g1", limits=FREE)
     i = limited.model.joints.index(ELBOW)
     column = limited.model.v_index[i]

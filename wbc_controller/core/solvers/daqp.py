@@ -27,6 +27,8 @@ _CAREFUL: tuple[Mapping[str, float], ...] = (
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
 )
+#: By what the weights of soft constraints are divided where no task is pursued: DAQP ends on more such problems.
+_LIGHTER = 100.0
 #: Status of a problem whose constraints cannot be met together; that of other failures is different.
 INFEASIBLE = "infeasible"
 _STATUS = {
@@ -124,14 +126,14 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         sense, begin = np.concatenate([sense, kind]), np.concatenate([begin, kind])
         inverse_weights = np.concatenate([np.ones(end), 1.0 / soft.weights])
     attempts = [
-        (problem.H, problem.g, first, settings) for first, settings in zip((begin, sense), _CAREFUL, strict=True)
+        (problem.H, problem.g, first, settings, 1.0) for first, settings in zip((begin, sense), _CAREFUL, strict=True)
     ]
-    if soft is not None:  # rarely needed, and better than none: the least is missed, and no task pursued
-        attempts.append((np.eye(n), np.zeros(n), begin, _CAREFUL[0]))
-    for H, g, first, settings in attempts:
+    if soft is not None:  # rarely needed, and better than none: little is missed, and no task pursued
+        attempts.append((np.eye(n), np.zeros(n), begin, _CAREFUL[0], _LIGHTER))
+    for H, g, first, settings, lighter in attempts:
         model, flag = _set_up(H, g, (rows, upper, lower, first), settings)
         if soft is not None and flag >= 0:
-            model.soft_weights(rho_l=inverse_weights, rho_u=inverse_weights)
+            model.soft_weights(rho_l=lighter * inverse_weights, rho_u=lighter * inverse_weights)
         x, flag, used, multipliers = _run(model, flag)
         answer = _checked(problem, x, flag, used, multipliers)
         iterations += used
