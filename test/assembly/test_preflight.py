@@ -108,9 +108,10 @@ def test_too_small_an_effort_on_a_fixed_base(robot_of, changed):
     assert "_joint " in sentence
 
 
-def test_too_small_an_effort_on_the_feet(robot_of, changed):
+@pytest.mark.parametrize("scale", [0.01, 1e-310])
+def test_too_small_an_effort_on_the_feet(robot_of, changed, scale):
     settings, _ = robot_of("go2")
-    sentence = refusal(changed(settings, {"robot": {"effort_limit_scale": 0.01}}))
+    sentence = refusal(changed(settings, {"robot": {"effort_limit_scale": scale}}))
     assert "no contact forces within friction and the supports carry the weight within the effort limits" in sentence
     assert "robot.effort_limit_scale" in sentence
     assert "; conflict: torque of " in sentence

@@ -44,7 +44,7 @@ def test_the_answer_is_the_same_in_other_coordinates(robot):
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)
     rng = np.random.default_rng(7)
-    names = [name for name in model.pinocchio.names[1:] if name != "root_joint"]
+    names = [name for name in model.pinocchio.names[1:] if name != "<floating base>"]
     flipped = [name for name in names if rng.random() < 0.5]
     other = recoordinate(model.pinocchio, root=NEW_ROOT[robot], flip=flipped, shuffle=3)
     model_there, signs = in_other_coordinates(model, other)

@@ -278,7 +278,7 @@ class Director:
         self._begin("reach")
         q, _ = self.state()
         pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
-        pose = self._data.oMf[self._model.pinocchio.getFrameId(self._frames[reach.task])]
+        pose = self._data.oMf[self._model.frame_id(self._frames[reach.task], f"tasks.{reach.task}.frame")]
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")

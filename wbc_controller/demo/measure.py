@@ -149,7 +149,7 @@ def _wrenches(log: Log, owner: str, settings: Settings, time: Array) -> dict[str
 
 
 def _frame_distance(model: RobotModel, frame: str, q: Array, target: Array) -> Array:
-    data, frame_id = model.pinocchio.createData(), model.pinocchio.getFrameId(frame)
+    data, frame_id = model.pinocchio.createData(), model.frame_id(frame, "frame")
     distances = []
     for sample in q:
         pin.framesForwardKinematics(model.pinocchio, data, sample)

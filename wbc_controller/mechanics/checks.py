@@ -33,11 +33,13 @@ def as_array(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def frame_index(model: pin.Model, name: str) -> int:
-    """Look up a frame by name.
+    """Look up a frame by name: of a link, or where no link has this name of a joint, as a URDF may use it for both.
 
     Raises:
         ConfigurationError: where the model has no such frame.
     """
+    if model.existFrame(name, pin.BODY):
+        return int(model.getFrameId(name, pin.BODY))
     if not model.existFrame(name):
         names = [frame.name for frame in model.frames if frame.type == pin.BODY]
         raise ConfigurationError(f"the model has no frame {name!r}; {valid_choices(name, names)}")

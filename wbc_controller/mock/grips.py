@@ -94,7 +94,7 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
 
 
 def _joint_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
-    frame = model.pinocchio.frames[model.pinocchio.getFrameId(name)]
+    frame = model.pinocchio.frames[model.frame_id(name, "frame")]
     return int(frame.parentJoint), frame.placement
 
 

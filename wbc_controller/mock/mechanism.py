@@ -60,7 +60,7 @@ def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tup
 
 def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
     """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
-    frame = model.pinocchio.frames[model.pinocchio.getFrameId(name)]
+    frame = model.pinocchio.frames[model.frame_id(name, "frame")]
     return int(frame.parentJoint), frame.placement
 
 

@@ -317,7 +317,7 @@ class Plant:
             raise InputRefused(f"a push of {duration} s; its duration must be positive and finite")
         pinocchio = self._robot.pinocchio
         moving = [f.name for f in pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0]
-        known = pinocchio.existFrame(frame) and pinocchio.frames[pinocchio.getFrameId(frame)].parentJoint > 0
+        known = pinocchio.existFrame(frame) and pinocchio.frames[self._robot.frame_id(frame, "push")].parentJoint > 0
         if not known:
             raise InputRefused(f"a push on {frame!r}: no moving link has this name; {valid_choices(frame, moving)}")
         steps = max(1, round(duration / self.step_seconds))

@@ -44,6 +44,19 @@ def test_a_joint_needs_a_positive_limit(urdf, kind, limit):
         build_model(broken, LEG, POSTURE)
 
 
+def test_a_joint_may_have_the_name_of_a_link_and_that_of_pinocchios_own_root(urdf):
+    """Then a frame is that of the link."""
+    renamed = urdf.replace('"FL_foot_joint"', '"FL_foot"').replace('"FR_foot_joint"', '"root_joint"')
+    assert renamed.count('"root_joint"') == 1
+    model = build_model(renamed, LEG, POSTURE)
+    assert model.joints == LEG
+    for name in ("FL_foot", "FR_foot"):
+        frame = model.pinocchio.frames[model.frame_id(name, "here")]
+        assert (frame.name, frame.type) == (name, pin.BODY)
+    with pytest.raises(ConfigurationError, match="here = 'FX_foot': the robot has no such frame"):
+        model.frame_id("FX_foot", "here")
+
+
 def test_a_joint_that_turns_without_end_is_refused(urdf):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     broken = urdf.replace(joint, joint.replace('type="revolute"', 'type="continuous"'))

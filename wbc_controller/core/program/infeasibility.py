@@ -45,6 +45,8 @@ from wbc_controller.records import Array, Infeasibility, frozen_mapping
 LENGTH = 0.1
 #: Scale of violations of contact physics, as a share of that of settings.
 GROUND = 0.1
+#: Smallest scale of torques, N·m: URDFs have effort limits by which nothing can be divided.
+_LEAST_TORQUE = 1.0e-9
 #: Standard gravity, m/s²: the scale of accelerations, also for a model without gravity.
 _GRAVITY = 9.81
 #: Share by which the total slack may grow when a constraint with a small slack is enforced again.
@@ -167,7 +169,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     lower, upper = problem.lower[layout.torque], problem.upper[layout.torque]
     rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
     for i, actuator in enumerate(model.actuators):
-        row, limit = problem.C[layout.torque][i], model.effort_limits[i]
+        row, limit = problem.C[layout.torque][i], max(model.effort_limits[i], _LEAST_TORQUE)
         h = layout.torque_bias[i]
         add(f"torque:{actuator}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
         add(f"torque_rate:{actuator}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)

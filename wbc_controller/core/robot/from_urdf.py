@@ -19,6 +19,8 @@ from wbc_controller.records import Array, frozen
 
 #: Smallest mass of a robot, kg: what is divided by a much smaller one is not finite.
 _LEAST_MASS = 1.0e-6
+#: Name of the floating base's joint, which no joint of a URDF has.
+_FREE_FLYER = "<floating base>"
 
 
 def build_model(
@@ -61,7 +63,7 @@ def build_model(
     """
     tree = parse_urdf(urdf)
     try:
-        full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer()] if floating_base else []))
+        full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
     mimics, passive_joints = read_mimics(tree), passive_joints or {}
@@ -134,7 +136,7 @@ def build_model(
 
 
 def _joints_of(full: pin.Model) -> list[str]:
-    return [str(name) for name in full.names[1:] if name != "root_joint"]
+    return [str(name) for name in full.names[1:] if name != _FREE_FLYER]
 
 
 def _check_names(

@@ -122,7 +122,7 @@ class RobotModel:
         return float(np.linalg.norm(self.pinocchio.gravity.linear))
 
     def frame_id(self, name: str, key: str) -> int:
-        """Look up a frame.
+        """Look up a frame: of a link, or where no link has this name of a joint, as a URDF may use it for both.
 
         Args:
             name: name of a link or joint of the URDF.
@@ -131,6 +131,8 @@ class RobotModel:
         Raises:
             ConfigurationError: where the model has no such frame.
         """
+        if self.pinocchio.existFrame(name, pin.BODY):
+            return int(self.pinocchio.getFrameId(name, pin.BODY))
         if not self.pinocchio.existFrame(name):
             links = [frame.name for frame in self.pinocchio.frames if frame.type == pin.BODY]
             raise ConfigurationError(f"{key} = {name!r}: the robot has no such frame; {valid_choices(name, links)}")
