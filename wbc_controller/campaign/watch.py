@@ -156,17 +156,21 @@ class _Used:
     Attributes:
         taken: true time of what it tells, s.
         unseen: latency that clocks which are not synchronized cannot tell from an offset, s: what is constant, and
-            what grows by no more than the time that passes (docs/safety.md, the age of a state).
+            what grows by no more than half of the time that passes, or by 25 ms in a gap (docs/safety.md, the age of a
+            state).
     """
 
     def __init__(self) -> None:
         self.taken = -math.inf
         self.unseen = math.inf
+        self._came, self._may_grow = -math.inf, 0.0
 
     def renew(self, taken: float, now: float) -> None:
         """Take another message."""
-        grown = self.unseen + max(taken - self.taken, 0.0)
-        self.taken, self.unseen = taken, min(now - taken, grown)
+        self._may_grow = min(self._may_grow + 0.5 * (now - self._came), 0.025)
+        growth = min(max(taken - self.taken, 0.0), self._may_grow)
+        self._may_grow -= growth
+        self.taken, self.unseen, self._came = taken, min(now - taken, self.unseen + growth), now
 
 
 def _said(ages: Mapping[str, float]) -> str:

@@ -9,8 +9,10 @@ from collections.abc import Callable
 _AHEAD = 0.25
 #: Stamps that contradict those before for this long are a new time, s on our clock.
 _REBASE = 0.3
-#: By how much the clock of the stamps may be slower than ours, as a share of its own time: a simulator at half speed.
-_SLOWER = 1.0
+#: By how much the clock of the stamps may be slower than ours, as a share of our time: a simulator at half speed.
+_SLOWER = 0.5
+#: Most of the lag that one gap between messages may explain in this way, s. A process that was stopped sees such a gap.
+_GAP = 0.025
 
 
 class StampTracker:
@@ -18,9 +20,10 @@ class StampTracker:
 
     With the lag of a message, its arrival on our clock less its stamp, the smallest lag is the offset between the two
     clocks and the shortest latency. What a later message lags more, it waited on its way: in a queue of a process that
-    was stopped, say. The offset may rise by `_SLOWER` of the time between stamps, so that a clock that drifts, or a
-    simulator that is slower than real time, is not mistaken for latency. A latency that is constant from the start
-    cannot be told from an offset between two clocks. Where the clocks are synchronized the offset is known, and every
+    was stopped, say. The offset may rise by `_SLOWER` of the time between arrivals, though never by more than stamps
+    do, so that a clock that drifts, or a simulator that is slower than real time, is not mistaken for latency. What has
+    waited together arrives at once and cannot raise it. A latency that is constant from the start cannot be told from
+    an offset between two clocks. Where the clocks are synchronized the offset is known, and every
     latency counts; a stamp that is ahead of our clock by more than a tolerance is refused.
 
     A simulator's clock may stand still while stamps go on; `stood` tells how long.
@@ -48,6 +51,7 @@ class StampTracker:
         self._stamp = 0  # of the newest message that was accepted, ns
         self._arrival = -math.inf
         self._offset = math.inf
+        self._may_rise = 0.0  # by what the offset may still rise, s
         self._lag = 0.0
         self._contradicted = math.inf  # since when stamps are refused, on our clock
 
@@ -94,7 +98,10 @@ class StampTracker:
                 self._offset = math.inf
         self._contradicted = math.inf
         lag = arrival - stamp * 1.0e-9
-        self._offset = min(lag, self._offset + _SLOWER * max(stamp - self._stamp, 0) * 1.0e-9)
+        self._may_rise = min(self._may_rise + _SLOWER * (arrival - self._arrival), _GAP)
+        rise = min(max(stamp - self._stamp, 0) * 1.0e-9, self._may_rise)
+        self._may_rise -= rise
+        self._offset = min(lag, self._offset + rise)
         self._lag, self._stamp, self._arrival = lag, stamp, arrival
         return None
 
