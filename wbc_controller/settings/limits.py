@@ -84,11 +84,11 @@ class LimitSettings(Section):
 
     live = ("position_margin", "position_horizon", "velocity_scale", "acceleration")
     # What the three shipped robots sway and squat through. Above 0.2 rad the margin leaves G1's ankles no room. With
-    # 5 rad/s², or a hundredth of the velocities, bounds have to be relaxed. With 300 rad/s² instead of the configured
+    # 5 rad/s², or a tenth of the velocities, bounds have to be relaxed. With 300 rad/s² instead of the configured
     # 200 Go2's thighs pass their limits by 0.11 rad.
     live_ranges = {  # noqa: RUF012 - declared as a class variable above
         "position_margin": (0.0, 0.2),
-        "velocity_scale": (0.1, 1.0),
+        "velocity_scale": (0.15, 1.0),
         "acceleration": (20.0, None),
     }
 

@@ -128,8 +128,10 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
     attempts = [
         (problem.H, problem.g, first, settings, 1.0) for first, settings in zip((begin, sense), _CAREFUL, strict=True)
     ]
-    if soft is not None:  # rarely needed, and better than none: little is missed, and no task pursued
-        attempts.append((np.eye(n), np.zeros(n), begin, _CAREFUL[0], _LIGHTER))
+    if soft is not None:
+        # One attempt: torques that come some periods late are worse than a cycle in which little is missed and no task
+        # is pursued.
+        attempts = [attempts[0], (np.eye(n), np.zeros(n), begin, _CAREFUL[0], _LIGHTER)]
     for H, g, first, settings, lighter in attempts:
         model, flag = _set_up(H, g, (rows, upper, lower, first), settings)
         if soft is not None and flag >= 0:
