@@ -15,7 +15,7 @@ def invoke(*words):
 def test_help_lists_every_command_and_says_what_it_does():
     result = invoke("--help")
     assert result.exit_code == 0
-    for command in ("run", "mock", "guard", "check", "demo", "fuzz", "topics"):
+    for command in ("run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):
         assert f"  {command} " in result.output
     assert "g1, talos, go2" in result.output
 

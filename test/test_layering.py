@@ -39,10 +39,11 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "core/whole_body_qp": (("core/robot", "core/contacts", "core/tasks", "core/program", "core/solvers"), ()),
     # Of core the supervisor needs the robot's limits, and ramps; never the program whose answers it checks.
     "safety": (("core/robot", "core/limits", "core/references", "core/arrays"), ("numpy", "scipy", "pinocchio")),
+    "estimation": (("core/robot", "core/contacts", "core/arrays"), ("numpy", "scipy", "pinocchio")),
     "bridges": (("core/robot", "core/tasks"), ("numpy", "pinocchio")),
     "views": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "scipy", "pinocchio", "plotly", "rich")),
     "assembly": (
-        (*CORE, "core/program", "core/solvers", "core/whole_body_qp", "safety", "settings"),
+        (*CORE, "core/program", "core/solvers", "core/whole_body_qp", "safety", "estimation", "settings"),
         ("numpy", "scipy", "pinocchio", "coal"),
     ),
     "control": (
@@ -58,6 +59,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "core/contacts",
             "core/references",
             "safety",
+            "estimation",
             "settings",
             "assembly",
             "control",
@@ -106,6 +108,11 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pinocchio", "pydantic", "rich", "plotly", "joblib", "distributed", "ray"),
     ),
     "node": (("ros2",), ()),
+    "live": (("settings",), ()),
+    "bench": (
+        ("core/robot", "settings", "assembly", "wire", "transports", "service", "mock", "ros2", "live"),
+        ("numpy", "click"),
+    ),
     "fuzz": (
         (
             "core/robot",
@@ -118,11 +125,12 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "transports",
             "service",
             "mock",
+            "live",
         ),
         ("numpy", "pinocchio", "rosbags", "click"),
     ),
     "cli": (
-        ("settings", "assembly", "wire", "transports", "service", "mock", "ros2", "demo", "campaign", "fuzz"),
+        ("settings", "assembly", "wire", "transports", "service", "mock", "ros2", "demo", "campaign", "bench", "fuzz"),
         ("click",),
     ),
     "__main__": (("cli",), ()),

@@ -1,4 +1,4 @@
-"""The command line: `wbc run`, `mock`, `guard`, `check`, `demo`, `faults`, `fuzz`, `topics`, `security-policy`."""
+"""The command line, `wbc`: the nodes, what checks, shows, tests and measures them, and tables of their topics."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
+from wbc_controller.bench.commands import bench
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.fuzz.commands import fuzz
 from wbc_controller.service.signals import set_by_signals
@@ -43,6 +44,7 @@ def main() -> None:
 
 
 main.add_command(fuzz)
+main.add_command(bench)
 
 
 def _node_options(function: F) -> F:

@@ -110,6 +110,14 @@ def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespac
         assert "request" not in rules
 
 
+def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometry_where_not(robot_of, changed):
+    settings, model = robot_of("go2")
+    for source, other in (("odom", "/imu"), ("imu", "/odom")):
+        heard = read(security_policy(changed(settings, {"estimation": {"base_state": source}}), model))
+        assert f"/{source}" in heard["/wbc_controller"]["subscribe"]
+        assert other not in heard["/wbc_controller"]["subscribe"]
+
+
 def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     settings, model = robot_of("g1")
     allowed = read(security_policy(settings, model))

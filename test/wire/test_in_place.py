@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.service.outputs import wrench_stamped
-from wbc_controller.wire.decoding import read_odometry, stamp_of
+from wbc_controller.wire.decoding import read_imu, read_odometry, stamp_of
 from wbc_controller.wire.in_place import FixedShape, Template
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, encode, header, message, torques
-from wbc_controller.wire.states import JointStateReader, OdometryReader
+from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("hip", "knee", "ankle")
@@ -83,6 +83,53 @@ def test_odometry_is_read_as_by_the_codec(make, rows, time, valid):
         content.twist.covariance[:] = values[49:]
         payload = encode(content)
         assert outcome(reader.read, payload) == outcome(odometry_by_codec, payload)
+
+
+def imu(values, time=1):
+    def vector(x, y, z):
+        return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+    seconds, rest = divmod(time, 10**9)
+    content = message(
+        "sensor_msgs/msg/Imu",
+        header=header(0, "pelvis"),
+        orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
+        orientation_covariance=np.zeros(9),
+        angular_velocity=vector(*values[:3]),
+        angular_velocity_covariance=np.array(values[6:15]),
+        linear_acceleration=vector(*values[3:6]),
+        linear_acceleration_covariance=np.array(values[15:24]),
+    )
+    content.header.stamp.sec, content.header.stamp.nanosec = seconds, rest
+    return encode(content)
+
+
+def imu_by_codec(payload):
+    content = decode(payload, "sensor_msgs/msg/Imu")
+    values = read_imu(content, "pelvis")
+    return stamp_of(content), *values
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(
+        st.lists(
+            st.one_of(st.floats(-90, 90), st.sampled_from([-1.0, 0.0, 101.0, 2000.0, np.nan, np.inf])),
+            min_size=24,
+            max_size=24,
+        ),
+        min_size=3,
+        max_size=6,
+    ),
+    TIMES,
+)
+def test_imu_data_are_read_as_by_the_codec(rows, time):
+    reader = ImuReader("pelvis")
+    for _ in range(3):
+        reader.read(imu([0.0] * 24))
+    for values in rows:
+        payload = imu(values, time)
+        assert outcome(reader.read, payload) == outcome(imu_by_codec, payload)
 
 
 def test_from_the_third_message_of_a_shape_on_the_codec_is_not_asked(make, monkeypatch):

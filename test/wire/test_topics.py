@@ -145,7 +145,13 @@ def test_latched_topics(key):
 
 def test_requests_are_reliable_and_queued():
     for topic in CONTROLLER_TOPICS:
-        if topic.direction is Direction.IN and topic.key not in ("joint_states", "odom", "clock", "robot_description"):
+        if topic.direction is Direction.IN and topic.key not in (
+            "joint_states",
+            "odom",
+            "imu",
+            "clock",
+            "robot_description",
+        ):
             assert topic.qos.reliable, topic.key
             assert topic.qos.depth >= 10, topic.key
 
@@ -165,7 +171,7 @@ def test_what_the_mock_sends_the_controller_can_read_and_back():
         writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
         assert writer.qos.reliable >= reader.qos.reliable
         assert writer.qos.latched >= reader.qos.latched
-    assert met == {"clock", "joint_states", "odom", "robot_description", "effort", "joint_commands"}
+    assert met == {"clock", "joint_states", "odom", "imu", "robot_description", "effort", "joint_commands"}
 
 
 def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_guard():
@@ -190,7 +196,7 @@ def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_gu
 def test_there_is_no_dead_row(bench):
     """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
-    by_hand = {"joint_states", "odom", "command", "robot_description", "clock"}  # inputs.py, service.py
+    by_hand = {"joint_states", "odom", "imu", "command", "robot_description", "clock"}  # inputs.py, service.py
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
     controller = bench()

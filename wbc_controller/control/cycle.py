@@ -57,6 +57,8 @@ class ControlCycle:
         board: the references that the commands have set.
         supervisor: makes the commands, and holds the modes.
         live: the settings with all changes since.
+        holding: names of the contacts that were active in the last cycle; where none was solved, of those that are
+            when the controller is activated.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class ControlCycle:
         self._parts = self.live.newest
         self.board = ReferenceBoard(self._parts.board)
         self.supervisor = Supervisor(model, self._parts.supervisor)
+        self.holding = self._at_activation()
         self._timer = timer
         self._commands: list[Change] = []  # by call, for the next cycle
         self._streamed: dict[str, Reference] = {}  # references that count as they are, in the next cycle
@@ -197,6 +200,10 @@ class ControlCycle:
             refused.append(
                 f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
             )
+        if references is not None and self.supervisor.solving:
+            self.holding = tuple(name for name, activation in references.contacts.items() if activation > 0.0)
+        else:
+            self.holding = self._at_activation()
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
         self._take_explanation()
         solution = outcome if isinstance(outcome, Solution) else None
@@ -206,6 +213,10 @@ class ControlCycle:
         return CycleResult(
             self.qp, now, self.mode, self.fault, command, solution, state, references, tuple(refused), stages
         )
+
+    def _at_activation(self) -> tuple[str, ...]:
+        """Names of the contacts that are active when the controller is activated."""
+        return tuple(name for name, contact in self._parts.board.contacts.items() if contact.enabled)
 
     def fail(self, error: Exception) -> None:
         """Damp from the next cycle on: something around the cycle has failed."""

@@ -25,14 +25,16 @@ _LEVELS = {
 class StatusSummary:
     """Collects the reports since the last message, and summarises them."""
 
-    def __init__(self, node: str, hardware: str) -> None:
+    def __init__(self, node: str, hardware: str, scheduling: str = "") -> None:
         """Make a summary.
 
         Args:
             node: name of the node with its namespace, since two robots in one graph share the topic.
             hardware: name of the robot.
+            scheduling: how the process is scheduled; empty where that is not known.
         """
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
+        self._scheduling = {"scheduling": scheduling} if scheduling else {}
         self._reports: list[CycleReport] = []
 
     def add(self, report: CycleReport) -> None:
@@ -54,7 +56,8 @@ class StatusSummary:
             warnings.insert(0, f"{last.fault.code}: {last.fault.sentence}")
         if last.contested and last.command is not None:
             level = _ERROR
-        return diagnostics(wall, level, self._name, "; ".join([last.mode.value, *warnings]), self._hardware, values)
+        text = "; ".join([last.mode.value, *warnings])
+        return diagnostics(wall, level, self._name, text, self._hardware, self._scheduling | values)
 
 
 def _per(constraint: str) -> str:

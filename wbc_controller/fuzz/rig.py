@@ -3,37 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.assembly.robot import make_model
-from wbc_controller.errors import WbcError
 from wbc_controller.fuzz import DOMAIN
+from wbc_controller.live.processes import PATIENCE, Processes, until
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.records import Array
 from wbc_controller.service.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.service.wiring import controller_endpoints
-from wbc_controller.settings.config import load
 from wbc_controller.transports.dds import DdsTransport
 from wbc_controller.wire.decoding import read_odometry
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, encode, message, nanoseconds
 from wbc_controller.wire.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 
-#: Wall time after which something that should have happened has not, s.
-PATIENCE = 30.0
 #: Messages that are kept of each topic: a minute of the fastest ones.
 _KEPT = 30_000
 #: What a user listens to, by node.
@@ -92,13 +85,11 @@ class Lateness:
                 self.worst = max(self.worst, total - waited[0][1])
 
 
-class Rig:
+class Rig(Processes):
     """A mock robot, a controller and a guard as processes, and a user on the same domain.
 
     Attributes:
-        settings: those of the robot.
         model: of the robot.
-        configuration: the file that all processes read.
         record: a file for the controller's record.
         lateness: of this machine.
     """
@@ -114,20 +105,9 @@ class Rig:
             domain: DDS domain.
             changes: of settings, by dotted key.
         """
-        config = load(robot).replace(changes or {})
-        self.settings = config.settings
+        super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
-        folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
-        self.configuration = folder / "robot.yaml"
-        self.configuration.write_text(config.to_yaml(), encoding="utf-8")
         self.record = folder / "cycles.npz"
-        self._environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
-        self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.lateness = Lateness()
         self.kept: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}
@@ -150,11 +130,9 @@ class Rig:
     def __enter__(self) -> Rig:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for name in list(self.processes):
-            self.stop(name)
+    def close(self) -> None:
+        """End all processes, and leave the domain."""
+        super().close()
         self._transport.close()
         self.lateness.end()
 
@@ -164,33 +142,11 @@ class Rig:
         deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
         self._transport.subscribe(deep, lambda payload: kept.append((time.monotonic(), payload)))
 
-    def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
-        """Start ``mock``, ``controller`` or ``guard``, as `wbc mock`, `run` or `guard`, with options of the command."""
-        words = ["run" if name == "controller" else name, str(self.configuration), *options]
-        with (self._folder / f"{name}.log").open("ab") as log:
-            process = subprocess.Popen(  # noqa: S603 - this package itself
-                [sys.executable, "-m", "wbc_controller", *words], env=self._environment, stdout=log, stderr=log
-            )
-        self.processes[name] = process
+    def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
+        """Start a process by its command line, and watch how late it is."""
+        process = super().launch(name, command)
         self.lateness.watch(process.pid)
         return process
-
-    def stop(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
-        """End a process by a signal, and wait for it; its exit status."""
-        process = self.processes.pop(name)
-        if process.poll() is None:
-            process.send_signal(signal.SIGCONT)
-            process.send_signal(number)
-        try:
-            return process.wait(timeout=PATIENCE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            return process.wait()
-
-    def log(self, name: str) -> str:
-        """What a process has written."""
-        path = self._folder / f"{name}.log"
-        return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
 
     def command(self, word: str) -> float:
         """Send a word to the controller; when, on the monotonic clock, s."""
@@ -238,18 +194,13 @@ class Rig:
         Raises:
             WbcError: if it does not come true in time.
         """
-        deadline, due = time.monotonic() + patience, 0.0
-        while not condition():
-            now = time.monotonic()
-            if now >= due:
-                again()
-                due = now + 0.25
-            if now >= deadline:
-                raise WbcError(
-                    f"waited {patience:g} s in vain for {what}; controller: {self.said('controller')!r}, guard: "
-                    f"{self.said('guard')!r}"
-                )
-            time.sleep(0.002)
+        until(
+            condition,
+            what,
+            again,
+            patience,
+            lambda: f"; controller: {self.said('controller')!r}, guard: {self.said('guard')!r}",
+        )
 
     def wait_for(self, *names: str) -> None:
         """Wait for the first messages of processes that have just been started."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ import numpy as np
 
 from wbc_controller.fuzz import DOMAIN
 from wbc_controller.fuzz.rig import Rig
+from wbc_controller.live.processes import memory
 from wbc_controller.wire.messages import encode, header, message
 from wbc_controller.wire.topics import counterpart
 
@@ -119,7 +119,7 @@ def _look(rig: Rig, result: SoakResult, since: float) -> None:
     rig.lateness.forget()
     result.late = max(result.late, late)
     for name, kept in result.memory.items():
-        kept.append(_memory(rig.processes[name].pid))
+        kept.append(memory(rig.processes[name].pid))
     settings = rig.settings
     for node, usual, allowed in (
         ("controller", ("active",), settings.safety.state_timeout),
@@ -130,9 +130,3 @@ def _look(rig: Rig, result: SoakResult, since: float) -> None:
     if rig.said("controller") not in ("", "active"):
         rig.activate()
         rig.forget("controller")
-
-
-def _memory(process: int) -> int:
-    """Memory of a process that is in use, kB."""
-    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGESIZE") // 1024

@@ -25,6 +25,7 @@ from wbc_controller.ros2.parameters import settings_from
 from wbc_controller.ros2.process import logging_to, spinning
 from wbc_controller.service.controller_service import make_clock, make_loop
 from wbc_controller.service.loop import ControlLoop
+from wbc_controller.service.realtime import apply
 from wbc_controller.service.urdf import urdf_of
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME, Settings
@@ -154,6 +155,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         try:
             urdf = None if settings.robot.urdf else self._urdf
             controller = Controller(Config(settings, "", urdf), preflight=False)
+            apply(settings.control.realtime)
             topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
             loop = make_loop(
                 controller,

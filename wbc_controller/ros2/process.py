@@ -19,6 +19,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.signals import SignalHandlerOptions
 
 from wbc_controller.service.signals import set_by_signals
+from wbc_controller.transports.ros2 import Ros2Transport
 
 _log = logging.getLogger(__name__)
 
@@ -100,6 +101,26 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
         executor.create_task(lambda: None)  # wakes the executor
         thread.join()
         executor.shutdown()  # only now, as spinning needs what this destroys
+
+
+@contextlib.contextmanager
+def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
+    """A transport on a node in a context of its own that nobody spins, as the transport reads by itself.
+
+    Args:
+        name: of the node.
+        domain: its ``ROS_DOMAIN_ID``.
+    """
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = rclpy.create_node(name, context=context)
+    transport = Ros2Transport(node)
+    try:
+        yield transport
+    finally:
+        transport.close()
+        node.destroy_node()
+        context.try_shutdown()
 
 
 class _RosLog(logging.Handler):

@@ -102,6 +102,8 @@ def security_policy(
 
 def _is_used(endpoint: Endpoint, settings: Settings, model: RobotModel) -> bool:
     """Whether a node opens a topic of its table with these settings."""
+    if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
+        return model.floating_base and endpoint.key == settings.estimation.base_state
     if endpoint.key in ("odom", "tf"):
         return model.floating_base
     if endpoint.key == "robot_description" and endpoint.direction is Direction.IN:

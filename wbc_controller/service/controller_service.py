@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from wbc_controller.assembly.estimation import imu_frame, make_estimator
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.recorder import recording
@@ -21,6 +22,7 @@ from wbc_controller.service.inputs import Inputs
 from wbc_controller.service.loop import ControlLoop
 from wbc_controller.service.outputs import Outputs
 from wbc_controller.service.ownership import Ownership
+from wbc_controller.service.realtime import apply, in_force
 from wbc_controller.service.urdf import wait_for_urdf
 from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.settings import NODE_NAME, Settings
@@ -70,6 +72,7 @@ def run_controller(
         if stop.is_set():
             return
         controller = Controller(Config(settings, "", urdf), preflight=False)
+        apply(settings.control.realtime)
         topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
         full_name = f"{namespace.rstrip('/')}/{node}"
         loop = make_loop(
@@ -117,6 +120,8 @@ def make_loop(
     settings, model, qp = controller.config.settings, controller.model, controller.qp
     published = {name: qp.contacts[name] for name in settings.contacts}
     markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
+    scheduling = in_force()
+    _log.info("scheduling: %s", scheduling or "not known")
     return ControlLoop(
         controller,
         Inputs(
@@ -127,6 +132,9 @@ def make_loop(
             clock,
             partial(controller.live.prepare, source="update"),
             clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
+            estimator=make_estimator(settings, model, published),
+            imu_frame=imu_frame(settings, model),
+            holding=controller.holding,
         ),
         Outputs(
             model,
@@ -137,6 +145,7 @@ def make_loop(
             MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
             markers_period,
             node,
+            scheduling,
         ),
         make_audit(settings, model),
         Ownership(

@@ -5,15 +5,17 @@
 - Requests are decoded and validated on a thread of their own, `reader`, which leaves the loop most of the processor.
   Where no such thread runs, as in lockstep, they are decoded when a cycle latches its inputs.
 - A cycle decodes at most one joint state and one odometry, the newest, and takes at most `_MOST_PER_CYCLE` requests.
+  Where the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -23,6 +25,7 @@ import numpy as np
 from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.mailbox import Mailbox
@@ -30,7 +33,7 @@ from wbc_controller.service.stamps import StampTracker
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire import decoding
 from wbc_controller.wire.messages import decode
-from wbc_controller.wire.states import JointStateReader, OdometryReader, StateReader
+from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader, StateReader
 from wbc_controller.wire.topics import Direction, Endpoint
 
 _log = logging.getLogger(__name__)
@@ -40,8 +43,12 @@ _REQUEST_DEPTH = 100
 #: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
 _MOST_PER_CYCLE = 20
 #: Largest message, in bytes, by row of the topic table: states, trajectories, and other requests.
-_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "trajectory": 1 << 20}
+_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "trajectory": 1 << 20}
 _LARGEST_REQUEST = 1 << 18
+#: IMU data that one cycle takes, at most: the newest, of an IMU that is that much faster than the loop.
+_MOST_IMU = 20
+#: Name of the base's estimate among the ages of the inputs.
+ESTIMATE = "base estimate"
 #: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
 _READER_SHARE = 0.25
 #: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
@@ -59,8 +66,8 @@ class Latched:
     """All inputs, latched at the start of one cycle.
 
     Attributes:
-        state: the newest state; None until all of its parts have arrived (joint states, and odometry for a floating
-            base).
+        state: the newest state; None until all of its parts have arrived (joint states, and for a floating base its
+            odometry, or IMU data from which it has been estimated).
         joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
         ages: age of each part of the state, s; infinite if it has never arrived.
         notes: for parts of the state, what to know about an age: why the last message was refused, or how long the
@@ -81,7 +88,10 @@ class Latched:
 
 @dataclass(slots=True)
 class _Part:
-    """Newest message of one part of the state: joint states or odometry."""
+    """Newest message of one part of the state: joint states, odometry, or IMU data.
+
+    Of IMU data `q` is the angular velocity, and `v` the specific force.
+    """
 
     reader: StateReader
     stamps: StampTracker
@@ -116,6 +126,9 @@ class Inputs:
         prepare: Callable[[Mapping[str, Any]], None] = lambda change: None,
         *,
         clock_tolerance: float | None = None,
+        estimator: BaseEstimator | None = None,
+        imu_frame: str = "",
+        holding: Collection[str] = (),
     ) -> None:
         """Subscribe.
 
@@ -127,6 +140,9 @@ class Inputs:
             clock: dates the messages at their arrival.
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
             clock_tolerance: how far a stamp may be ahead of the clock's, s; None where the two are not synchronized.
+            estimator: estimates a floating base; None where its odometry is measured elsewhere.
+            imu_frame: frame of the IMU.
+            holding: names of the contacts that are meant to hold at the start.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -136,7 +152,13 @@ class Inputs:
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._clock_tolerance = clock_tolerance
         self._parts = {"joint_states": _Part(JointStateReader(model.joints), self._tracker())}
-        if model.floating_base:
+        self._estimator = estimator if model.floating_base else None
+        self._samples: list[ImuSample] = []
+        self._base: tuple[Array, Array] | None = None
+        self._holding = holding
+        if self._estimator is not None:
+            self._parts["imu"] = _Part(ImuReader(imu_frame), self._tracker())
+        elif model.floating_base:
             self._parts["odom"] = _Part(OdometryReader(model.base_link), self._tracker())
         self._notes: dict[str, str] = {}
         self._estop = threading.Event()
@@ -149,10 +171,14 @@ class Inputs:
         for endpoint in endpoints:
             if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock"):
                 continue
-            if endpoint.key == "odom" and not model.floating_base:
+            if endpoint.key in ("odom", "imu") and endpoint.key not in self._parts:
                 continue
             if endpoint.key in self._parts:
-                box = Mailbox(clock, self.arrived if endpoint.key == "joint_states" else None)
+                box = Mailbox(
+                    clock,
+                    self.arrived if endpoint.key == "joint_states" else None,
+                    depth=_MOST_IMU if endpoint.key == "imu" else 1,
+                )
                 self._boxes.append((endpoint, box))
                 transport.subscribe(endpoint, self._bounded(endpoint, box.put))
             else:
@@ -177,6 +203,12 @@ class Inputs:
         """Take the next stamps as those of a new time: the clock has begun anew."""
         for part in self._parts.values():
             part.stamps = self._tracker()
+        if self._estimator is not None:
+            self._estimator.restart()
+
+    def hold(self, contacts: Collection[str]) -> None:
+        """Say which contacts are meant to hold from now on, by name: the base's estimate rests on them."""
+        self._holding = contacts
 
     def _tracker(self) -> StampTracker:
         if self._clock_tolerance is None:
@@ -190,7 +222,10 @@ class Inputs:
     def ages(self) -> dict[str, float]:
         """Age of each part of the state at this moment, by its stamp, s; infinite before the first."""
         now = self._clock.now()
-        return {name: part.stamps.age(now) for name, part in self._parts.items()}
+        ages = {name: part.stamps.age(now) for name, part in self._parts.items()}
+        if self._estimator is not None:
+            ages[ESTIMATE] = 0.0 if self._base is not None else math.inf
+        return ages
 
     def stood(self) -> float:
         """How far the stamps have gone on while the clock has stood still, s."""
@@ -200,14 +235,13 @@ class Inputs:
         """Decode the newest state, and take the requests that have been read."""
         refused: list[str] = []
         for endpoint, box in self._boxes:
-            newest = box.take()
-            if newest is None:
-                continue
-            received, payload = newest
-            reason = self._attempt(endpoint, partial(self._read_state, endpoint.key, received, payload))
-            if reason is not None:
-                self._notes[endpoint.key] = reason
-                refused.append(f"{endpoint.name}: {reason}")
+            for received, payload in box.take():
+                reason = self._attempt(endpoint, partial(self._read_state, endpoint.key, received, payload))
+                if reason is not None:
+                    self._notes[endpoint.key] = reason
+                    refused.append(f"{endpoint.name}: {reason}")
+        if self._estimator is not None:
+            refused += self._estimate(self._estimator)
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
@@ -232,6 +266,8 @@ class Inputs:
     def _noted(self) -> dict[str, str]:
         """What to know about the age of each part of the state."""
         notes, now = {}, self._clock.now()
+        if self._estimator is not None and self._base is None:
+            notes[ESTIMATE] = self._estimator.waits_for
         for name, part in self._parts.items():
             waited = part.stamps.waited(now)
             if name in self._notes:
@@ -314,6 +350,22 @@ class Inputs:
             raise InputRefused(reason)
         part.stamp, part.q, part.v = stamp, q, v
         self._notes.pop(key, None)
+        if key == "imu":
+            self._samples.append(ImuSample(1.0e-9 * stamp, q, v))
+
+    def _estimate(self, estimator: BaseEstimator) -> list[str]:
+        """Estimate the base from what has come; a sentence for each contact that is newly left out."""
+        joints, before = self._parts["joint_states"], estimator.slipping
+        if not len(joints.v) or not self._samples:
+            return []
+        samples, self._samples = self._samples, []
+        estimator.update(samples, joints.q, joints.v, self._holding)
+        self._base = estimator.base
+        return [
+            f"the base's estimate leaves out contact {name!r}, which moves, and takes it in again where it is then"
+            for name in estimator.slipping
+            if name not in before
+        ]
 
     def _read_request(self, endpoint: Endpoint, payload: bytes, read: _Read) -> None:
         content = decode(payload, endpoint.type)
@@ -339,8 +391,12 @@ class Inputs:
         if any(not len(part.v) for part in self._parts.values()):
             return None
         joints = self._parts["joint_states"]
-        base = self._parts.get("odom")
-        q, v = model.state(joints.q, joints.v) if base is None else model.state(joints.q, joints.v, base.q, base.v)
+        base = self._base
+        if "odom" in self._parts:
+            base = self._parts["odom"].q, self._parts["odom"].v
+        elif self._estimator is not None and base is None:
+            return None
+        q, v = model.state(joints.q, joints.v, *(base or ()))
         q.setflags(write=False)
         v.setflags(write=False)
         return RobotState(joints.stamp, q, v)

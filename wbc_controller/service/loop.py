@@ -113,6 +113,7 @@ class ControlLoop:
         if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
             result = self.controller.cycle(self._clock.now() + stood, latched.state, None, problem=late)
         stages |= result.stage_seconds
+        self._inputs.hold(self.controller.holding)
         decided = self._timer()
         report = self._report(latched, result, stages, refused)
         self._outputs.publish_command(report)

@@ -33,6 +33,7 @@ class Outputs:
         scene: MarkerScene,
         markers_period: float,
         node: str,
+        scheduling: str = "",
     ) -> None:
         """Advertise every outgoing topic.
 
@@ -45,6 +46,7 @@ class Outputs:
             scene: draws the markers.
             markers_period: time between two marker messages, s; inf for none.
             node: name of the node, with its namespace.
+            scheduling: how the process is scheduled, for diagnostics.
         """
         self._actuation = model.actuation
         self._contacts = contacts
@@ -71,7 +73,7 @@ class Outputs:
             for name, contact in contacts.items()
         }
         self._state_said: tuple[object, object] | None = None
-        self._summary = StatusSummary(node, model.name)
+        self._summary = StatusSummary(node, model.name, scheduling)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
         self._contested_said: tuple[str, ...] = ()

@@ -19,6 +19,7 @@ from wbc_controller.settings.contacts import (
     RollingContact,
     SurfaceContact,
 )
+from wbc_controller.settings.estimation import EstimationSettings
 from wbc_controller.settings.limits import (
     ActuatorTorqueSpeed,
     LimitSettings,
@@ -31,6 +32,7 @@ from wbc_controller.settings.service import (
     ControlSettings,
     GuardSettings,
     MockSettings,
+    RealtimeSettings,
     SafetySettings,
     SolverSettings,
 )
@@ -63,6 +65,7 @@ class Settings(Section):
     solver: SolverSettings = SolverSettings()
     limits: LimitSettings = LimitSettings()
     safety: SafetySettings = SafetySettings()
+    estimation: EstimationSettings = EstimationSettings()
     guard: GuardSettings = GuardSettings()
     audit: AuditSettings = AuditSettings()
     tasks: dict[Name, TaskSettings] = Field(min_length=1)
@@ -94,6 +97,7 @@ __all__ = [
     "Coordinate",
     "Corners",
     "Direction",
+    "EstimationSettings",
     "FixedContact",
     "FrameOrientationTask",
     "FramePoseTask",
@@ -108,6 +112,7 @@ __all__ = [
     "PassiveJointSettings",
     "PointContact",
     "PostureTask",
+    "RealtimeSettings",
     "RelativePoseTask",
     "RobotSettings",
     "RollingContact",

@@ -16,6 +16,33 @@ Damping = Annotated[NonNegative, Field(le=100.0)]
 NodeName = Annotated[str, Field(pattern=r"^(/?[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
 
 
+#: Number of a processor, as Linux counts them.
+Processor = Annotated[int, Field(ge=0, le=1023)]
+
+
+class RealtimeSettings(Section):
+    """Real time for the controller's process, on Linux: docs/real_time.md.
+
+    Off by default. What the system refuses ends the node at the start, with what to set there. Not live.
+    """
+
+    scheduling: Literal["other", "fifo", "rr"] = Field(
+        "other",
+        description="Scheduling class of all threads: `fifo` is SCHED_FIFO, `rr` is SCHED_RR, and `other` leaves that "
+        "with which the process was started.",
+    )
+    priority: Annotated[int, Field(ge=1, le=99)] = Field(
+        50, description="Priority for `fifo` and `rr`; a larger number goes first."
+    )
+    affinity: list[Processor] = Field(
+        default_factory=list,
+        description="Processors on which all threads run; empty leaves those with which the process was started.",
+    )
+    lock_memory: bool = Field(
+        False, description="Keep all memory of the process in RAM, what it will allocate too (mlockall)."
+    )
+
+
 class ControlSettings(Section):
     """The control loop."""
 
@@ -34,6 +61,7 @@ class ControlSettings(Section):
         le=100.0,
         description="Most messages per second on ~/markers, made after the torques are sent; 0 for none.",
     )
+    realtime: RealtimeSettings = Field(RealtimeSettings(), description="Real-time scheduling of the process.")
 
 
 class SolverSettings(Section):

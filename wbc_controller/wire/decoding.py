@@ -109,6 +109,35 @@ def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
     return q, v
 
 
+#: Largest values that an IMU measures, rad/s and m/s².
+FASTEST_IMU, HARDEST_IMU = 100.0, 1000.0
+
+
+def read_imu(content: Any, frame: str) -> tuple[Array, Array]:
+    """Read a sensor_msgs/Imu; its orientation is not used.
+
+    Returns:
+        Angular velocity in rad/s and specific force in m/s², both (3,), in the axes of the IMU.
+
+    Raises:
+        InputRefused: if the data are of another frame, missing, not finite, or more than an IMU measures.
+    """
+    if content.header.frame_id not in ("", frame):
+        raise InputRefused(f"header.frame_id is {content.header.frame_id!r}; the IMU's frame is {frame!r}")
+    measured = []
+    for what, limit, unit in (
+        ("angular_velocity", FASTEST_IMU, "rad/s"),
+        ("linear_acceleration", HARDEST_IMU, "m/s²"),
+    ):
+        if getattr(content, f"{what}_covariance")[0] == -1.0:
+            raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure it")
+        values = finite(_xyz(getattr(content, what)), what)
+        if not (np.abs(values) <= limit).all():
+            raise InputRefused(f"{what} is {values.tolist()} {unit}; an IMU measures at most {limit:g}")
+        measured.append(values)
+    return measured[0], measured[1]
+
+
 def _xyz(vector: Any) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 

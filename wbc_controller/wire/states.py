@@ -136,3 +136,36 @@ class OdometryReader(StateReader):
         except InputRefused:
             return None  # the codec's way says it in full
         return pose, twist
+
+
+class ImuReader(StateReader):
+    """Reads sensor_msgs/Imu: angular velocity in rad/s and specific force in m/s², (3,) each, in the IMU's axes."""
+
+    type = "sensor_msgs/msg/Imu"
+
+    def __init__(self, frame: str) -> None:
+        """Make a reader.
+
+        Args:
+            frame: the frame of the IMU.
+        """
+        super().__init__()
+        self._frame = frame
+        self._turning = self._force = slice(0)
+        self._unmeasured: tuple[int, ...] = ()  # places at which -1 says that there is no measurement
+
+    def _by_codec(self, content: Any) -> tuple[Array, Array]:
+        return decoding.read_imu(content, self._frame)
+
+    def _find(self, shape: FixedShape) -> None:
+        self._turning = shape.place(*("angular_velocity." + axis for axis in "xyz"))
+        self._force = shape.place(*("linear_acceleration." + axis for axis in "xyz"))
+        covariances = ("angular_velocity_covariance", "linear_acceleration_covariance")
+        self._unmeasured = tuple(shape.place(name).start for name in covariances)
+
+    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
+        if any(values[place] == -1.0 for place in self._unmeasured):
+            return None
+        turning, force = values[self._turning].copy(), values[self._force].copy()
+        good = (np.abs(turning) <= decoding.FASTEST_IMU).all() and (np.abs(force) <= decoding.HARDEST_IMU).all()
+        return (turning, force) if good else None

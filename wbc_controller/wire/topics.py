@@ -125,6 +125,9 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "holds a non-finite value is refused as a whole."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _IN, STATE_IN,
           "Pose of the base in `frame_id`, twist in `child_frame_id` (REP 105). Floating-base robots only."),
+    Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
+          "Angular velocity and specific force in the axes of `estimation.imu_frame`, read in place of `odom` if "
+          "`estimation.base_state` is imu. The orientation is not used."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF, used if the configuration names no file."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,

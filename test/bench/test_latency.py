@@ -1,0 +1,122 @@
+"""`wbc bench latency`: its refusals, what it prints, and the command itself with real processes."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from domains import own_domain
+
+from wbc_controller.bench import latency
+from wbc_controller.bench.latency import Latency, measure_latency
+from wbc_controller.bench.meter import RoundTrips
+from wbc_controller.bench.report import figures, lines
+from wbc_controller.cli import main
+from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.mock.robot import MockRobot
+
+FOUND = Latency(
+    controller=RoundTrips(np.array([0.0007] * 98 + [0.003, np.inf]), np.array([0.0] * 98 + [0.004]), 0.002),
+    echo=RoundTrips(np.array([0.0002] * 100), np.zeros(99), 0.002),
+    processor=0.253,
+    waiting=0.012,
+    memory=(102_400, 103_424),
+    scheduling="fifo 50 on processor 1",
+    said=(),
+)
+
+
+def test_the_table_says_both_and_their_difference_what_was_late_and_what_was_used():
+    text = "\n".join(lines(FOUND))
+    assert "controller        700     3000     3000" in text
+    assert "bare echo         200      200      200" in text
+    assert "difference        500     2800     2800" in text
+    assert "late: 2.000 % of 100 states (1 without torques) at 500 Hz, the echo 0.000 % of 100" in text
+    assert "25.3 % of one processor; 100.0 MB at the beginning, 101.0 MB at the end; fifo 50 on processor 1" in text
+    assert "median 0 us, p99 4000 us, p99.9 4000 us" in text
+    assert "waited for a processor for 1.20 % of the time" in text
+    assert "not always active" not in text
+
+
+def test_the_table_says_when_the_controller_was_not_active():
+    found = Latency(FOUND.controller, FOUND.echo, 0.1, 0.0, (1, 1), "", ("damping FALLEN: …", "damping FALLEN: …"))
+    assert lines(found)[-1] == "the controller was not always active: damping FALLEN: …"
+
+
+def test_the_file_holds_the_same_figures():
+    kept = json.loads(json.dumps(figures(FOUND)))
+    assert kept["difference_us"]["median"] == pytest.approx(500.0)
+    assert kept["controller"] == {"states": 100, "late": 2, "without_torques": 1}
+    assert kept["rate_hz"] == pytest.approx(500.0)
+    assert kept["controller_memory_kb"] == [102_400, 103_424]
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_duration_that_is_none_is_refused(tmp_path, seconds):
+    with pytest.raises(ConfigurationError, match=r"seconds = .*: must be positive and finite"):
+        measure_latency("go2", tmp_path, seconds=seconds)
+
+
+def test_another_system_than_linux_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(latency.sys, "platform", "darwin")
+    with pytest.raises(ConfigurationError, match="/proc: darwin has none"):
+        measure_latency("go2", tmp_path)
+
+
+def test_a_rate_that_is_none_is_refused_before_anything_starts(tmp_path):
+    result = CliRunner().invoke(main, ["bench", "latency", "go2", "--rate", "0", "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "control.rate = 0.0" in result.stderr
+
+
+def test_a_controller_that_ends_is_said_with_its_own_words():
+    bench = object.__new__(latency._Bench)
+    bench._processes = SimpleNamespace(
+        processes={"controller": SimpleNamespace(poll=lambda: 2)}, log=lambda name: f"{name}: no processor 1000"
+    )
+    with pytest.raises(WbcError, match="ended with exit status 2:\ncontroller: no processor 1000"):
+        bench._until(lambda: False, "the activation", lambda: None)
+
+
+def test_help_says_what_it_takes():
+    for words, parts in (["bench"], ("latency",)), (["bench", "latency"], ("[ROBOT]", "--rate", "--mock", "--out")):
+        result = CliRunner().invoke(main, [*words, "--help"])
+        assert result.exit_code == 0
+        for part in parts:
+            assert part in result.output
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(("transport", "driver"), [("dds", []), ("dds", ["--mock"]), ("rclpy", [])])
+def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, transport, driver):
+    monkeypatch.setattr(latency, "_BLOCK", 0.5)  # two blocks, with a controller that was stopped in between
+    monkeypatch.setattr(latency, "_LANDING", 0.5)
+    made = []
+
+    class Kept(MockRobot):
+        def __init__(self, *words):
+            super().__init__(*words)
+            made.append(self)
+
+    monkeypatch.setattr(latency, "MockRobot", Kept)
+    if transport == "rclpy":
+        pytest.importorskip("rclpy", reason="rclpy is not importable")
+    words = ["--seconds", "1", "--transport", transport, "--domain", str(own_domain()), "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, ["bench", "latency", "go2", *words, *driver])
+    print(result.output)
+    assert result.exit_code == 0, (result.output, (tmp_path / "controller.log").read_text())
+    kept = json.loads((tmp_path / "latency.json").read_text())
+    for path in ("controller", "echo"):
+        states, without = kept[path]["states"], kept[path]["without_torques"]
+        assert 20 < states <= 550  # 500, where the machine lets it send them
+        assert without < states
+        assert 0.0 < kept[f"{path}_us"]["median"] <= kept[f"{path}_us"]["p99"] <= kept[f"{path}_us"]["p99.9"]
+    assert kept["controller_us"]["median"] > kept["echo_us"]["median"]
+    assert kept["controller_processor_share"] > 0.0
+    assert min(kept["controller_memory_kb"]) > 20_000
+    assert "on processor" in kept["scheduling"]
+    assert f"go2 over {transport}" in result.output
+    assert [robot.plant.held for robot in made] == [False] * len(driver)  # it stood on its feet

@@ -1,0 +1,229 @@
+"""The base's estimate against the truth of the physics, on standing robots that move, are pushed, and slip."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller import Simulation
+from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.estimation.base_estimator import ImuSample
+from wbc_controller.settings.config import load
+
+ROBOTS = ("g1", "talos", "go2")
+
+
+class Scene:
+    """A robot that is controlled by its true state, and an estimator beside it that sees its sensors alone."""
+
+    def __init__(self, robot, noise=1.0, **changes):
+        self.simulation = Simulation(robot, preflight=False)
+        self.controller, self.model = self.simulation.controller, self.simulation.controller.model
+        settings = load(robot).replace({"estimation.base_state": "imu", **changes}).settings
+        self.estimator = make_estimator(settings, self.model, self.controller.contacts)
+        self.contacts = list(settings.contacts)
+        self.noise, self.rng = noise, np.random.default_rng(0)
+        self.biases = noise * 0.005 * self.rng.normal(size=3), noise * 0.05 * self.rng.normal(size=3)
+        self.joints = lambda q: q  # what the encoders make of the joints' positions
+        self.errors = []
+
+    def sense(self):
+        q, v = self.simulation.plant.state()
+        _, turning, force = self.simulation.plant.imu()
+        density = self.noise / np.sqrt(self.controller.period)
+        turning = turning + self.biases[0] + 2e-4 * density * self.rng.normal(size=3)
+        force = force + self.biases[1] + 2e-3 * density * self.rng.normal(size=3)
+        joints = self.joints(q[self.model.q_index]) + self.noise * 5e-4 * self.rng.normal(size=self.model.nj)
+        return ImuSample(self.simulation.time, turning, force), joints, v[self.model.v_index]
+
+    def look(self, _):
+        sample, q, v = self.sense()
+        self.estimator.update([sample], q, v, self.contacts)
+        if self.estimator.filter is not None:
+            self.errors.append(self.error())
+
+    def error(self):
+        """Position in m, orientation in rad, linear velocity in m/s, angular velocity in rad/s: (12,)."""
+        (pose, twist), (q, v) = self.estimator.base, self.simulation.plant.state()
+        turn = pin.log3(pin.Quaternion(q[3:7]).matrix().T @ pin.Quaternion(pose[3:]).matrix())
+        return np.concatenate([pose[:3] - q[:3], turn, twist - v[:6]])
+
+    def run(self, seconds):
+        self.simulation.run(seconds, self.look)
+        return np.abs(self.errors[-round(seconds / self.controller.period) :]).max(axis=0)
+
+
+@cache
+def ready(robot):
+    """Drawn once, as it takes seconds: a scene that has stood, swayed and been pushed, and its largest errors."""
+    scene = Scene(robot)
+    scene.run(0.7)
+    com = scene.controller.dynamics.com.copy()
+    worst = []
+    for offset in ([0.0, 0.02, -0.03], [0.0, -0.02, 0.0]):
+        scene.controller.follow("com", [0.5], [com + offset])
+        worst.append(scene.run(0.6))
+    scene.simulation.plant.push(scene.model.base_link, [0.0, 30.0, 0.0, 0.0, 0.0, 0.0], 0.1)
+    worst.append(scene.run(0.6))
+    return scene, np.max(worst, axis=0)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_robot_that_moves_and_is_pushed_is_where_it_is_said_to_be(robot):
+    scene, worst = ready(robot)
+    assert worst[:2].max() < 0.005
+    assert worst[2] < 0.003
+    assert worst[3:5].max() < np.deg2rad(0.4)  # an accelerometer's bias is a tilt, 0.05 m/s² of 0.3°
+    assert worst[6:9].max() < 0.02
+    assert not scene.estimator.slipping
+
+
+def test_the_biases_are_found_as_far_as_they_can_be_seen():
+    scene, _ = ready("g1")
+    found = scene.estimator.filter
+    np.testing.assert_allclose(found.gyroscope_bias, scene.biases[0], atol=5e-4)
+    assert found.accelerometer_bias[2] == pytest.approx(scene.biases[1][2], abs=0.01)
+    deviation = np.sqrt(np.diag(found.P))
+    assert deviation[2] > 5.0 * 1e-4  # nothing observes the heading: its deviation grows
+    assert (np.abs(found.gyroscope_bias - scene.biases[0]) < 5.0 * deviation[-6:-3]).all()
+
+
+def test_a_foot_that_moves_is_left_out_and_the_base_stays_where_it_is():
+    scene = Scene("go2")
+    scene.run(0.8)
+    knee = scene.model.joints.index("FL_calf_joint")
+
+    def bent(q):
+        q = q.copy()
+        q[knee] += 0.1
+        return q
+
+    scene.joints = bent
+    left_out = []
+    for _ in range(3):
+        worst = scene.run(scene.controller.period)
+        left_out.append(scene.estimator.slipping)
+    assert left_out == [("front_left_foot",), (), ()]  # and it is taken in again where it is
+    assert worst[:3].max() < 0.002
+    assert worst[6:9].max() < 0.03
+
+
+def test_feet_that_roll_are_not_taken_for_fixed_points():
+    errors = {}
+    for rolling in (True, False):
+        scene = Scene("go2", noise=0.1)
+        if not rolling:
+            for name in scene.estimator._kinematics.rolling:
+                scene.estimator._kinematics.rolling[name] = np.zeros(3)
+        scene.run(0.7)
+        com = scene.controller.dynamics.com.copy()
+        scene.controller.follow("com", [0.6], [com + [0.05, 0.0, -0.06]])
+        errors[rolling] = scene.run(0.8)[0]
+    assert errors[True] < 0.5 * errors[False]
+    assert errors[False] > 0.001
+
+
+def test_contacts_come_and_go_with_what_is_meant_to_hold():
+    scene, _ = ready("talos")
+    names = set(scene.estimator.filter.names)
+    sample, q, v = scene.sense()
+    later = ImuSample(sample.stamp + 0.001, sample.angular_velocity, sample.specific_force)
+    scene.estimator.update([later], q, v, ["left_foot", "left_hand"])
+    assert {name.partition("/")[0] for name in scene.estimator.filter.names} == {"left_foot"}
+    assert scene.estimator.filter.P.shape == (24, 24)
+    again = ImuSample(sample.stamp + 0.002, sample.angular_velocity, sample.specific_force)
+    scene.estimator.update([again], q, v, ["left_foot", "right_foot"])
+    assert set(scene.estimator.filter.names) == names
+
+
+def standing(robot="g1"):
+    """An estimator that has seen nothing, and the sensors of a robot that stands still."""
+    scene = Scene(robot, noise=0.0)
+    q, v = np.array(scene.model.posture), np.zeros(scene.model.nj)
+    return scene, ImuSample(0.0, np.zeros(3), np.array([0.0, 0.0, 9.81])), q, v
+
+
+def fed(scene, samples, q, v, holding=None):
+    for sample in samples:
+        scene.estimator.update([sample], q, v, scene.contacts if holding is None else holding)
+    return scene.estimator.waits_for
+
+
+def stream(sample, count, start=0.0, **changes):
+    turning = changes.get("turning", [sample.angular_velocity] * count)
+    force = changes.get("force", sample.specific_force)
+    return [ImuSample(start + 0.002 * i, np.array(turning[i]), force) for i in range(count)]
+
+
+def test_it_begins_when_the_robot_has_stood_still_for_a_while():
+    scene, sample, q, v = standing()
+    assert scene.estimator.waits_for == "no IMU data have come"
+    assert "has to stand still for 0.5 s" in fed(scene, stream(sample, 200), q, v)
+    assert scene.estimator.filter is None
+    assert fed(scene, stream(sample, 60, 0.4), q, v) == ""
+    pose, twist = scene.estimator.base
+    np.testing.assert_allclose(pose[[0, 1, 3, 4, 5, 6]], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-9)
+    assert pose[2] == pytest.approx(scene.simulation.plant.state()[0][2], abs=2e-3)  # its soles are on the ground
+    np.testing.assert_allclose(twist, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "holding", "said"),
+    [
+        ({"turning": [[0.2 * (-1) ** i, 0.0, 0.0] for i in range(300)]}, None, "varies by 0.2 rad/s (limit 0.05"),
+        ({"force": np.array([0.0, 0.0, 1.0])}, None, "the IMU measures 1 m/s² at rest, and gravity is 9.81"),
+        ({}, (), "no contact holds"),
+    ],
+)
+def test_it_says_why_it_does_not_begin(changes, holding, said):
+    scene, sample, q, v = standing()
+    assert said in fed(scene, stream(sample, 300, **changes), q, v, holding)
+    assert scene.estimator.filter is None
+
+
+def test_after_a_gap_in_the_imu_data_it_begins_anew():
+    scene, sample, q, v = standing()
+    fed(scene, stream(sample, 300), q, v)
+    assert fed(scene, stream(sample, 1, 0.598 + 0.02), q, v) == ""  # a short one is bridged
+    assert "the IMU was silent for 0.200 s" in fed(scene, stream(sample, 1, 0.618 + 0.2), q, v)
+    assert scene.estimator.filter is None
+    assert fed(scene, stream(sample, 300, 1.0), q, v) == ""
+
+
+def test_samples_that_are_not_newer_change_nothing():
+    scene, sample, q, v = standing()
+    fed(scene, stream(sample, 300), q, v)
+    before = scene.estimator.filter.velocity.copy()
+    pull = ImuSample(0.3, sample.angular_velocity, sample.specific_force + 100.0)
+    scene.estimator.update([pull], q, v, scene.contacts)
+    np.testing.assert_allclose(scene.estimator.filter.velocity, before, atol=1e-6)
+
+
+def test_the_imu_may_be_on_another_link():
+    """G1's torso, bent and turning at the waist: gravity tells the torso's tilt, and the joints that of the base."""
+    scene = Scene("g1", noise=0.0, **{"estimation.imu_frame": "torso_link"})
+    model, waist = scene.model, scene.model.joints.index("waist_pitch_joint")
+    q, v = np.array(model.posture), np.zeros(model.nj)
+    q[waist] = 0.3
+    data = model.pinocchio.createData()
+    whole, moving = model.state(q, v, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(6))
+    pin.framesForwardKinematics(model.pinocchio, data, whole)
+    torso = data.oMf[model.frame_id("torso_link", "test")]
+    force = torso.rotation.T @ [0.0, 0.0, 9.81]
+    fed(scene, stream(ImuSample(0.0, np.zeros(3), force), 300), q, v)
+    pose, twist = scene.estimator.base
+    np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(pose[:2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(twist, 0.0, atol=1e-9)
+    v[waist] = 0.5
+    whole, moving = model.state(q, v, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(6))
+    pin.forwardKinematics(model.pinocchio, data, whole, moving)
+    seen = pin.getFrameVelocity(model.pinocchio, data, model.frame_id("torso_link", "test"), pin.LOCAL)
+    estimator = scene.estimator
+    estimator._kinematics.update(q, v)
+    estimator._running._last = ImuSample(0.6, np.array(seen.angular), force)
+    estimator.filter.columns[:, 0] = torso.rotation @ seen.linear
+    np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)

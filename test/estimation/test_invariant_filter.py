@@ -1,0 +1,198 @@
+"""The filter against the authors' own implementation, and against the definitions of what it computes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, logm
+
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, exp3, hats, left_jacobian3
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+NOISE = ImuNoise(0.01, 0.1, 1e-3, 1e-2, 0.05)
+PERIOD = 0.002
+STEPS = 300
+
+
+def _start() -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(7)
+    P = np.diag(rng.uniform(1e-4, 1e-2, 15))
+    return (
+        exp3(rng.normal(size=3)),
+        rng.normal(size=3),
+        rng.normal(size=3),
+        0.01 * rng.normal(size=3),
+        0.1 * rng.normal(size=3),
+        P,
+    )
+
+
+#: Orientation, velocity, position, biases and covariance at the start.
+START = _start()
+
+
+def measurements() -> Iterator[tuple[np.ndarray, np.ndarray, tuple[bool, ...], np.ndarray, np.ndarray]]:
+    """Of an IMU and three points that come and go, at random: no robot moves like that.
+
+    Gives angular velocity, specific force, which points hold, where they are seen (3, 3), and its covariance (3, 3).
+    """
+    rng = np.random.default_rng(11)
+    up = -START[0].T @ GRAVITY
+    holding = ((True, True, False), (False, True, True), (True, False, True))
+    for step in range(STEPS):
+        places = np.array([[0.1 * i, -0.2 + 0.2 * i, -0.9] for i in range(3)]) + 0.01 * rng.normal(size=(3, 3))
+        yield (
+            0.5 * rng.normal(size=3),
+            up + rng.normal(size=3),
+            holding[step // 100],
+            places,
+            1e-4 * (np.eye(3) + 0.3 * np.ones((3, 3))),
+        )
+
+
+#: State of the authors' implementation (github.com/RossHartley/invariant-ekf) after some steps of `measurements`: R by
+#: rows, v, p, biases of gyroscope and accelerometer, and the trace of P.
+THEIRS = {
+    50: [0.4977986334879709, 0.15340573763102094, -0.853617713124201, -0.5346993327173267, 0.8292126869032986,
+         -0.16279724650699004, 0.6828566058032639, 0.5374690684499853, 0.4948068879576671, -1.6044933085469566,
+         -1.0950152423009, -0.3795350589356052, -0.23337743646809286, -1.3147645455160624, 0.5217059061222953,
+         -0.33443891011940896, 0.0433738512273922, -0.04852099665554713, -0.05567744729984483, -0.018848743508328963,
+         0.03840655206709405, 0.11770842760447478],
+    150: [0.7524520255470846, 0.26488527768889875, -0.6030354375273205, -0.4224510017554748, 0.8965269946531335,
+          -0.13332103725226233, 0.505322768501367, 0.3550706092059707, 0.7864946039943408, 0.3151857080805495,
+          -0.24163344693651284, -0.3979239262835935, -0.005999589314924714, -1.2945899244630013, 0.7596148641165034,
+          -0.41610925014198, 0.05590939040543267, -0.061426206020873286, -0.055242067739077555, -0.028437166858731946,
+          0.06228688443823948, 0.12673862558405524],
+    299: [0.5133581445821527, -0.08085865948196004, -0.8543566542012485, -0.5258431330936647, 0.7571257875321722,
+          -0.3876203570918733, 0.6781979171078361, 0.6482456471435609, 0.3461577186630676, 0.4820098317109099,
+          -0.15091370061756854, -0.619934501757989, -0.2744410036324884, -1.541066134852788, 0.3473291240190481,
+          -0.6074858218128493, 0.17592427492123905, -0.047728718025748205, -0.05914394599852427,
+          -0.029493859115596294, 0.024220108949813062, 0.12663148064654403],
+}  # fmt: skip
+
+
+def made(P=START[5], noise=NOISE):
+    R, v, p, bg, ba, _ = START
+    return InvariantFilter(
+        noise, GRAVITY, rotation=R, velocity=v, position=p, gyroscope_bias=bg, accelerometer_bias=ba, P=P
+    )
+
+
+def row(filter):
+    return np.concatenate(
+        [
+            filter.rotation.ravel(),
+            filter.velocity,
+            filter.position,
+            filter.gyroscope_bias,
+            filter.accelerometer_bias,
+            [np.trace(filter.P)],
+        ]
+    )
+
+
+def correct(filter, names, places, covariance):
+    whole = np.kron(np.eye(len(names)), covariance)
+    filter.correct(names, *filter.innovation(names, places, whole))
+
+
+def test_it_is_that_of_the_authors():
+    """Theirs begins a point with the orientation before the correction of that step: so it is seen from there."""
+    filter, seen = made(), {}
+    for step, (turning, force, holding, places, covariance) in enumerate(measurements()):
+        filter.propagate(turning, force, PERIOD)
+        before = filter.rotation
+        held = [i for i in range(3) if holding[i] and str(i) in filter.names]
+        if held:
+            correct(filter, [str(i) for i in held], places[held], covariance)
+        back = filter.rotation.T @ before
+        for i in range(3):
+            if str(i) in filter.names and not holding[i]:
+                filter.remove(str(i))
+            elif holding[i] and str(i) not in filter.names:
+                filter.add(str(i), back @ places[i], back @ covariance @ back.T)
+        seen[step] = row(filter)
+    for step, theirs in THEIRS.items():
+        np.testing.assert_allclose(seen[step], theirs, rtol=0.0, atol=1e-11)
+
+
+def error(filter, other):
+    """ξ of X̂ X⁻¹ = exp(ξ) and the differences of the biases."""
+    k = filter.columns.shape[1]
+    X, Y = np.eye(3 + k), np.eye(3 + k)
+    for matrix, of in ((X, filter), (Y, other)):
+        matrix[:3, :3], matrix[:3, 3:] = of.rotation, of.columns
+    algebra = np.real(logm(X @ np.linalg.inv(Y)))
+    turn = [algebra[2, 1], algebra[0, 2], algebra[1, 0]]
+    biases = (filter.gyroscope_bias - other.gyroscope_bias, filter.accelerometer_bias - other.accelerometer_bias)
+    return np.concatenate([turn, algebra[:3, 3:].T.ravel(), *biases])
+
+
+@pytest.mark.parametrize("direction", range(18))
+def test_the_covariance_goes_with_the_error(direction):
+    """An error along one direction of the covariance stays one along the direction that the covariance tells."""
+    size, still = 1e-6, ImuNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    truth, wrong = made(noise=still), made(noise=still)
+    for filter in (truth, wrong):
+        filter.add("a", np.array([0.1, -0.2, -0.9]), np.zeros((3, 3)))
+    delta = np.zeros(18)
+    delta[direction] = size
+    wrong._apply(delta)
+    wrong.P = np.outer(delta, delta)
+    for turning, force, *_ in list(measurements())[:50]:
+        truth.propagate(turning, force, PERIOD)
+        wrong.propagate(turning, force, PERIOD)
+    found = error(wrong, truth)
+    np.testing.assert_allclose(np.outer(found, found), wrong.P, atol=2e-3 * size**2)
+
+
+def test_what_the_kinematics_see_is_corrected_by_what_is_expected_of_it():
+    """With all covariances known: the correction of a linear problem, solved in another way."""
+    filter = made(P=np.diag(np.full(15, 1e-10)))
+    place, covariance = np.array([0.1, -0.2, -0.9]), 1e-10 * np.diag([1.0, 2.0, 3.0])
+    filter.add("a", place, covariance)
+    before, P = filter.point("a") - filter.position, np.array(filter.P)
+    seen = place + np.array([1e-6, 2e-6, -3e-6])
+    z, S = filter.innovation(["a"], seen[None, :], covariance)
+    np.testing.assert_allclose(z, filter.rotation @ (seen - place), atol=1e-15)
+    H = np.zeros((3, 18))
+    H[:, 6:9], H[:, 9:12] = -np.eye(3), np.eye(3)
+    R = filter.rotation
+    noise = R @ covariance @ R.T
+    np.testing.assert_allclose(S, H @ P @ H.T + noise, rtol=1e-9)
+    filter.correct(["a"], z, S)
+    information = np.linalg.inv(P) + H.T @ np.linalg.solve(noise, H)
+    np.testing.assert_allclose(filter.P, np.linalg.inv(information), rtol=1e-5, atol=1e-16)
+    moved = filter.point("a") - filter.position - before
+    share = (H @ filter.P @ H.T) @ np.linalg.inv(noise)
+    np.testing.assert_allclose(moved, share @ z, rtol=1e-4)
+
+
+def test_a_point_begins_where_it_is_seen_and_ends_without_a_trace():
+    filter = made()
+    before, P = row(filter), np.array(filter.P)
+    covariance = 1e-4 * np.diag([1.0, 2.0, 3.0])
+    for name, place in (("a", [0.1, 0.0, -0.9]), ("b", [0.0, 0.2, -0.8])):
+        filter.add(name, np.array(place), covariance)
+    R = filter.rotation
+    np.testing.assert_allclose(filter.point("b"), filter.position + R @ [0.0, 0.2, -0.8])
+    apart = np.zeros((3, 21))
+    apart[:, 6:9], apart[:, 12:15] = -np.eye(3), np.eye(3)
+    np.testing.assert_allclose(apart @ filter.P @ apart.T, R @ covariance @ R.T, atol=1e-15)
+    filter.remove("a")
+    assert filter.names == ["b"]
+    filter.remove("b")
+    np.testing.assert_array_equal(filter.P, P)
+    np.testing.assert_array_equal(row(filter), before)
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-9, 1e-7, 1e-3, 1.0, 3.0])
+def test_the_maps_of_rotations(length):
+    w = length * np.array([0.6, -0.48, 0.64])
+    (W,) = hats(w[None, :])
+    np.testing.assert_allclose(exp3(w), expm(W), atol=1e-14)
+    whole = np.zeros((6, 6))  # exp of [[W, I], [0, 0]] holds the left Jacobian
+    whole[:3, :3], whole[:3, 3:] = W, np.eye(3)
+    np.testing.assert_allclose(left_jacobian3(w), expm(whole)[:3, 3:], atol=1e-12)

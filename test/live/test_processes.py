@@ -1,0 +1,51 @@
+"""What processes use, read from /proc, and waiting for a condition."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from wbc_controller.errors import WbcError
+from wbc_controller.live.processes import memory, processor_time, until, waiting_time
+
+
+def test_processor_time_counts_work_and_not_sleep():
+    before, began = processor_time(os.getpid()), time.process_time()
+    while time.process_time() - began < 0.2:
+        pass
+    assert processor_time(os.getpid()) - before == pytest.approx(0.2, abs=0.05)
+    before = processor_time(os.getpid())
+    time.sleep(0.3)
+    assert processor_time(os.getpid()) - before <= 0.1
+
+
+def test_memory_is_what_is_in_use_and_not_what_is_reserved():
+    before = memory(os.getpid())
+    with mmap.mmap(-1, 200_000_000) as reserved:
+        assert memory(os.getpid()) - before < 20_000
+        reserved[:50_000_000] = b"x" * 50_000_000
+        assert 40_000 < memory(os.getpid()) - before < 120_000  # what was written, and what it was copied from
+
+
+def test_two_busy_processes_on_one_processor_wait_for_it():
+    one = min(os.sched_getaffinity(0))
+    command = [sys.executable, "-c", f"import os\nos.sched_setaffinity(0, {{{one}}})\nwhile True: pass"]
+    busy = [subprocess.Popen(command) for _ in range(2)]
+    try:
+        until(lambda: all(waiting_time(process.pid) > 0.05 for process in busy), "both to wait")
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def test_what_does_not_come_true_is_said_with_what_is_known():
+    asked = []
+    with pytest.raises(WbcError, match=r"waited 0\.05 s in vain for the tide; it said 'ebb'"):
+        until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
+    assert asked == [1]

@@ -1,0 +1,170 @@
+"""The base's state from the topic imu: the same rules as for odometry, and what an estimate needs beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Mode
+from wbc_controller.wire.messages import header, message
+
+IMU = {"estimation": {"base_state": "imu", "settling": 0.1}}
+GRAVITY = (0.0, 0.0, 9.81)
+
+
+@pytest.fixture
+def robot(bench):
+    """Go2, whose IMU stands still on its feet."""
+    return Standing(bench("go2", IMU))
+
+
+class Standing:
+    def __init__(self, bench):
+        self.bench = bench
+
+    def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
+        vectors = [
+            message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, values), strict=True)))
+            for values in (turning, force)
+        ]
+        content = message(
+            "sensor_msgs/msg/Imu",
+            header=header(self.bench.time if time is None else time, frame),
+            orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
+            orientation_covariance=np.zeros(9),
+            angular_velocity=vectors[0],
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=vectors[1],
+            linear_acceleration_covariance=np.zeros(9),
+        )
+        self.bench.send("imu", content)
+
+    def cycle(self, count=1, *, imu=True, **changes):
+        for _ in range(count):
+            self.bench.clock.time += self.bench.period
+            if imu:
+                self.imu(**changes)
+            self.bench.joints()
+            report = self.bench.loop.cycle()
+        return report
+
+    def activate(self):
+        self.cycle(80)
+        self.bench.command("activate")
+        return self.cycle()
+
+
+def test_a_robot_is_activated_once_it_has_stood_still_and_stands_on_the_estimate(robot):
+    robot.cycle(5)
+    robot.bench.command("activate")
+    report = robot.cycle()
+    assert report.mode is Mode.INACTIVE
+    (refusal,) = report.refused
+    assert "'activate' is refused: base estimate has not arrived" in refusal
+    assert "the robot has to stand still for 0.1 s" in refusal
+    report = robot.activate()
+    assert report.mode is Mode.ACTIVE
+    assert report.refused == ()
+    state = robot.bench.loop._inputs.latch().state
+    np.testing.assert_allclose(state.q[:7], [0.0, 0.0, robot.bench.q[2], 0.0, 0.0, 0.0, 1.0], atol=2e-3)
+    np.testing.assert_allclose(state.v, 0.0, atol=1e-6)
+    report = robot.cycle(50)
+    assert report.mode is Mode.ACTIVE
+    weight = robot.bench.model.mass * 9.81
+    assert sum(force[2] for force in report.solution.forces.values()) == pytest.approx(weight, rel=0.01)
+
+
+def test_odometry_is_not_used(robot):
+    robot.activate()
+    robot.bench.base(pose=[5.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    report = robot.cycle()
+    assert set(report.ages) == {"joint_states", "imu", "base estimate"}
+    assert robot.bench.loop._inputs.latch().state.q[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
+    robot.activate()
+    report = robot.cycle(10, imu=False)  # 20 ms are bridged
+    assert report.mode is Mode.ACTIVE
+    assert robot.cycle().mode is Mode.ACTIVE
+    cycles = 0
+    while robot.bench.reports[-1].mode is Mode.ACTIVE:
+        robot.cycle(imu=False)
+        cycles += 1
+    fault = robot.bench.reports[-1].fault
+    assert (fault.code, cycles) == ("STALE_INPUT", 26)
+    assert "imu is 52 ms old (limit 50 ms)" in fault.sentence
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"turning": (np.nan, 0.0, 0.0)}, "angular_velocity holds a value that is not finite"),
+        ({"force": (0.0, 0.0, np.inf)}, "linear_acceleration holds a value that is not finite"),
+        ({"turning": (0.0, 200.0, 0.0)}, "angular_velocity is [0.0, 200.0, 0.0] rad/s; an IMU measures at most 100"),
+        ({"force": (0.0, 0.0, -2e3)}, "linear_acceleration is [0.0, 0.0, -2000.0] m/s²; an IMU measures at most 1000"),
+        ({"frame": "head"}, "header.frame_id is 'head'; the IMU's frame is 'base'"),
+        ({"time": 0}, "header.stamp is 0"),
+    ],
+)
+def test_imu_data_that_cannot_be_used_are_refused_and_change_nothing(robot, changes, said):
+    robot.activate()
+    before = robot.bench.loop._inputs.latch().state
+    report = robot.cycle(**changes)
+    assert [said in sentence for sentence in report.refused] == [True]
+    np.testing.assert_allclose(robot.bench.loop._inputs.latch().state.q, before.q, atol=1e-9)
+    assert robot.cycle().mode is Mode.ACTIVE
+
+
+def test_all_data_since_the_last_cycle_count(robot):
+    """Four samples in a period; a short turn is in the second one alone."""
+    robot.activate()
+    bench, turned = robot.bench, []
+    for fast in (False, True):
+        before = bench.loop._inputs.latch().state.q[5]
+        start = bench.time
+        bench.clock.time += bench.period
+        for i in range(4):
+            robot.imu(turning=(0.0, 0.0, 1.0 if fast and i == 1 else 0.0), time=start + (i + 1) * 500_000)
+        bench.joints()
+        bench.loop.cycle()
+        turned.append(2.0 * (bench.loop._inputs.latch().state.q[5] - before))
+    assert turned[0] == pytest.approx(0.0, abs=1e-6)
+    assert turned[1] == pytest.approx(0.0005, rel=0.2)  # 1 rad/s for half a millisecond
+
+
+def test_a_foot_that_moves_is_said(robot):
+    robot.activate()
+    bench = robot.bench
+    bench.q = bench.q.copy()
+    bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1
+    report = robot.cycle()
+    assert [sentence for sentence in report.refused if "the base's estimate leaves out contact" in sentence] == [
+        "the base's estimate leaves out contact 'rear_right_foot', which moves, and takes it in again where it is then"
+    ]
+
+
+def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):
+    robot.activate()
+    robot.bench.send("contact_enable", message("std_msgs/msg/Bool", data=False), "front_left_foot")
+    robot.cycle(150)
+    estimator = robot.bench.loop._inputs._estimator
+    assert {name.partition("/")[0] for name in estimator.filter.names} == {
+        "front_right_foot", "rear_left_foot", "rear_right_foot",
+    }  # fmt: skip
+
+
+def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, changed):
+    settings, model = robot_of("go2")
+    settings = changed(settings, IMU)
+    with pytest.raises(ConfigurationError, match=r"estimation.base_state = 'imu': no contact .*take odom"):
+        make_estimator(settings, model, {})
+    assert make_estimator(changed(settings, {"estimation": {"base_state": "odom"}}), model, {}) is None
+
+
+def test_a_frame_that_the_robot_does_not_have_is_refused(robot_of, changed):
+    settings, model = robot_of("go2")
+    with pytest.raises(ConfigurationError, match=r"estimation.imu_frame = 'nose': the robot has no such frame"):
+        make_estimator(changed(settings, {"estimation": {**IMU["estimation"], "imu_frame": "nose"}}), model, {})

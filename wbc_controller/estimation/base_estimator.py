@@ -1,0 +1,317 @@
+"""The pose and the twist of the base from an IMU, the joints, and the contacts that hold."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.stats import chi2
+
+from wbc_controller.core.arrays import solved
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
+from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
+from wbc_controller.records import Array
+
+#: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
+_GRAVITY_TOLERANCE = 0.1
+#: Probability with which a contact that holds is taken for one that slips, per update.
+_SLIP = 1.0e-5
+#: Share of the settling time that the data have to span: the first and the last of them lie within it.
+_SETTLED = 0.9
+#: Variance of the velocity of a robot that stands still, (m/s)².
+_VELOCITY = 1.0e-4
+#: Longest time over which one sample of the IMU may be continued, s; after a longer gap the estimate begins anew.
+_GAP = 0.1
+#: Variance of the position of the IMU and of its heading at the start, m² and rad²: they define the world.
+_DEFINED = 1.0e-8
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """What is known of the sensors.
+
+    Attributes:
+        noise: of the IMU and of points in contact.
+        joint_position: of the joints' positions, rad, one standard deviation.
+        contact_position: of the position of a contact point beside that, such as from soft soles, m.
+        accelerometer_bias: of the accelerometer's bias at the start, m/s², one standard deviation.
+        settling: time for which the robot stands still at the start, s.
+        stillness: largest standard deviation of the angular velocity in that time, rad/s.
+    """
+
+    noise: ImuNoise
+    joint_position: float
+    contact_position: float
+    accelerometer_bias: float
+    settling: float
+    stillness: float
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """One measurement of the IMU, in its own axes.
+
+    Attributes:
+        stamp: s, on the robot's clock.
+        angular_velocity: (3,) in rad/s.
+        specific_force: acceleration less gravity, (3,) in m/s².
+    """
+
+    stamp: float
+    angular_velocity: Array
+    specific_force: Array
+
+
+class BaseEstimator:
+    """Estimates the base from an IMU and the contacts that hold, by an `InvariantFilter`.
+
+    At the start the robot stands still for a while, on its contacts: the mean specific force is gravity, the mean
+    angular velocity is the gyroscope's bias. The world has its origin on the ground below the base, and its x axis
+    points where the base does. Nothing observes position and heading: they drift from there.
+
+    A contact whose kinematics contradict the estimate by more than noise can is left out: it slips, or has lifted. It
+    is taken in again at once where it is then.
+
+    Attributes:
+        waits_for: why there is no estimate yet.
+    """
+
+    def __init__(self, kinematics: LegKinematics, sensors: Sensors, gravity: Array) -> None:
+        """Make an estimator that has seen nothing.
+
+        Args:
+            kinematics: from the IMU to the contact points.
+            sensors: what is known of the sensors.
+            gravity: (3,) in m/s², in the world.
+        """
+        self.waits_for = "no IMU data have come"
+        self._kinematics = kinematics
+        self._sensors = sensors
+        self._gravity = gravity
+        self._still: list[ImuSample] = []
+        self._running: _Running | None = None
+
+    @property
+    def filter(self) -> InvariantFilter | None:
+        """The filter; None until the robot has stood still."""
+        return self._running.filter if self._running is not None else None
+
+    @property
+    def slipping(self) -> tuple[str, ...]:
+        """Names of the contacts that were left out in the last update."""
+        return self._running.slipping if self._running is not None else ()
+
+    @property
+    def base(self) -> tuple[Array, Array] | None:
+        """Pose of the base in the world, (7,), and its twist in its own axes, (6,); None where there is no estimate."""
+        return self._running.base() if self._running is not None else None
+
+    def restart(self) -> None:
+        """Forget everything: the robot has to stand still again."""
+        self._running, self._still = None, []
+        self.waits_for = "no IMU data have come"
+
+    def update(self, samples: Sequence[ImuSample], q: Array, v: Array, holding: Collection[str]) -> None:
+        """Take what has been measured since the last update.
+
+        Args:
+            samples: of the IMU, in the order of their stamps.
+            q: positions of the joints, (nj,) in rad.
+            v: velocities of the joints, (nj,) in rad/s.
+            holding: names of the contacts that are meant to hold; those without points are ignored.
+        """
+        self._kinematics.update(q, v)
+        held = [name for name in self._kinematics.points if name in holding]
+        if self._running is None:
+            self._stand(samples, held)
+            return
+        silence = self._running.follow(samples, held)
+        if silence is not None:
+            self.restart()
+            self.waits_for = f"the IMU was silent for {silence:.3f} s, and the robot has to stand still again"
+
+    def _stand(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> None:
+        """Wait until the robot has stood still for a while, and begin."""
+        sensors = self._sensors
+        if self._still and samples and not (0.0 < samples[0].stamp - self._still[-1].stamp <= _GAP):
+            self._still = []
+        self._still += samples
+        if not self._still:
+            return
+        newest = self._still[-1].stamp
+        self._still = [sample for sample in self._still if newest - sample.stamp <= sensors.settling]
+        if newest - self._still[0].stamp < _SETTLED * sensors.settling:
+            self.waits_for = f"the robot has to stand still for {sensors.settling:g} s"
+            return
+        turning = np.array([sample.angular_velocity for sample in self._still])
+        force = np.array([sample.specific_force for sample in self._still])
+        wobble, pull = float(turning.std(axis=0).max()), float(np.linalg.norm(force.mean(axis=0)))
+        gravity = float(np.linalg.norm(self._gravity))
+        if not wobble <= sensors.stillness:
+            self.waits_for = (
+                f"the robot has to stand still for {sensors.settling:g} s: its angular velocity varies by {wobble:.3g} "
+                f"rad/s (limit {sensors.stillness:g}, estimation.stillness)"
+            )
+        elif not abs(pull - gravity) <= _GRAVITY_TOLERANCE * gravity:
+            self.waits_for = (
+                f"the IMU measures {pull:.3g} m/s² at rest, and gravity is {gravity:.3g}: its unit, or its "
+                "accelerometer, is wrong"
+            )
+        elif not holding:
+            self.waits_for = "no contact holds that does not roll or belong to two links of the robot"
+        else:
+            begun = self._begun(turning.mean(axis=0), force.mean(axis=0), holding)
+            self._running = _Running(begun, self._still[-1], self._kinematics, sensors)
+            self._running.follow([], holding)
+            self._still, self.waits_for = [], ""
+
+    def _begun(self, turning: Array, force: Array, holding: Sequence[str]) -> InvariantFilter:
+        """The filter of a robot that stands still, from the mean of what its IMU measures."""
+        sensors, noise, legs = self._sensors, self._sensors.noise, self._kinematics
+        up = force / np.linalg.norm(force)
+        across = np.cross(up, legs.imu_rotation[0])  # the base's x axis is level, and is that of the world
+        across /= np.linalg.norm(across)
+        R = np.vstack([np.cross(across, up), across, up])
+        heights = [
+            legs.sight(name).places @ R[2] - legs.rolling.get(name, np.zeros(3))[2] for name in holding
+        ]  # fmt: skip
+        level, height = R @ legs.imu_rotation.T @ legs.imu_position, float(np.concatenate(heights).mean())
+        # An accelerometer's bias is taken for a tilt; heading and position define the world.
+        tilt = (sensors.accelerometer_bias / float(np.linalg.norm(self._gravity))) ** 2
+        mean = noise.gyroscope**2 / sensors.settling + noise.gyroscope_bias**2 * sensors.settling
+        P = np.diag(np.repeat([tilt, _VELOCITY, _DEFINED, mean, sensors.accelerometer_bias**2], 3))
+        P[2, 2] = _DEFINED
+        return InvariantFilter(
+            noise,
+            self._gravity,
+            rotation=R,
+            velocity=np.zeros(3),
+            position=np.array([level[0], level[1], -height]),
+            gyroscope_bias=turning,
+            accelerometer_bias=np.zeros(3),
+            P=P,
+        )
+
+
+class _Running:
+    """A filter that has begun.
+
+    Attributes:
+        filter: the filter.
+        slipping: contacts that were left out in the last update.
+    """
+
+    def __init__(self, filter: InvariantFilter, last: ImuSample, kinematics: LegKinematics, sensors: Sensors) -> None:
+        self.filter = filter
+        self.slipping: tuple[str, ...] = ()
+        self._last = last
+        self._kinematics = kinematics
+        self._sensors = sensors
+        self._rolled: dict[str, Array] = {}  # by how far the centre of each ball has rolled, in the world, (3,) in m
+        sizes = {len(points) for points in kinematics.points.values()}
+        self._limits = {k: float(chi2.isf(_SLIP, 3 * k)) for k in sizes}
+
+    def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> float | None:
+        """Take measurements; the time for which the IMU was silent, s, where that is too long to go on."""
+        for sample in samples:
+            dt = sample.stamp - self._last.stamp
+            if dt > _GAP:
+                return dt
+            if dt > 0.0:
+                self._pass(sample, dt)
+        self._touch(holding)
+        return None
+
+    def base(self) -> tuple[Array, Array]:
+        """Pose of the base in the world, (7,), and its twist in its own axes, (6,)."""
+        found, legs = self.filter, self._kinematics
+        R = found.rotation @ legs.imu_rotation.T
+        moving, turning = legs.imu_motion()
+        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - turning
+        velocity = R.T @ found.velocity - np.cross(omega, legs.imu_position) - moving
+        pose = np.concatenate([found.position - R @ legs.imu_position, pin.Quaternion(R).coeffs()])
+        return pose, np.concatenate([velocity, omega])
+
+    def _pass(self, sample: ImuSample, dt: float) -> None:
+        """Propagate to a sample of the IMU, with the mean of it and the one before."""
+        last, self._last = self._last, sample
+        self.filter.propagate(
+            0.5 * (sample.angular_velocity + last.angular_velocity),
+            0.5 * (sample.specific_force + last.specific_force),
+            dt,
+        )
+        if self._rolled:
+            self._roll(dt)
+
+    def _roll(self, dt: float) -> None:
+        """The centre of a ball that rolls moves by ω × r n."""
+        found, legs = self.filter, self._kinematics
+        R = found.rotation @ legs.imu_rotation.T
+        _, imu_turning = legs.imu_motion()
+        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - imu_turning
+        for name, rolled in self._rolled.items():
+            turning = R @ (omega + legs.sight(name).turning)
+            self._rolled[name] = rolled + dt * np.cross(turning, legs.rolling[name])
+
+    def _touch(self, holding: Sequence[str]) -> None:
+        """Correct by the contacts that hold; those that contradict begin anew."""
+        found, legs = self.filter, self._kinematics
+        for name in [name for name, points in legs.points.items() if points[0] in found.names and name not in holding]:
+            self._leave(name)
+        known = [name for name in holding if legs.points[name][0] in found.names]
+        slipping: list[str] = []
+        if known:
+            names, places, covariance = self._stacked(known, {name: self._seen(name) for name in known})
+            z, S = found.innovation(names, places, covariance)
+            start, kept = 0, np.ones(len(z), dtype=np.bool_)
+            for name in known:
+                own = slice(start, start + 3 * len(legs.points[name]))
+                if not z[own] @ solved(S[own, own], z[own]) <= self._limits[len(legs.points[name])]:
+                    slipping.append(name)
+                    kept[own] = False
+                start = own.stop
+            if slipping:
+                names, z, S = (
+                    [point for point, own in zip(names, kept[::3], strict=True) if own],
+                    z[kept],
+                    S[kept][:, kept],
+                )
+            found.correct(names, z, S)
+        for name in slipping:
+            self._leave(name)
+        for name in holding:
+            if name not in known or name in slipping:
+                self._enter(name, legs.sight(name))
+        self.slipping = tuple(slipping)
+
+    def _seen(self, name: str) -> Sight:
+        """A contact's points, those of balls where they would be had they not rolled."""
+        sight = self._kinematics.sight(name)
+        rolled = self._rolled.get(name)
+        if rolled is None:
+            return sight
+        return Sight(sight.places - rolled @ self.filter.rotation, sight.jacobian, sight.turning)
+
+    def _stacked(self, contacts: Sequence[str], sights: Mapping[str, Sight]) -> tuple[list[str], Array, Array]:
+        """Names, places and covariance of the points of several contacts: the same joints see them."""
+        names = [point for name in contacts for point in self._kinematics.points[name]]
+        if not names:
+            return [], np.zeros((0, 3)), np.zeros((0, 0))
+        J = np.vstack([sights[name].jacobian for name in contacts])
+        covariance = self._sensors.joint_position**2 * (J @ J.T)
+        covariance[np.diag_indices(len(covariance))] += self._sensors.contact_position**2
+        return names, np.vstack([sights[name].places for name in contacts]), covariance
+
+    def _enter(self, name: str, sight: Sight) -> None:
+        names, places, covariance = self._stacked([name], {name: sight})
+        for i, point in enumerate(names):
+            self.filter.add(point, places[i], covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
+        if name in self._kinematics.rolling:
+            self._rolled[name] = np.zeros(3)
+
+    def _leave(self, name: str) -> None:
+        for point in self._kinematics.points[name]:
+            self.filter.remove(point)
+        self._rolled.pop(name, None)

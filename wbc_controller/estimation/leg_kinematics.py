@@ -1,0 +1,145 @@
+"""Where contact points are seen from the IMU, by the joints alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.estimation.invariant_filter import hats
+from wbc_controller.records import Array
+
+#: Points of a sole that are followed: three that are not on a line tell its orientation too.
+_CORNERS = 3
+#: The points of a link that is held, in the axes of the contact, m.
+_ARM = 0.05 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Contact points as seen from the IMU.
+
+    Attributes:
+        places: their positions in the axes of the IMU, (k, 3) in m.
+        jacobian: of these positions with respect to the positions of the joints and their followers, (3 k, nv - 6).
+        turning: angular velocity of their link against the base, in the base's axes, (3,) in rad/s.
+    """
+
+    places: Array
+    jacobian: Array
+    turning: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Touch:
+    """The points of one contact.
+
+    Attributes:
+        joint: index of the joint that moves them.
+        points: their positions in its axes, (k, 3) in m.
+    """
+
+    joint: int
+    points: Array
+
+
+class LegKinematics:
+    """Forward kinematics from the IMU to the points of contacts with the world.
+
+    Wheels and contacts between two links of the robot have no points that stay where they are.
+
+    Attributes:
+        points: names of the points of each contact, by the contact's name.
+        rolling: of contacts that are balls, the vector from the contact point to the centre, in the world, (3,) in m:
+            their point is the centre, which moves as the ball rolls.
+        imu_rotation: from the axes of the IMU to those of the base, (3, 3).
+        imu_position: of the IMU in the base's axes, (3,) in m.
+    """
+
+    def __init__(
+        self, model: RobotModel, contacts: Mapping[str, Contact], frames: Mapping[str, str], imu_frame: str
+    ) -> None:
+        """Find the points of the contacts.
+
+        Args:
+            model: the robot's model, with a floating base.
+            contacts: the contacts, by name.
+            frames: the link's frame of each contact, by name.
+            imu_frame: the frame of the IMU.
+
+        Raises:
+            ConfigurationError: where the model has no such frame.
+        """
+        self._model = model
+        self._pinocchio = model.pinocchio
+        self._data = model.pinocchio.createData()
+        frame = self._pinocchio.frames[model.frame_id(imu_frame, "estimation.imu_frame")]
+        self._imu_joint, self._imu_placement = int(frame.parentJoint), frame.placement
+        self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
+        self.points: dict[str, tuple[str, ...]] = {}
+        self.rolling: dict[str, Array] = {}
+        self._touches: dict[str, _Touch] = {}
+        dynamics = Dynamics(model)
+        for name, contact in contacts.items():
+            if name not in frames or contact.internal:
+                continue
+            if isinstance(contact, SurfaceContact):
+                corners = contact.points(dynamics)[:_CORNERS]
+            elif isinstance(contact, FixedContact):
+                corners = np.array([contact.placement(dynamics).act(offset) for offset in _ARM])
+            elif isinstance(contact, PointContact) and contact.ball:
+                self.rolling[name] = contact.radius * contact.axes(dynamics)[:, 2]
+                corners = contact.points(dynamics) + self.rolling[name]
+            else:
+                continue
+            link = model.frame_id(frames[name], f"contacts.{name}.frame")
+            frame = self._pinocchio.frames[link]
+            to_joint = frame.placement * dynamics.placement(link).inverse()
+            self._touches[name] = _Touch(int(frame.parentJoint), np.array([to_joint.act(corner) for corner in corners]))
+            self.points[name] = tuple(f"{name}/{i}" for i in range(len(corners)))
+        self.update(model.posture, np.zeros(model.nj))
+
+    def update(self, q: Array, v: Array) -> None:
+        """Take the joints' state.
+
+        Args:
+            q: positions of the joints, (nj,) in rad.
+            v: velocities of the joints, (nj,) in rad/s.
+        """
+        model = self._model
+        self._q[model.q_index], self._v[model.v_index] = q, v
+        if model.followers is not None:
+            model.followers.place(self._q)
+            model.followers.move(self._v)
+        pin.computeJointJacobians(self._pinocchio, self._data, self._q)
+        imu = self._data.oMi[self._imu_joint] * self._imu_placement
+        self.imu_rotation, self.imu_position = np.array(imu.rotation), np.array(imu.translation)
+        self._imu_jacobian = np.array(self._twists(self._imu_joint))
+        arm = self.imu_position - self._data.oMi[self._imu_joint].translation
+        self._imu_jacobian[:3] -= hats(arm[None, :])[0] @ self._imu_jacobian[3:]
+
+    def imu_motion(self) -> tuple[Array, Array]:
+        """Linear and angular velocity of the IMU against the base, in the base's axes, both (3,), in m/s and rad/s."""
+        twist = self._imu_jacobian @ self._v[6:]
+        return twist[:3], twist[3:]
+
+    def sight(self, contact: str) -> Sight:
+        """The points of a contact as seen from the IMU."""
+        touch, R, own = self._touches[contact], self.imu_rotation, self._imu_jacobian
+        placement = self._data.oMi[touch.joint]
+        arms = touch.points @ placement.rotation.T
+        J = self._twists(touch.joint)
+        seen = arms + (placement.translation - self.imu_position)
+        # d (Rᵀ r) = Rᵀ (dr + r × dθ), where the IMU turns by dθ
+        moved = (J[:3] - own[:3]) - hats(arms) @ J[3:] + hats(seen) @ own[3:]
+        return Sight(seen @ R, (R.T @ moved).reshape(3 * len(arms), -1), J[3:] @ self._v[6:])
+
+    def _twists(self, joint: int) -> Array:
+        """Jacobian of a joint's origin, and of its turning, in the base's axes, (6, nv - 6)."""
+        J: Array = pin.getJointJacobian(self._pinocchio, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
+        return J[:, 6:]

@@ -1,0 +1,149 @@
+"""Starts the nodes of one robot as processes on one DDS domain of this computer, and reads what they use of it.
+
+What a process uses is read from /proc: Linux alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from wbc_controller.errors import WbcError
+from wbc_controller.settings.config import load
+
+#: Wall time after which something that should have happened has not, s.
+PATIENCE = 30.0
+
+
+class Processes:
+    """The processes of one robot: they read one configuration, and hear each other on the loopback.
+
+    Attributes:
+        settings: those of the robot.
+        configuration: the file that all processes read.
+        processes: those that run, by name.
+    """
+
+    def __init__(self, robot: str, folder: Path, domain: int, changes: Mapping[str, Any] | None = None) -> None:
+        """Write the configuration. No process is started yet.
+
+        Args:
+            robot: a robot that is shipped, or the path of a configuration.
+            folder: for the configuration and the logs; it is made.
+            domain: DDS domain.
+            changes: of settings, by dotted key.
+
+        Raises:
+            ConfigurationError: if there is no such robot, or a value is not valid.
+        """
+        config = load(robot).replace(changes or {})
+        self.settings = config.settings
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self.configuration = folder / "robot.yaml"
+        self.configuration.write_text(config.to_yaml(), encoding="utf-8")
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def close(self) -> None:
+        """End all processes."""
+        for name in list(self.processes):
+            self.stop(name)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
+        """Start ``mock``, ``controller`` or ``guard``, as `wbc mock`, `run` or `guard`, with options of the command."""
+        words = ["run" if name == "controller" else name, str(self.configuration), *options]
+        return self.launch(name, [sys.executable, "-m", "wbc_controller", *words])
+
+    def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
+        """Start a process by its command line; its output goes to ``<name>.log``."""
+        with (self._folder / f"{name}.log").open("ab") as log:
+            process = subprocess.Popen(command, env=self._environment, stdout=log, stderr=log)  # noqa: S603 - our own
+        self.processes[name] = process
+        return process
+
+    def stop(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
+        """End a process by a signal, and wait for it; its exit status."""
+        process = self.processes.pop(name)
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.send_signal(number)
+        try:
+            return process.wait(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+    def log(self, name: str) -> str:
+        """What a process has written."""
+        path = self._folder / f"{name}.log"
+        return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+
+def until(
+    condition: Callable[[], Any],
+    what: str,
+    again: Callable[[], Any] = lambda: None,
+    patience: float = PATIENCE,
+    told: Callable[[], str] = lambda: "",
+) -> None:
+    """Wait for a condition, doing something four times a second.
+
+    Args:
+        condition: what has to come true.
+        what: the same in words, for the error.
+        again: done four times a second: who has just been found may miss a message.
+        patience: longest time, s.
+        told: what to add to the error.
+
+    Raises:
+        WbcError: if it does not come true in time.
+    """
+    deadline, due = time.monotonic() + patience, 0.0
+    while not condition():
+        now = time.monotonic()
+        if now >= due:
+            again()
+            due = now + 0.25
+        if now >= deadline:
+            raise WbcError(f"waited {patience:g} s in vain for {what}{told()}")
+        time.sleep(0.002)
+
+
+def memory(process: int) -> int:
+    """Memory of a process that is in use, kB."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGESIZE") // 1024
+
+
+def processor_time(process: int) -> float:
+    """Time that a process has spent on processors, its own and the kernel's for it, s, to 10 ms."""
+    # Its name, in parentheses, may hold spaces.
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def waiting_time(process: int) -> float:
+    """Time for which the threads of a process were ready, and waited for a processor, all together, s."""
+    total = 0
+    for schedstat in Path(f"/proc/{process}/task").glob("*/schedstat"):
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended
+            total += int(schedstat.read_text().split()[1])  # after the time on a processor, in ns
+    return 1.0e-9 * total

@@ -1,0 +1,150 @@
+"""Real time for the controller's process, as `control.realtime` asks for it. Linux alone.
+
+All threads of the process get the scheduling class and the processors, those that it starts later too: the loop waits
+for the thread that brings a state, and for whichever thread holds the interpreter's lock. Were one of these an ordinary
+thread, another program could keep it, and with it the loop, from a processor.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings import RealtimeSettings
+
+_KEY = "control.realtime"
+_HELP = "see docs/real_time.md"
+#: Scheduling classes, by the names of the settings and of Linux.
+_CLASSES = {"other": "SCHED_OTHER", "fifo": "SCHED_FIFO", "rr": "SCHED_RR"}
+#: Of mlockall(2): what is mapped now, and what will be.
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+#: Bit of capabilities(7) by which no limit holds for locked memory.
+_CAP_IPC_LOCK = 14
+#: Processors that Linux can number.
+_NUMBERS = range(1024)
+
+
+def apply(settings: RealtimeSettings) -> None:
+    """Give this process what its settings ask for; it holds until the process ends.
+
+    What the system refuses is an error, not a warning: these settings are off by default, so that who sets them relies
+    on them, and a controller without them runs as well until the machine is busy.
+
+    Args:
+        settings: of the process.
+
+    Raises:
+        ConfigurationError: if the system refuses, with what to set there.
+    """
+    if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
+        raise ConfigurationError(f"{_KEY}: {sys.platform} has none of it, Linux does; {_HELP}")
+    if settings.affinity:
+        _use_processors(sorted(set(settings.affinity)))
+    if settings.lock_memory:
+        _lock_memory()
+    if settings.scheduling != "other":
+        _schedule(settings.scheduling, settings.priority)
+
+
+def in_force(process: int = 0) -> str:
+    """What the system says of a process's main thread, such as ``fifo 50 on processors 2, 3, memory locked``.
+
+    Args:
+        process: its number; 0 for this one, with the calling thread in place of the main thread.
+
+    Returns:
+        The words; empty where the system has no such thing.
+    """
+    if not hasattr(os, "sched_getscheduler"):
+        return ""
+    number = os.sched_getscheduler(process)
+    words = next((name for name, linux in _CLASSES.items() if getattr(os, linux) == number), f"class {number}")
+    if number in (os.SCHED_FIFO, os.SCHED_RR):
+        words += f" {os.sched_getparam(process).sched_priority}"
+    processors = sorted(os.sched_getaffinity(process))
+    words += f" on processor{'s' if len(processors) > 1 else ''} {_listed(processors)}"
+    return words + (", memory locked" if int(_status("VmLck", process or "self").split()[0]) else "")
+
+
+def _use_processors(processors: list[int]) -> None:
+    key = f"{_KEY}.affinity = [{_listed(processors)}]"
+    before = os.sched_getaffinity(0)
+    with contextlib.suppress(OSError):  # none of them is there: what is in force says so
+        os.sched_setaffinity(0, processors)
+    if os.sched_getaffinity(0) != set(processors):  # Linux takes those that are there, and says nothing of the others
+        os.sched_setaffinity(0, _NUMBERS)
+        there = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, before)
+        missing = [number for number in processors if number not in there]
+        raise ConfigurationError(
+            f"{key}: this process has no processor {_listed(missing)}. Valid: {_listed(sorted(there))}; {_HELP}"
+        )
+    for thread in _threads():
+        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+            os.sched_setaffinity(thread, processors)
+
+
+def _schedule(name: str, priority: int) -> None:
+    key = f"{_KEY}.scheduling = {name}, priority = {priority}"
+    for thread in _threads():
+        try:
+            os.sched_setscheduler(thread, getattr(os, _CLASSES[name]), os.sched_param(priority))
+        except ProcessLookupError:  # as above
+            continue
+        except PermissionError as error:
+            raise ConfigurationError(
+                f"{key}: the system refuses it ({error.strerror}). Allow the user `rtprio {priority}` in "
+                f"/etc/security/limits.d and log in anew (for a systemd unit LimitRTPRIO={priority}, for a container "
+                f"--ulimit rtprio={priority}), or give the process CAP_SYS_NICE; {_HELP}"
+            ) from error
+
+
+def _lock_memory() -> None:
+    key = f"{_KEY}.lock_memory = true"
+    allow = (
+        "Allow the user `memlock unlimited` in /etc/security/limits.d and log in anew (for a systemd unit "
+        f"LimitMEMLOCK=infinity, for a container --ulimit memlock=-1), or give the process CAP_IPC_LOCK; {_HELP}"
+    )
+    limit = _locked_memory_limit()
+    if limit is not None:  # below it mlockall could succeed, and a later allocation fail while the robot stands
+        raise ConfigurationError(f"{key}: the process may lock {limit / 1024:.0f} kB alone. {allow}")
+    number = _mlockall(_MCL_CURRENT | _MCL_FUTURE)
+    if number:
+        what = "there is not enough memory" if number == errno.ENOMEM else os.strerror(number)
+        raise ConfigurationError(f"{key}: the system refuses it ({what}). {allow}")
+
+
+def _locked_memory_limit() -> int | None:
+    """Most memory that the process may lock, bytes; None without a limit."""
+    import resource  # which Windows lacks
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    free = soft == resource.RLIM_INFINITY or int(_status("CapEff"), 16) >> _CAP_IPC_LOCK & 1
+    return None if free else soft
+
+
+def _mlockall(flags: int) -> int:
+    """mlockall(2): 0, or the number of the error."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    return ctypes.get_errno() if libc.mlockall(flags) else 0
+
+
+def _threads() -> list[int]:
+    """Numbers of the threads of this process."""
+    return [int(path.name) for path in Path("/proc/self/task").iterdir()]
+
+
+def _status(field: str, process: int | str = "self") -> str:
+    """A field of /proc/<process>/status."""
+    lines = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace").splitlines()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith(f"{field}:")), "0")
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))

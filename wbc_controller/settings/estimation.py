@@ -1,0 +1,55 @@
+"""Settings of the base estimator."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from wbc_controller.settings.values import NonNegative, Positive, Section
+
+
+class EstimationSettings(Section):
+    """The state of a floating base: measured elsewhere, or estimated from an IMU, the joints and the contacts."""
+
+    base_state: Literal["odom", "imu"] = Field(
+        "odom",
+        description="odom: pose and twist of the base come on the topic `odom`. imu: they are estimated in each cycle "
+        "from the topic `imu`, the joints, and the contacts that hold.",
+    )
+    imu_frame: str = Field(
+        "",
+        max_length=255,
+        description="Frame of the IMU in the URDF, whose axes its data have; empty for the base link.",
+    )
+    gyroscope_noise: Annotated[Positive, Field(le=1.0)] = Field(
+        2.0e-4, description="Density of the gyroscope's noise, rad/s/√Hz; data sheets give it in °/s/√Hz."
+    )
+    accelerometer_noise: Annotated[Positive, Field(le=10.0)] = Field(
+        2.0e-3, description="Density of the accelerometer's noise, m/s²/√Hz; data sheets give it in µg/√Hz."
+    )
+    gyroscope_bias_walk: Annotated[Positive, Field(le=1.0)] = Field(
+        1.0e-5, description="Density of the walk of the gyroscope's bias, rad/s²/√Hz."
+    )
+    accelerometer_bias_walk: Annotated[Positive, Field(le=10.0)] = Field(
+        1.0e-4, description="Density of the walk of the accelerometer's bias, m/s³/√Hz."
+    )
+    accelerometer_bias: Annotated[Positive, Field(le=10.0)] = Field(
+        0.05, description="The accelerometer's bias at the start, one standard deviation, m/s²."
+    )
+    contact_noise: Annotated[Positive, Field(le=10.0)] = Field(
+        0.01, description="Density of the velocity of a contact that holds, m/s/√Hz: creep of soles and ground."
+    )
+    joint_position_noise: NonNegative = Field(
+        1.0e-3, le=1.0, description="Noise of the joint positions, one standard deviation, rad."
+    )
+    contact_position_noise: Annotated[Positive, Field(le=1.0)] = Field(
+        1.0e-3,
+        description="What moves a contact point beside the joints, such as soft soles, one standard deviation, m.",
+    )
+    settling: Annotated[Positive, Field(ge=0.1, le=60.0)] = Field(
+        0.5, description="Time for which the robot stands still at the start, while gravity and biases are found, s."
+    )
+    stillness: Annotated[Positive, Field(le=10.0)] = Field(
+        0.05, description="Largest standard deviation of the angular velocity in that time, rad/s."
+    )
