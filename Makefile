@@ -22,9 +22,9 @@ lint: $(VENV)/dev.installed  ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/demo.installed  ## time the solvers side by side, and the whole cycle beside tsid's
+bench: $(VENV)/dev.installed  ## time the solvers, and whole cycles beside tsid's and placo's: make bench AGAINST=commit
 	$(BIN)/python benchmarks/solvers.py
-	$(BIN)/python benchmarks/against_tsid.py
+	$(BIN)/python benchmarks/compare.py $(if $(AGAINST),--against $(AGAINST))
 
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
 	$(BIN)/python docs/reference_pages.py docs
@@ -37,7 +37,7 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	    --output-file requirements/dev.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) .venv-tsid build *.egg-info report faults .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-tsid .venv-placo build *.egg-info report faults bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'

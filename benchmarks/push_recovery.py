@@ -19,13 +19,18 @@ edge).
 from __future__ import annotations
 
 import math
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from our_cycle import DAMPING, STIFFNESS, Cycle, balance_tasks, state_of, talos, tsids_tasks
-from our_cycle import WEIGHTS as USUAL_WEIGHTS
-from tsid_process import Tsid
+import yaml
+from contestants import Contestant, rival
+from our_cycle import Cycle, Stopped, parse_settings
+from scenes import WEIGHTS as USUAL_WEIGHTS
+from scenes import content_of, message, tasks
 
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.robot.model import RobotModel
@@ -46,7 +51,22 @@ WEIGHTS = USUAL_WEIGHTS | {"posture": 0.003}
 #: Impulses between which the limit is looked for, and how closely, N·s.
 LOWEST, HIGHEST, RESOLUTION = 10.0, 90.0, 0.25
 
+#: Frame of the task `waist`.
+WAIST = "base_link"
+
 Torques = Callable[[Array, Array], Array]
+
+
+def balance_tasks() -> dict[str, Any]:
+    """The tasks that docs/balance.md shows."""
+    page = Path(__file__).resolve().parents[1] / "docs" / "balance.md"
+    blocks = re.findall(r"```yaml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    return dict(yaml.safe_load(blocks[0])["tasks"])
+
+
+def talos(its_tasks: Mapping[str, Any], **sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of Talos at 1 kHz, as plain values."""
+    return content_of("talos", its_tasks, sections, contact_stiffness=CONTACT_STIFFNESS)
 
 
 class Stand:
@@ -82,7 +102,10 @@ class Stand:
         corners = None
         while plant.time < END:
             q, v = plant.state()
-            plant.apply(torques(q, v))
+            try:
+                plant.apply(torques(q, v))
+            except Stopped as stop:
+                return f"at {plant.time:.2f} s {stop}"
             if plant.held and plant.time >= 0.1:
                 plant.hold(False, ramp=0.1)
             if corners is None and plant.time >= PUSH_AT:
@@ -108,10 +131,10 @@ def ours(settings: Settings, model: RobotModel, q: Array) -> Torques:
     """Our controller and supervisor."""
     cycle = Cycle(settings, model)
     references = cycle.start(q)
-    return lambda q, v: cycle.step(state_of(q, v), references).tau
+    return lambda q, v: cycle.step(cycle.state(q, v), references).tau
 
 
-def tsids(process: Tsid, model: RobotModel, com: Array) -> Torques:
+def tsids(process: Contestant, model: RobotModel, com: Array) -> Torques:
     """tsid; where it has no solution, its last one."""
     to_command = model.v_index - 6
     reference = np.concatenate([com, np.zeros(6)])
@@ -119,7 +142,7 @@ def tsids(process: Tsid, model: RobotModel, com: Array) -> Torques:
 
     def torques(q: Array, v: Array) -> Array:
         nonlocal last
-        tau = process.solve(np.concatenate([q, v, reference]))[1][0]
+        tau = process.solve(np.concatenate([q, v, reference])).tau[0]
         if np.isfinite(tau).all():
             last = tau[to_command]
         return last
@@ -149,9 +172,8 @@ def limit(
 
 def main(chosen: list[str]) -> None:
     """Print the table."""
-    settings = talos(
-        tsids_tasks(WEIGHTS), contact_stiffness=CONTACT_STIFFNESS, limits={"position": False, "velocity": False}
-    )
+    content = talos(tasks(WAIST, WEIGHTS), limits={"position": False, "velocity": False})
+    settings = parse_settings(content, "push_recovery.py")
     model = make_model(settings)
     stand = Stand(settings, model)
     rivals: dict[str, float] = {}
@@ -159,14 +181,12 @@ def main(chosen: list[str]) -> None:
         f"{model.mass:.1f} kg, centre of mass {1e3 * stand.com[2]:.0f} mm high; impulses in N·s over {PUSH_SECONDS} s"
     )
     print(f"{'':10}{'direction':12}{'m ω d':>8}{'held':>8}{'of tsid':>9}{'slid':>9}{'lifted':>9}   beyond")
-    with Tsid(
-        settings, model, stand.start, WEIGHTS, stiffness=STIFFNESS, damping=DAMPING, waist="base_link"
-    ) as process:
+    with rival("tsid", message(content, settings, model, stand.start, WEIGHTS, WAIST)) as process:
         controllers: dict[str, tuple[Settings, Callable[[Stand], Torques]]] = {
             "tsid": (settings, lambda stand: tsids(process, model, stand.com)),
             "same": (settings, lambda stand: ours(stand.settings, model, stand.start)),
             "balance": (
-                talos(balance_tasks(), contact_stiffness=CONTACT_STIFFNESS),
+                parse_settings(talos(balance_tasks()), "push_recovery.py"),
                 lambda stand: ours(stand.settings, model, stand.start),
             ),
         }

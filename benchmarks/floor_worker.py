@@ -1,0 +1,47 @@
+"""The floor of the comparison: all terms of the equations of motion, and one factorization; a control law has more.
+
+`pinocchio.computeAllTerms`, and LAPACK's Cholesky factorization of a matrix of the size of accelerations and forces.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+from serving import serve
+
+
+class Floor:
+    """What no controller can do without."""
+
+    def __init__(self, scene: dict[str, Any]) -> None:
+        self.model = pin.buildModelFromXML(scene["urdf"], pin.JointModelFreeFlyer())
+        self.data = self.model.createData()
+        size = self.model.nv + sum(3 if contact["type"] == "point" else 6 for contact in scene["contacts"])
+        root = np.random.default_rng(0).normal(size=(size, size))
+        self.matrix = np.asfortranarray(root @ root.T + size * np.eye(size))
+        self.hello = {
+            "version": f"Pinocchio {pin.__version__}",
+            "unknowns": size,
+            "equalities": 0,
+            "inequalities": 0,
+            "sizes": [0, 0, 0],
+            "parts": ["terms", "factorization"],
+        }
+
+    def cycle(self, q: np.ndarray, v: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Time one state."""
+        del reference
+        started = time.perf_counter()
+        pin.computeAllTerms(self.model, self.data, q, v)
+        known = time.perf_counter()
+        lapack.dpotrf(self.matrix)
+        ended = time.perf_counter()
+        return np.array([known - started, ended - known, ended - started])
+
+
+if __name__ == "__main__":
+    serve(Floor)

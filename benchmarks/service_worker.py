@@ -1,0 +1,77 @@
+"""The whole cycle of a shipped robot, bytes in to bytes out, on the code below the folder that the command line names.
+
+The controller is the one of `wbc run`, with audit, status and markers, on the memory transport and in one thread. The
+bytes of a state are made before, and what comes out stays bytes. The folder is this repository, or another commit of
+it; both have the bench of their tests, which builds all of it. `serving.py` says how it is spoken to.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from serving import serve, take_code_from
+
+#: Stages of a report that every commit since b7b83af has.
+STAGES = ("read", "compute", "supervise", "write", "audit")
+#: Cycles in which the activation ramp ends and everything has run once.
+WARM_UP = 700
+
+
+class Service:
+    """A controller on the tests' bench."""
+
+    def __init__(self, scene: dict[str, Any]) -> None:
+        spec = importlib.util.spec_from_file_location("conftest", Path(sys.argv[1]) / "test" / "conftest.py")
+        if spec is None or spec.loader is None:
+            raise FileNotFoundError(f"{sys.argv[1]} has no test/conftest.py")
+        self._conftest = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(self._conftest)
+        logging.getLogger("wbc_controller").setLevel(logging.ERROR)
+        bench = self._bench = self._conftest.Bench(scene["robot"])
+        bench.q = np.array(scene["q"])
+        bench.activate()
+        bench.cycle(WARM_UP)
+        self.hello = {
+            "version": "",
+            "unknowns": 0,
+            "equalities": 0,
+            "inequalities": 0,
+            "sizes": [0, bench.model.na, 0],
+            "parts": [*STAGES, "status and markers", "processor"],
+        }
+
+    def cycle(self, q: np.ndarray, v: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Answer one state.
+
+        Raises:
+            SystemExit: where the controller is no longer active.
+        """
+        del reference
+        bench, make, encode = self._bench, self._conftest.MAKE, self._conftest.encode
+        bench.clock.time += bench.period
+        model, stamp = bench.model, bench.time
+        odom = encode(make.odom(pose=q[:7], twist=v[:6], child=model.base_link, time=stamp))
+        joints = encode(make.joint_state(model.joints, q[model.q_index], v[model.v_index], time=stamp))
+        processor, started = time.process_time(), time.perf_counter()
+        bench.send_bytes("odom", odom)
+        bench.send_bytes("joint_states", joints)
+        report = bench.loop.cycle()
+        seconds, processor = time.perf_counter() - started, time.process_time() - processor
+        if report.mode.value != "active" or report.command is None:
+            raise SystemExit(f"the controller is {report.mode.value}: {report.fault}")
+        for payloads in bench._payloads.values():
+            payloads.clear()
+        bench.reports.clear()
+        stages = [report.stage_seconds[stage] for stage in STAGES]
+        return np.concatenate([report.command.tau, stages, [seconds - sum(stages), processor, seconds]])
+
+
+if __name__ == "__main__":
+    take_code_from(sys.argv[1])
+    serve(Service)

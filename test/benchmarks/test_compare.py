@@ -1,0 +1,197 @@
+"""The comparison of `make bench`, with our own cycle in the place of the rivals."""
+
+import os
+import re
+import subprocess
+from types import SimpleNamespace
+
+import compare
+import contestants
+import numpy as np
+import pinocchio as pin
+import pytest
+import scenes
+from contestants import Answers
+from our_cycle import Cycle
+from serving import Elsewhere
+
+from wbc_controller.core.contacts import Contact
+from wbc_controller.records import Reference
+
+COUNT = 30
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> scenes.Scene:
+    return scenes.make(scenes.CASES["go2-two"], COUNT, tmp_path_factory.mktemp("scene"))
+
+
+def answered(scene: scenes.Scene) -> list:
+    """Our solutions of all states, in this process."""
+    cycle = Cycle(scene.settings, scene.model)
+    rest = cycle.start(scene.q)
+    found = []
+    for row in scene.rows:
+        q, v, reference = np.split(row, [scene.model.nq, scene.model.nq + scene.model.nv])
+        cycle.step(cycle.state(q, v), scenes.with_com(rest, Reference(*np.split(reference, 3))))
+        found.append(cycle.solution)
+    return found
+
+
+def test_a_process_answers_what_our_cycle_answers_here_to_the_bit(scene):
+    with contestants.ours(scene.message()) as process:
+        first, second = process.solve(scene.rows[:10]), process.solve(scene.rows[10:], 2**20)
+    for i, solution in enumerate(answered(scene)):
+        answers, place = (first, i) if i < 10 else (second, i - 10)
+        assert np.array_equal(answers.v_dot[place], solution.v_dot)
+        assert np.array_equal(answers.tau[place], solution.tau)
+        assert np.array_equal(answers.forces[place], np.concatenate(list(solution.forces.values())))
+    assert process.hello["parts"] == ["build", "solve", "unpack", "supervise"]
+    for answers in (first, second):
+        assert np.allclose(answers.parts.sum(axis=1), answers.seconds)
+        assert (answers.seconds > 0.0).all()
+
+
+def test_each_state_is_measured_a_period_after_the_one_before(scene):
+    """So that the supervisor's checks of consecutive states, which need their distance in time, are in its time."""
+    cycle = Cycle(scene.settings, scene.model)
+    rest = cycle.start(scene.q)
+    stamps = []
+    for row in scene.rows[:3]:
+        q, v, _ = np.split(row, [scene.model.nq, scene.model.nq + scene.model.nv])
+        state = cycle.state(q, v)
+        cycle.step(state, rest)
+        stamps.append(state.stamp)
+    assert stamps == [1_000_000, 2_000_000, 3_000_000]
+
+
+def test_the_floor_has_the_size_of_accelerations_and_forces(scene):
+    with contestants.floor(scene.message()) as process:
+        answers = process.solve(scene.rows[:5])
+    assert process.hello["unknowns"] == scene.model.nv + 6
+    assert answers.v_dot.shape == (5, 0)
+    assert np.allclose(answers.parts.sum(axis=1), answers.seconds)
+
+
+def test_a_process_that_ends_is_named(scene, capfd):
+    with pytest.raises(SystemExit, match="broken's process ended before it was ready"):
+        contestants.ours({**scene.message(), "joints": ["elbow"]}, "broken")
+    assert "expected ['elbow']" in capfd.readouterr().err
+    with contestants.ours(scene.message(), "broken") as process:
+        fallen = scene.rows[:1].copy()
+        fallen[0, scene.model.nq + 6 :] = 1.0e6  # rad/s: the supervisor leaves its active mode
+        with pytest.raises(SystemExit, match="broken's process ended; what it said is above"):
+            process.solve(np.repeat(fallen, 200, axis=0))
+
+
+def test_an_unknown_commit_is_refused_by_name():
+    with pytest.raises(SystemExit, match="--against 'no-such-commit': no commit of this repository"):
+        compare.main(["--against", "no-such-commit", "--cases", "go2-two"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--cases", "go3"], "--cases 'go3'"),
+        (["--rivals", "tsit"], "--rivals 'tsit'"),
+        (["--blocks", "0"], "--blocks 0: at least 1"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_by_name(arguments, sentence):
+    with pytest.raises(SystemExit, match=sentence):
+        compare.main(arguments)
+
+
+def test_all_contestants_meet_all_states_in_turn_and_in_order():
+    asked = []
+
+    def solve(name, rows, touched=0):
+        asked.append((name, touched, rows[:, 0].tolist()))
+        return Answers(*(rows for _ in range(4)), rows[:, 0])
+
+    parties = [
+        SimpleNamespace(name=name, solve=lambda *question, name=name: solve(name, *question)) for name in ("a", "b")
+    ]
+    rows = np.arange(60.0)[:, None]
+    warm, cold = compare.take_turns(parties, rows, blocks=2, warm=20, cold=10, touched=7)
+    assert [(name, touched, states[0], len(states)) for name, touched, states in asked] == [
+        *(("a", 0, 0.0, 20), ("b", 0, 0.0, 20), ("a", 7, 20.0, 10), ("b", 7, 20.0, 10)),
+        *(("a", 0, 30.0, 20), ("b", 0, 30.0, 20), ("a", 7, 50.0, 10), ("b", 7, 50.0, 10)),
+    ]
+    filled = compare.FILLING
+    assert [block.seconds.tolist() for block in warm["b"]] == [
+        [*range(filled, 20)],
+        [*range(30 + filled, 50)],
+    ]
+    assert [block.seconds.tolist() for block in cold["a"]] == [[*range(20, 30)], [*range(50, 60)]]
+
+
+def test_other_work_writes_all_the_memory_that_it_is_told_to():
+    elsewhere = Elsewhere()
+    elsewhere.work(0)
+    assert elsewhere._memory.nbytes == 0
+    for _ in range(3):
+        elsewhere.work(4096)
+    assert elsewhere._memory.nbytes == 4096
+    assert (elsewhere._memory == 3.0).all()
+
+
+@pytest.mark.parametrize("name", ["talos-double", "talos-full", "g1-single"])
+def test_the_rivals_robot_is_ours_with_a_frame_at_each_contact(name, tmp_path):
+    scene = scenes.make(scenes.CASES[name], 1, tmp_path)
+    told = scene.message()
+    model = pin.buildModelFromXML(told["urdf"], pin.JointModelFreeFlyer())
+    assert list(model.names)[2:] == told["joints"]
+    model.armature = np.array(told["armature"])
+    data = model.createData()
+    cycle = Cycle(scene.settings, scene.model)
+    dynamics = cycle.controller.dynamics
+    v = np.random.default_rng(0).normal(size=model.nv)
+    dynamics.update(scene.q, v)
+    pin.computeAllTerms(model, data, scene.q, v)
+    assert np.allclose(dynamics.M, data.M, atol=1e-9)
+    assert np.allclose(dynamics.h, data.nle, atol=1e-8)
+    pin.updateFramePlacements(model, data)
+    feet = []
+    for contact in told["contacts"]:
+        ours: Contact = cycle.controller.contacts[contact["name"]]
+        feet.append(ours.points(dynamics).mean(axis=0))
+        assert np.allclose(data.oMf[model.getFrameId(contact["frame"])].translation, feet[-1], atol=1e-8)
+    assert len(feet) == len(scene.case.feet)
+    if len(feet) == 1:  # it has moved over the only one
+        assert np.linalg.norm((dynamics.com - feet[0])[:2]) < 0.01
+
+
+def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeypatch):
+    """With the commit that is checked out as the older one."""
+    monkeypatch.setattr(compare, "WARM", 30)
+    monkeypatch.setattr(compare, "COLD", 5)
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
+    head = subprocess.run(["git", "-C", str(contestants.ROOT), "rev-parse", "HEAD"], capture_output=True, text=True)
+    if head.returncode:
+        pytest.skip("not a git checkout: there is no older commit to compare with")
+    commit = head.stdout.strip()[:9]
+    compare.main(["--against", commit, "--cases", "go2-four", "g1-service", "--rivals", "none", "--blocks", "1"])
+    assert allowed is None or os.sched_getaffinity(0) == allowed
+    said = capsys.readouterr().out
+    older = f"at {commit}"
+    assert f"{older} from ours, at most: v̇ " in said
+    for row in ("floor", "ours", older):
+        cells = re.search(rf"^{row} +(\d+) +(\d+) +(\d+) ", said, flags=re.MULTILINE)
+        assert cells is not None
+        assert int(cells[1]) <= int(cells[2]) <= int(cells[3])
+    assert re.search(rf"^{older} .*\(\d", said, flags=re.MULTILINE)
+    services = said[said.index("g1 as shipped, bytes to bytes") :]
+    assert "read" in services
+    assert "processor" in services
+    assert f"{older} from ours, at most: τ " in services
+    assert "supervise" in said[: said.index("g1 as shipped")]
+    shares = said[said.index("our share, warm/cold") :]
+    assert re.search(r"^go2-four +\d+\.\d\d/\d+\.\d\d +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
+    assert re.search(r"^g1-service +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
+
+
+def test_older_code_is_never_the_package_that_is_installed(scene, tmp_path, capfd):
+    with pytest.raises(SystemExit, match="older's process ended before it was ready"):
+        contestants.ours(scene.message(), "older", tmp_path)
+    assert f"not in {tmp_path}" in capfd.readouterr().err
