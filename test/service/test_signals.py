@@ -30,6 +30,28 @@ for _ in range(60):
 """
 
 
+#: A command that has started something, and is ended.
+STARTED = """
+import sys, time
+from wbc_controller.service.signals import exit_by_signals
+exit_by_signals()
+try:
+    print("started", flush=True)
+    time.sleep(60.0)
+finally:
+    print("ended what was started", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_ended_ends_what_it_has_started(number):
+    process = subprocess.Popen([sys.executable, "-c", STARTED], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "started\n"
+    process.send_signal(number)
+    assert process.communicate(timeout=60.0)[0] == "ended what was started\n"
+    assert process.returncode == 128 + number
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_sets_the_event_and_the_handlers_come_back(number):
     before = signal.signal(number, signal.default_int_handler)

@@ -9,11 +9,13 @@ import click
 
 from wbc_controller.bench import DOMAIN
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.service.signals import exit_by_signals
 
 
 @click.group()
 def bench() -> None:
     """Measure the controller as it runs, on this computer."""
+    exit_by_signals()
 
 
 @bench.command()

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import click
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.service.signals import exit_by_signals
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -26,6 +27,7 @@ def fuzz() -> None:
     The first three run in one process; floods, kills and soak start real processes on a DDS domain of their own. All of
     them end with exit status 1 where something broke, and repeat themselves by their seed.
     """
+    exit_by_signals()
 
 
 def _common(function: F) -> F:

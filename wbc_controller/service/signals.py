@@ -11,6 +11,20 @@ from collections.abc import Iterator
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+def exit_by_signals() -> None:
+    """Let SIGTERM and SIGHUP raise `SystemExit`, as SIGINT raises an exception: what a command has started is ended.
+
+    Without it a command that is terminated leaves its controller and its mock robot behind.
+    """
+
+    def leave(number: int, frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, leave)
+
+
 @contextlib.contextmanager
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
     """Let SIGINT, SIGTERM and SIGHUP set an event, and do nothing else.
