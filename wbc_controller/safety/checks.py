@@ -39,8 +39,8 @@ class Check:
 _DAMPS = "damping"
 _STATES, _SUPERVISOR = "safety/test_plausibility.py::test_", "safety/test_supervisor.py::test_"
 CHECKS = (
-    Check("STALE_INPUT", "age of the joint states and the odometry", ("safety.state_timeout",), "s", _DAMPS,
-          "safety/test_checks.py::test_an_input_over_the_limit_is_named_with_its_age"),
+    Check("STALE_INPUT", "age of the joint states, and of the odometry or the IMU data", ("safety.state_timeout",), "s",
+          _DAMPS, "safety/test_checks.py::test_an_input_over_the_limit_is_named_with_its_age"),
     Check("STALE_INPUT", "age of the states by synchronized clocks", ("safety.synchronized_clocks",), "none", _DAMPS,
           "service/test_clock.py::test_with_synchronized_clocks_a_constant_latency_does_not_activate"),
     Check("STALE_INPUT", "stamps ahead of this computer's clock, with synchronized clocks",
