@@ -203,16 +203,16 @@ def test_samples_that_are_not_newer_change_nothing():
 
 
 def test_the_imu_may_be_on_another_link():
-    """G1's torso, bent and turning at the waist: gravity tells the torso's tilt, and the joints that of the base."""
-    scene = Scene("g1", noise=0.0, **{"estimation.imu_frame": "torso_link"})
+    """G1's hand, moved by the waist: gravity tells the hand's tilt, and the joints that of the base."""
+    scene = Scene("g1", noise=0.0, **{"estimation.imu_frame": "left_rubber_hand"})
     model, waist = scene.model, scene.model.joints.index("waist_pitch_joint")
     q, v = np.array(model.posture), np.zeros(model.nj)
     q[waist] = 0.3
     data = model.pinocchio.createData()
     whole, moving = model.state(q, v, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(6))
     pin.framesForwardKinematics(model.pinocchio, data, whole)
-    torso = data.oMf[model.frame_id("torso_link", "test")]
-    force = torso.rotation.T @ [0.0, 0.0, 9.81]
+    hand = data.oMf[model.frame_id("left_rubber_hand", "test")]
+    force = hand.rotation.T @ [0.0, 0.0, 9.81]
     fed(scene, stream(ImuSample(0.0, np.zeros(3), force), 300), q, v)
     pose, twist = scene.estimator.base
     np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), np.eye(3), atol=1e-6)
@@ -221,9 +221,9 @@ def test_the_imu_may_be_on_another_link():
     v[waist] = 0.5
     whole, moving = model.state(q, v, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(6))
     pin.forwardKinematics(model.pinocchio, data, whole, moving)
-    seen = pin.getFrameVelocity(model.pinocchio, data, model.frame_id("torso_link", "test"), pin.LOCAL)
+    seen = pin.getFrameVelocity(model.pinocchio, data, model.frame_id("left_rubber_hand", "test"), pin.LOCAL)
     estimator = scene.estimator
     estimator._kinematics.update(q, v)
     estimator._running._last = ImuSample(0.6, np.array(seen.angular), force)
-    estimator.filter.columns[:, 0] = torso.rotation @ seen.linear
+    estimator.filter.columns[:, 0] = hand.rotation @ seen.linear
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
