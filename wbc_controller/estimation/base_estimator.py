@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.stats import chi2
 
 from wbc_controller.core.arrays import solved
-from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.records import Array
 
@@ -230,7 +230,7 @@ class _Running:
         R = found.rotation @ legs.imu_rotation.T
         moving, turning = legs.imu_motion()
         omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - turning
-        velocity = R.T @ found.velocity - np.cross(omega, legs.imu_position) - moving
+        velocity = R.T @ found.velocity - hat(omega) @ legs.imu_position - moving
         pose = np.concatenate([found.position - R @ legs.imu_position, pin.Quaternion(R).coeffs()])
         return pose, np.concatenate([velocity, omega])
 
@@ -253,7 +253,7 @@ class _Running:
         omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - imu_turning
         for name, rolled in self._rolled.items():
             turning = R @ (omega + legs.sight(name).turning)
-            self._rolled[name] = rolled + dt * np.cross(turning, legs.rolling[name])
+            self._rolled[name] = rolled + dt * (hat(turning) @ legs.rolling[name])
 
     def _touch(self, holding: Sequence[str]) -> None:
         """Correct by the contacts that hold; those that contradict begin anew."""

@@ -84,6 +84,7 @@ class LegKinematics:
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
         self._touches: dict[str, _Touch] = {}
+        self._sights: dict[str, Sight] = {}  # at the joints' present state
         dynamics = Dynamics(model)
         for name, contact in contacts.items():
             if name not in frames or contact.internal:
@@ -112,6 +113,7 @@ class LegKinematics:
             v: velocities of the joints, (nj,) in rad/s.
         """
         model = self._model
+        self._sights.clear()
         self._q[model.q_index], self._v[model.v_index] = q, v
         if model.followers is not None:
             model.followers.place(self._q)
@@ -130,6 +132,11 @@ class LegKinematics:
 
     def sight(self, contact: str) -> Sight:
         """The points of a contact as seen from the IMU."""
+        if contact not in self._sights:
+            self._sights[contact] = self._look(contact)
+        return self._sights[contact]
+
+    def _look(self, contact: str) -> Sight:
         touch, R, own = self._touches[contact], self.imu_rotation, self._imu_jacobian
         placement = self._data.oMi[touch.joint]
         arms = touch.points @ placement.rotation.T
