@@ -164,6 +164,36 @@ def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, c
     assert make_estimator(changed(settings, {"estimation": {"base_state": "odom"}}), model, {}) is None
 
 
+def test_a_clock_that_begins_anew_ends_the_estimate(robot):
+    robot.activate()
+    robot.bench.loop._inputs.restart()
+    latched = robot.bench.loop._inputs.latch()
+    assert (latched.state, latched.ages["base estimate"]) == (None, np.inf)
+    assert robot.cycle().fault.code == "STALE_INPUT"
+
+
+def test_imu_data_without_joint_states_are_not_kept(robot):
+    for _ in range(50):
+        robot.bench.clock.time += robot.bench.period
+        robot.imu()
+        robot.bench.loop.cycle()
+    assert robot.bench.loop._inputs._samples == []
+
+
+def test_an_estimate_that_is_lost_begins_anew(robot):
+    """No measurement within the ranges of the messages was found that does it: the filter is spoilt by hand."""
+    robot.activate()
+    robot.bench.loop._inputs._estimator._running.filter.P[:] = np.nan
+    assert robot.cycle().fault.code == "STALE_INPUT"
+    assert robot.bench.loop._inputs._noted()["base estimate"] == (
+        "the estimate was lost (it was not finite), and the robot has to stand still again"
+    )
+    robot.cycle(80)
+    robot.bench.command("reset")
+    robot.cycle()
+    assert robot.activate().mode is Mode.ACTIVE
+
+
 def test_a_frame_that_the_robot_does_not_have_is_refused(robot_of, changed):
     settings, model = robot_of("go2")
     with pytest.raises(ConfigurationError, match=r"estimation.imu_frame = 'nose': the robot has no such frame"):

@@ -19,6 +19,9 @@ _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6
 STALL = 0.02
 #: Modes in which torques are computed from a solution, or were.
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+#: Latency that clocks which are not synchronized cannot tell from a slow clock (docs/safety.md, the age of a state): as
+#: a share of the time that passes, and at most in a gap between two messages, s.
+_SLOW_CLOCK, _GAP = 0.5, 0.025
 #: Every name of a violation that `Watch` can find, with its meaning.
 VIOLATIONS: Mapping[str, str] = {
     "unreadable": "a message with torques that cannot be read, or of another size",
@@ -156,8 +159,7 @@ class _Used:
     Attributes:
         taken: true time of what it tells, s.
         unseen: latency that clocks which are not synchronized cannot tell from an offset, s: what is constant, and
-            what grows by no more than half of the time that passes, or by 25 ms in a gap (docs/safety.md, the age of a
-            state).
+            what looks like a slow clock.
     """
 
     def __init__(self) -> None:
@@ -167,7 +169,7 @@ class _Used:
 
     def renew(self, taken: float, now: float) -> None:
         """Take another message."""
-        self._may_grow = min(self._may_grow + 0.5 * (now - self._came), 0.025)
+        self._may_grow = min(self._may_grow + _SLOW_CLOCK * (now - self._came), _GAP)
         growth = min(max(taken - self.taken, 0.0), self._may_grow)
         self._may_grow -= growth
         self.taken, self.unseen, self._came = taken, min(now - taken, self.unseen + growth), now

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.stats import chi2
 
-from wbc_controller.core.arrays import solved
+from wbc_controller.core.arrays import all_finite, solved
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.records import Array
@@ -75,6 +75,7 @@ class BaseEstimator:
     is taken in again at once where it is then.
 
     Attributes:
+        imu_frame: name of the IMU's frame.
         waits_for: why there is no estimate yet.
     """
 
@@ -86,6 +87,7 @@ class BaseEstimator:
             sensors: what is known of the sensors.
             gravity: (3,) in m/s², in the world.
         """
+        self.imu_frame = kinematics.imu_frame
         self.waits_for = "no IMU data have come"
         self._kinematics = kinematics
         self._sensors = sensors
@@ -127,10 +129,10 @@ class BaseEstimator:
         if self._running is None:
             self._stand(samples, held)
             return
-        silence = self._running.follow(samples, held)
-        if silence is not None:
+        lost = self._running.follow(samples, held)
+        if lost is not None:
             self.restart()
-            self.waits_for = f"the IMU was silent for {silence:.3f} s, and the robot has to stand still again"
+            self.waits_for = f"{lost}, and the robot has to stand still again"
 
     def _stand(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> None:
         """Wait until the robot has stood still for a while, and begin."""
@@ -213,15 +215,20 @@ class _Running:
         sizes = {len(points) for points in kinematics.points.values()}
         self._limits = {k: float(chi2.isf(_SLIP, 3 * k)) for k in sizes}
 
-    def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> float | None:
-        """Take measurements; the time for which the IMU was silent, s, where that is too long to go on."""
+    def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> str | None:
+        """Take measurements; why the estimate cannot go on, where it cannot."""
         for sample in samples:
             dt = sample.stamp - self._last.stamp
             if dt > _GAP:
-                return dt
+                return f"the IMU was silent for {dt:.3f} s"
             if dt > 0.0:
                 self._pass(sample, dt)
-        self._touch(holding)
+        try:
+            self._touch(holding)
+        except np.linalg.LinAlgError as error:
+            return f"the estimate was lost ({error})"
+        if not (all_finite(self.filter.columns) and all_finite(self.filter.P)):
+            return "the estimate was lost (it was not finite)"
         return None
 
     def base(self) -> tuple[Array, Array]:

@@ -54,6 +54,7 @@ class LegKinematics:
     Wheels and contacts between two links of the robot have no points that stay where they are.
 
     Attributes:
+        imu_frame: name of the IMU's frame.
         points: names of the points of each contact, by the contact's name.
         rolling: of contacts that are balls, the vector from the contact point to the centre, in the world, (3,) in m:
             their point is the centre, which moves as the ball rolls.
@@ -75,6 +76,7 @@ class LegKinematics:
         Raises:
             ConfigurationError: where the model has no such frame.
         """
+        self.imu_frame = imu_frame
         self._model = model
         self._pinocchio = model.pinocchio
         self._data = model.pinocchio.createData()

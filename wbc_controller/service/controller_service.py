@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.assembly.estimation import imu_frame, make_estimator
+from wbc_controller.assembly.estimation import make_estimator
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.recorder import recording
@@ -133,8 +133,6 @@ def make_loop(
             partial(controller.live.prepare, source="update"),
             clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
             estimator=make_estimator(settings, model, published),
-            imu_frame=imu_frame(settings, model),
-            holding=controller.holding,
         ),
         Outputs(
             model,

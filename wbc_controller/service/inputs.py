@@ -127,8 +127,6 @@ class Inputs:
         *,
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
-        imu_frame: str = "",
-        holding: Collection[str] = (),
     ) -> None:
         """Subscribe.
 
@@ -141,8 +139,6 @@ class Inputs:
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
             clock_tolerance: how far a stamp may be ahead of the clock's, s; None where the two are not synchronized.
             estimator: estimates a floating base; None where its odometry is measured elsewhere.
-            imu_frame: frame of the IMU.
-            holding: names of the contacts that are meant to hold at the start.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -152,12 +148,11 @@ class Inputs:
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._clock_tolerance = clock_tolerance
         self._parts = {"joint_states": _Part(JointStateReader(model.joints), self._tracker())}
-        self._estimator = estimator if model.floating_base else None
+        self._estimator = estimator
         self._samples: list[ImuSample] = []
-        self._base: tuple[Array, Array] | None = None
-        self._holding = holding
-        if self._estimator is not None:
-            self._parts["imu"] = _Part(ImuReader(imu_frame), self._tracker())
+        self._base: tuple[Array, Array] | None = None  # what was estimated in the last cycle
+        if estimator is not None:
+            self._parts["imu"] = _Part(ImuReader(estimator.imu_frame), self._tracker())
         elif model.floating_base:
             self._parts["odom"] = _Part(OdometryReader(model.base_link), self._tracker())
         self._notes: dict[str, str] = {}
@@ -205,10 +200,7 @@ class Inputs:
             part.stamps = self._tracker()
         if self._estimator is not None:
             self._estimator.restart()
-
-    def hold(self, contacts: Collection[str]) -> None:
-        """Say which contacts are meant to hold from now on, by name: the base's estimate rests on them."""
-        self._holding = contacts
+            self._base = None
 
     def _tracker(self) -> StampTracker:
         if self._clock_tolerance is None:
@@ -231,8 +223,12 @@ class Inputs:
         """How far the stamps have gone on while the clock has stood still, s."""
         return max(part.stamps.stood for part in self._parts.values())
 
-    def latch(self) -> Latched:
-        """Decode the newest state, and take the requests that have been read."""
+    def latch(self, holding: Collection[str] = ()) -> Latched:
+        """Decode the newest state, and take the requests that have been read.
+
+        Args:
+            holding: names of the contacts that are meant to hold: an estimate of the base rests on them.
+        """
         refused: list[str] = []
         for endpoint, box in self._boxes:
             for received, payload in box.take():
@@ -241,7 +237,7 @@ class Inputs:
                     self._notes[endpoint.key] = reason
                     refused.append(f"{endpoint.name}: {reason}")
         if self._estimator is not None:
-            refused += self._estimate(self._estimator)
+            refused += self._estimate(self._estimator, holding)
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
@@ -353,13 +349,13 @@ class Inputs:
         if key == "imu":
             self._samples.append(ImuSample(1.0e-9 * stamp, q, v))
 
-    def _estimate(self, estimator: BaseEstimator) -> list[str]:
+    def _estimate(self, estimator: BaseEstimator, holding: Collection[str]) -> list[str]:
         """Estimate the base from what has come; a sentence for each contact that is newly left out."""
         joints, before = self._parts["joint_states"], estimator.slipping
-        if not len(joints.v) or not self._samples:
-            return []
         samples, self._samples = self._samples, []
-        estimator.update(samples, joints.q, joints.v, self._holding)
+        if not samples or not len(joints.v):
+            return []
+        estimator.update(samples, joints.q, joints.v, holding)
         self._base = estimator.base
         return [
             f"the base's estimate leaves out contact {name!r}, which moves, and takes it in again where it is then"

@@ -84,7 +84,7 @@ class ControlLoop:
     def cycle(self) -> CycleReport:
         """Run one cycle."""
         started = self._timer()
-        latched = self._inputs.latch()
+        latched = self._inputs.latch(self.controller.holding)
         timeout = self.controller.state_timeout
         stood = self._inputs.stood()
         now = self._clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
@@ -113,7 +113,6 @@ class ControlLoop:
         if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
             result = self.controller.cycle(self._clock.now() + stood, latched.state, None, problem=late)
         stages |= result.stage_seconds
-        self._inputs.hold(self.controller.holding)
         decided = self._timer()
         report = self._report(latched, result, stages, refused)
         self._outputs.publish_command(report)

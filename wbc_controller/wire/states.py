@@ -39,7 +39,7 @@ class StateReader(ABC):
         """Read a serialized message.
 
         Returns:
-            The stamp in ns, positions and velocities.
+            The stamp in ns, and what the stream tells: positions and velocities; of an IMU what it measures.
 
         Raises:
             InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
@@ -67,7 +67,7 @@ class StateReader(ABC):
 
     @abstractmethod
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        """Positions and velocities of a message."""
+        """What a message tells."""
 
     @abstractmethod
     def _find(self, shape: FixedShape) -> None:
@@ -75,7 +75,7 @@ class StateReader(ABC):
 
     @abstractmethod
     def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        """Positions and velocities from the numbers of a message; None if one is not finite."""
+        """What a message tells, from its numbers; None where the codec's way has to say that it is refused."""
 
 
 class JointStateReader(StateReader):

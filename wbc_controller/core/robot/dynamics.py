@@ -32,7 +32,7 @@ class Dynamics:
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
-        self._model, self._pin = model, model.pinocchio
+        self._pin = model.pinocchio
         self._data = model.pinocchio.createData()
         self._zero = np.zeros(model.nv)
         self._mass = float(pin.computeTotalMass(model.pinocchio))
@@ -131,7 +131,7 @@ class Dynamics:
         Returns:
             (nv,).
         """
-        J = self.jacobian(self._model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
+        J = self.jacobian(self.model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)
 
 
