@@ -117,6 +117,8 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         (
             "core/robot",
             "core/references",
+            "core/program",
+            "core/whole_body_qp",
             "safety",
             "settings",
             "assembly",
@@ -127,7 +129,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "mock",
             "live",
         ),
-        ("numpy", "pinocchio", "rosbags", "click"),
+        ("numpy", "scipy", "pinocchio", "rosbags", "click"),
     ),
     "cli": (
         ("settings", "assembly", "wire", "transports", "service", "mock", "ros2", "demo", "campaign", "bench", "fuzz"),

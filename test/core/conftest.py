@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.optimize import linprog
 
 from wbc_controller.assembly.preflight import stance
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.program.problem import QuadraticProgram
-from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.whole_body_qp import WholeBodyQP
+from wbc_controller.fuzz.problems import random_problem, rest
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings, TaskSettings
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -61,60 +59,14 @@ class Bench:
         return self.state(q, velocity * rng.uniform(-1, 1, self.model.nv))
 
     def random_problem(self, seed: int) -> tuple[RobotState, References, Array | None]:
-        """A random state with a quarter of the joints 0.1 to 100 mrad before a limit, references and torques before.
-
-        With odd seeds the weights are the configuration's times 10^-2 to 10^2; half of the seeds have torques before.
-        """
-        model, rng = self.model, np.random.default_rng(seed)
-        lower, upper = model.position_lower + 0.02, model.position_upper - 0.02
-        q = pin.integrate(model.pinocchio, self.stance, 0.3 * rng.uniform(-1, 1, model.nv))
-        near, high = rng.random(model.nj) < 0.25, rng.random(model.nj) < 0.5
-        gap = 10.0 ** rng.uniform(-4, -1, model.nj)
-        joints = np.where(high, upper - gap, lower + gap)
-        q[model.q_index] = np.where(near, joints, np.clip(q[model.q_index], lower, upper))
-        state = self.state(q, 10.0 ** rng.uniform(-2, 0.3) * rng.uniform(-1, 1, model.nv))
-        references, before = self.references(), None
-        if seed % 2:
-            weights = {name: weight * 10.0 ** rng.uniform(-2, 2) for name, weight in references.weights.items()}
-            references = replace(references, weights=weights)
-        if seed // 2 % 2:
-            before = model.effort_limits * rng.uniform(-0.2, 0.2, model.na)
-        return state, references, before
+        """A random state, references and torques before."""
+        return random_problem(self.model, self.stance, self.references(), seed)
 
     def references(self, state: RobotState | None = None, **weights: float) -> References:
         """Stay where a state is; weights that are not given are the configuration's."""
         state = self.state() if state is None else state
-        dynamics = Dynamics(self.model)
-        dynamics.update(state.q, state.v)
-        configured = {name: task.weight if task.enabled else 0.0 for name, task in self.settings.tasks.items()}
-        return References(
-            tasks={name: task.rest(dynamics) for name, task in self.controller.tasks.items()},
-            weights=configured | weights,
-            contacts=dict.fromkeys(self.controller.contacts, 1.0),
-        )
-
-
-@pytest.fixture(scope="session")
-def room() -> Callable[[QuadraticProgram], float]:
-    """The function that says how feasible a problem is: the largest distance that x can keep from all its bounds.
-
-    In the problem's units, by a linear program; below 0 where the problem is infeasible.
-    """
-
-    def largest(problem: QuadraticProgram) -> float:
-        n, (lower, upper) = problem.n, problem.bounds
-        rows = np.vstack([np.eye(n), problem.C])
-        above, below = np.isfinite(upper), np.isfinite(lower)
-        G, h = np.vstack([rows[above], -rows[below]]), np.concatenate([upper[above], -lower[below]])
-        result = linprog(
-            np.append(np.zeros(n), -1.0), np.hstack([G, np.ones((len(G), 1))]), h,
-            np.hstack([problem.A, np.zeros((len(problem.A), 1))]), problem.b,
-            bounds=[(None, None)] * n + [(None, 1.0)], method="highs-ds",
-        )  # fmt: skip
-        assert result.status == 0
-        return float(result.x[-1])
-
-    return largest
+        found = rest(self.controller, self.settings, state)
+        return replace(found, weights={**found.weights, **weights})
 
 
 @pytest.fixture(scope="session")

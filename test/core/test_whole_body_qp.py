@@ -4,11 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from wbc_controller.core import whole_body_qp
 from wbc_controller.core.program.layout import FORCE_UNIT
 from wbc_controller.core.program.problem import QuadraticProgram
 from wbc_controller.core.program.unpacking import unpack
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.solvers import Answer, make_solver
 from wbc_controller.errors import NoSolution
+from wbc_controller.fuzz.problems import room
 from wbc_controller.settings import PostureTask
 
 ROBOTS = ("g1", "talos", "go2")
@@ -258,7 +261,7 @@ def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_only_what_has_to_be_relaxed_is(bench, room, robot):
+def test_only_what_has_to_be_relaxed_is(bench, robot):
     """By linear programs: nothing where nothing has to give, and the torque rate alone where that is enough."""
     bench, seen = bench(robot), set()
     for seed in range(60):
@@ -278,6 +281,13 @@ def test_only_what_has_to_be_relaxed_is(bench, room, robot):
     assert {(), ("torque_rate",), ("joint_motion",), ("torque_rate", "joint_motion")} <= seen
 
 
+@pytest.fixture
+def keep_contacts(monkeypatch):
+    """No contact is given up, so that the relaxed problem counts."""
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+
+
+@pytest.mark.usefixtures("keep_contacts")
 def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pursued(bench):
     """DAQP calls its soft program infeasible, which has a solution, with all weights as they are."""
     talos = bench("talos")
@@ -323,10 +333,63 @@ def test_where_a_solver_fails_on_a_feasible_problem_another_one_solves_it_and_no
     assert binding > 3
 
 
+@pytest.mark.usefixtures("keep_contacts")
 def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench):
     g1 = bench("g1")
     solution = g1.controller.solve(*g1.random_problem(7686))  # joints that miss their bounds by 10^4 rad/s²
     assert solution.relaxed == ("torque_rate", "joint_motion")
+    assert max(solution.residuals.values()) < 1e-5
+
+
+def rising(bench, speed):
+    """Talos, whose base rises with its feet on the ground, its left knee 0.05 rad before its limit: straight."""
+    talos = bench("talos")
+    model, q, v = talos.model, np.array(talos.stance), np.zeros(talos.model.nv)
+    knee = model.joints.index("leg_left_4_joint")
+    q[model.q_index[knee]] = model.position_lower[knee] + 0.05
+    v[model.v_index[knee]] = -speed
+    dynamics = Dynamics(model)
+    dynamics.update(q, v)
+    J = talos.controller.contacts["left_foot"].jacobian(dynamics)
+    v[:6] -= np.linalg.lstsq(J[:, :6], J @ v, rcond=None)[0]  # this foot stays where it is
+    return talos, talos.state(q, v), knee
+
+
+def test_a_contact_that_keeps_a_joint_from_stopping_at_its_limit_is_given_up(bench, monkeypatch):
+    talos, state, knee = rising(bench, 12.0)
+    solution = talos.controller.solve(state, talos.references())
+    assert "contact_motion" in solution.relaxed
+    assert "left_foot" not in solution.forces
+    acceleration = solution.v_dot[talos.model.v_index[knee]]
+    assert acceleration > talos.settings.limits.acceleration  # it brakes
+    assert max(solution.residuals.values()) < 1e-5
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+    held = talos.controller.solve(state, talos.references())
+    assert "left_foot" in held.forces
+    assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it goes on, faster
+
+
+def test_a_joint_that_nearly_stops_costs_no_contact(bench):
+    talos, state, _ = rising(bench, 6.0)
+    solution = talos.controller.solve(state, talos.references())
+    assert "joint_motion" in solution.relaxed
+    assert set(solution.forces) == {"left_foot", "right_foot"}
+
+
+def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(bench, monkeypatch):
+    talos, state, _ = rising(bench, 12.0)
+    attempt, calls = talos.controller._attempt, []
+
+    def fails_at_last(layout, references):
+        calls.append(layout.key)
+        found = attempt(layout, references)
+        return found if len(calls) == 1 else replace(found, residuals=None)
+
+    monkeypatch.setattr(talos.controller, "_attempt", fails_at_last)
+    solution = talos.controller.solve(state, talos.references())
+    assert calls == [("left_foot", "right_foot"), ("right_foot",)]
+    assert set(solution.forces) == {"left_foot", "right_foot"}
+    assert "contact_motion" not in solution.relaxed
     assert max(solution.residuals.values()) < 1e-5
 
 

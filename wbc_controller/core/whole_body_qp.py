@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
 from wbc_controller.core.contacts import Contact
@@ -10,7 +11,7 @@ from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.infeasibility import explain
 from wbc_controller.core.program.layout import Layout
 from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals
-from wbc_controller.core.program.relaxation import relaxations, soften, widen
+from wbc_controller.core.program.relaxation import hindering_contacts, relaxations, soften, widen
 from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
@@ -24,6 +25,23 @@ from wbc_controller.records import Array, Infeasibility, LevelReport, References
 
 #: Room that strict priorities leave at relaxed bounds, in the problem's units, so that rounding does not close it.
 _ROOM = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """What came of solving a built problem.
+
+    Attributes:
+        answer: of the solver.
+        residuals: of the answer; None where it cannot be used.
+        levels: the quadratic programs that were solved.
+        relaxed: groups in which a bound is missed, and lower levels that failed.
+    """
+
+    answer: Answer
+    residuals: Residuals | None
+    levels: tuple[LevelReport, ...]
+    relaxed: tuple[str, ...]
 
 
 class WholeBodyQP:
@@ -126,7 +144,8 @@ class WholeBodyQP:
 
         If the problem is infeasible, the torque rate limit is relaxed, and if that is not enough, also the limits on
         combinations of accelerations and those of joint motion. What their bounds miss becomes part of the cost.
-        `Solution.relaxed` names the groups in which a bound is missed.
+        Where a joint would still not stop at its position limit, the contacts whose motion it takes part in are given
+        up, as in the air. `Solution.relaxed` names the groups in which a bound is missed.
 
         Args:
             state: the latched state of the robot.
@@ -142,23 +161,20 @@ class WholeBodyQP:
         started = self._timer()
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
-        tolerance = self._solver_of(layout).tolerance
-        problem = layout.problem
-        answer, levels, unsolved = self._solve(layout)
-        if answer.status == NOT_FINITE:
-            raise NoSolution(
-                "the state, the references or the torques before hold a value that is not finite",
-                "not solved",
-                problem.copy(),
-            )
-        residuals = _usable(answer, problem, tolerance)
-        iterations = answer.iterations
-        relaxed: tuple[str, ...] = ()
-        if residuals is None:
-            answer, levels, unsolved, relaxed = self._relax(layout, references, answer)
-            residuals = _usable(answer, problem, tolerance)
-            iterations += answer.iterations
+        found = self._attempt(layout, references)
+        lost: tuple[str, ...] = ()
+        if found.relaxed and found.residuals is not None:
+            lost = hindering_contacts(self.formulation, layout, found.residuals.value)
+        if lost:
+            without = replace(references, contacts={**references.contacts, **dict.fromkeys(lost, 0.0)})
+            lifted = self.formulation.build(state, without, tau_before)
+            other = self._attempt(lifted, without)
+            if other.residuals is not None:
+                layout, references = lifted, without
+                other.answer.iterations += found.answer.iterations
+                found = replace(other, relaxed=("contact_motion", *other.relaxed))
         solved = self._timer()
+        answer, residuals = found.answer, found.residuals
         if answer.x is None or residuals is None:
             failed = layout.snapshot()
             failure = NoSolution(
@@ -173,13 +189,36 @@ class WholeBodyQP:
         parts = unpack(self.formulation, layout, answer.x, answer.multipliers, residuals, references)
         return Solution(
             **parts,
-            iterations=iterations,
-            levels=levels,
-            relaxed=(*relaxed, *unsolved),
+            iterations=answer.iterations,
+            levels=found.levels,
+            relaxed=found.relaxed,
             stage_seconds=frozen_mapping(
                 {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
             ),
         )
+
+    def _attempt(self, layout: Layout, references: References) -> _Attempt:
+        """Solve a built problem, with as little as possible relaxed.
+
+        Raises:
+            NoSolution: where a value of the problem is not finite.
+        """
+        tolerance = self._solver_of(layout).tolerance
+        answer, levels, unsolved = self._solve(layout)
+        if answer.status == NOT_FINITE:
+            raise NoSolution(
+                "the state, the references or the torques before hold a value that is not finite",
+                "not solved",
+                layout.problem.copy(),
+            )
+        residuals = _usable(answer, layout.problem, tolerance)
+        relaxed: tuple[str, ...] = ()
+        if residuals is None:
+            iterations = answer.iterations
+            answer, levels, unsolved, relaxed = self._relax(layout, references, answer)
+            residuals = _usable(answer, layout.problem, tolerance)
+            answer.iterations += iterations
+        return _Attempt(answer, residuals, levels, (*relaxed, *unsolved))
 
     def _relax(
         self, layout: Layout, references: References, failed: Answer

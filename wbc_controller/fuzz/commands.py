@@ -22,10 +22,10 @@ _EVERY = 10.0
 
 @click.group()
 def fuzz() -> None:
-    """Try to break it: hostile messages and files, floods, killed processes, long runs.
+    """Try to break it: hostile messages, files, states and setpoints, floods, killed processes, long runs.
 
-    The first three run in one process; floods, kills and soak start real processes on a DDS domain of their own. All of
-    them end with exit status 1 where something broke, and repeat themselves by their seed.
+    Floods, kills and soak start real processes on a DDS domain of their own, the others none. All of them end with exit
+    status 1 where something broke, and repeat themselves by their seed.
     """
     exit_by_signals()
 
@@ -223,6 +223,51 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
     for said in result.own_faults:
         click.echo(f"  {said}")
     sys.exit(0 if not result.own_faults and all(result.flat(name) for name in result.memory) else 1)
+
+
+@fuzz.command()
+@click.argument("robots", default="go2,g1,talos")
+@click.option("--minutes", default=10.0, show_default=True, help="Simulated time under control, for each robot.")
+@click.option("--first", default=0, show_default=True, help="Number of each robot's first trial.")
+@click.option("--seed", default=0, show_default=True, help="Of all choices.")
+def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
+    """Ask for what no robot can do, and see that its joints keep their limits, whatever is relaxed."""
+    with _needing_mujoco():
+        from wbc_controller.fuzz import setpoints as run
+
+    say = _Progress()
+    done = run.fuzz_setpoints(
+        robots.split(","),
+        minutes,
+        seed,
+        first=first,
+        progress=lambda trial: say(
+            f"{trial.robot}, trial {trial.number}: {trial.kind}, {trial.ended or 'active'} after {trial.seconds:.1f} s"
+        ),
+    )
+    for line in run.summary(done):
+        click.echo(line)
+    sys.exit(0 if all(trial.kept for trial in done) else 1)
+
+
+@fuzz.command()
+@click.argument("robots", default="go2,g1,talos")
+@click.option("--count", default=10_000, show_default=True, help="Problems of each robot.")
+@click.option("--first", default=0, show_default=True, help="Number of the first problem.")
+@click.option("--seed", default=0, show_default=True, help="Added to the number of each problem.")
+def problems(robots: str, count: int, first: int, seed: int) -> None:
+    """Solve random quadratic programs, and see by linear programs that nothing is relaxed without need."""
+    from wbc_controller.fuzz.problems import fuzz_problems
+
+    say, failed = _Progress(), False
+    for outcome in fuzz_problems(
+        robots.split(","), count, seed, first=first, progress=lambda outcome: say(outcome.line())
+    ):
+        click.echo(outcome.line())
+        for number, why in outcome.failures.items():
+            click.echo(f"  problem {number}: {why}")
+        failed = failed or bool(outcome.failures)
+    sys.exit(1 if failed else 0)
 
 
 class _Progress:

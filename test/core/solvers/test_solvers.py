@@ -10,6 +10,7 @@ from wbc_controller.core.solvers.active_set import ActiveSet
 from wbc_controller.core.solvers.daqp import solve_carefully
 from wbc_controller.core.solvers.factory import require_solver
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.fuzz.problems import room
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*Clarabel:UserWarning"),
@@ -359,7 +360,7 @@ CORNERS = {"g1": (607, 1210, 1855, 3011, 3335, 3791, 5018, 6347), "talos": (9195
 
 
 @pytest.mark.parametrize(("robot", "seed"), [(robot, seed) for robot, seeds in CORNERS.items() for seed in seeds])
-def test_a_feasible_problem_is_not_called_infeasible(bench, room, robot, seed):
+def test_a_feasible_problem_is_not_called_infeasible(bench, robot, seed):
     """Joints near their limits, and weights that differ: the solution lies in a corner. quadprog finds one as good."""
     robot = bench(robot)
     problem = robot.controller.formulation.build(*robot.random_problem(seed)).problem

@@ -19,6 +19,8 @@ _JOINT = 1.0e2
 #: Weight of the bounds of a joint that can still stop in time, (rad/s²)⁻²: about that of tasks, so that a robot whose
 #: knees have to brake keeps its balance.
 _BRAKING = 1.0
+#: A joint cannot stop where the acceleration that it needs is missed by so many times the largest that limits allow.
+_UNSTOPPED = 2.0
 #: A bound that is missed by less does not count as relaxed: rad/s², m/s² or effort limits.
 _MET = 1.0e-3
 
@@ -91,15 +93,41 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
     yield first + [group for group in (*rows, _motion(formulation, layout)) if len(group.places)]
 
 
-def _motion(formulation: Formulation, layout: Layout) -> Relaxable:
-    """Joint motion: how early a joint brakes counts as much as tasks; that it stops in time, and all else, more."""
-    model, dynamics, joints = formulation.model, formulation.dynamics, layout.joints
-    stopping = formulation.motion_limit.stopping_bounds(
+def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -> tuple[str, ...]:
+    """Names of the active contacts that keep a joint from stopping at its position limit.
+
+    A foot that is taken to stand determines the motion of its leg, and where the robot leaves the ground faster than a
+    leg is long, no torque stops the knee: the foot has to go along.
+
+    Args:
+        formulation: the formulation that built the problem.
+        layout: with the problem.
+        value: x and C x of its relaxed solution, (n + m_in,).
+    """
+    joints = layout.joints
+    lower, upper = _stopping(formulation, np.repeat([[np.inf], [-np.inf]], len(joints), axis=1))
+    missed = np.maximum(lower - value[joints], value[joints] - upper)
+    passing = joints[missed > _UNSTOPPED * formulation.motion_limit.acceleration]
+    return tuple(
+        place.contact.name for place in layout.places if not place.contact.permanent and place.J[:, passing].any()
+    )
+
+
+def _stopping(formulation: Formulation, bounds: Array) -> Array:
+    """Bounds with which joints still stop at their position limits (`JointMotionLimit.stopping_bounds`)."""
+    model, dynamics = formulation.model, formulation.dynamics
+    return formulation.motion_limit.stopping_bounds(
         dynamics.q[model.q_places],
         dynamics.v[model.v_places],
-        layout.problem.bounds[:, joints],
+        bounds,
         (model.position_lower, model.position_upper),
     )
+
+
+def _motion(formulation: Formulation, layout: Layout) -> Relaxable:
+    """Joint motion: how early a joint brakes counts as much as tasks; that it stops in time, and all else, more."""
+    joints = layout.joints
+    stopping = _stopping(formulation, layout.problem.bounds[:, joints])
     brakes = np.isfinite(stopping).any(axis=0)
     group = Relaxable.of(layout, "joint_motion", joints)
     weights = np.where(np.isin(group.places, joints[brakes]), _BRAKING, _JOINT)

@@ -1,0 +1,71 @@
+"""The fuzzer of setpoints: joints keep their limits whatever is asked for, and one that does not is seen."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.fuzz import setpoints
+from wbc_controller.fuzz.setpoints import KINDS, fuzz_setpoints, run_trial, summary
+from wbc_controller.mock.simulation import Simulation
+from wbc_controller.settings.config import load
+
+
+@pytest.fixture(scope="module")
+def go2():
+    return Simulation(load("go2"))
+
+
+def test_joints_keep_their_limits_whatever_is_asked_for():
+    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,talos", "--minutes", "0.1"])
+    assert result.exit_code == 0, result.output
+    line = re.compile(r"(go2|talos) +\d+ trials, \d+ s under control, \d+ ended in damping; .*by over 0.02 in 0 trials")
+    assert [line.fullmatch(said)[1] for said in result.output.splitlines()] == ["go2", "talos"]
+
+
+@pytest.mark.parametrize(("robot", "number", "kind"), [("go2", 1, "squat"), ("go2", 5, "mix"), ("talos", 0, "centre")])
+def test_a_trial_follows_from_its_seed_and_number(go2, robot, number, kind):
+    simulation = go2 if robot == "go2" else Simulation(load(robot))
+    first, other = (run_trial(simulation, robot, 3, n) for n in (number, number + len(KINDS)))
+    assert first.kind == kind == other.kind
+    assert run_trial(simulation, robot, 3, number) == first != other
+    assert -0.5 < first.beyond < 0.02
+
+
+def test_a_joint_that_passes_its_limit_ends_the_command_with_1(monkeypatch):
+    monkeypatch.setattr(setpoints, "BEYOND", -10.0)
+    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2", "--minutes", "0.01"])
+    assert result.exit_code == 1
+    assert re.search(r"by over -10 in [1-9]\d* trials", result.output)
+
+
+class Bent(Simulation):
+    """One knee has no stop, and goes on by itself."""
+
+    def reset(self):
+        super().reset()
+        step, knee = self.plant.step, self.plant.model.joint("RL_calf_joint")
+        self.plant.model.jnt_limited[knee.id] = 0
+
+        def bent():
+            step()
+            self.plant.data.qpos[knee.qposadr[0]] += 0.0008
+
+        self.plant.step = bent
+
+
+def test_a_joint_beyond_its_limit_counts_and_is_named():
+    trial = run_trial(Bent(load("go2")), "go2", 0, 0)
+    assert (trial.joint, trial.kept) == ("RL_calf_joint", False), trial
+
+
+def test_trials_go_on_until_the_time_is_up_and_the_worst_is_named():
+    trials = fuzz_setpoints(["go2"], 0.08, 0, first=2)
+    assert [trial.number for trial in trials] == list(range(2, 2 + len(trials)))
+    assert sum(trial.seconds for trial in trials) >= 4.8 > sum(trial.seconds for trial in trials[:-1])
+    worst = max(trials, key=lambda trial: trial.beyond)
+    (line,) = summary(trials)
+    assert f"({worst.joint}, trial {worst.number}, {worst.kind})" in line
