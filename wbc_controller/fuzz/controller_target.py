@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -51,9 +51,9 @@ class _Sieve:
         """Read what has come since the last call."""
         return self._inputs.latch()
 
-    def latch(self) -> Latched:
-        """The newest state, and the requests that were let through."""
-        passed, self.passed = [*self.passed, self._inputs.latch()], []
+    def latch(self, holding: Collection[str]) -> Latched:
+        """The newest state, and the requests that were let through; as `Inputs.latch`."""
+        passed, self.passed = [*self.passed, self._inputs.latch(holding)], []
         return dataclasses.replace(
             passed[-1],
             commands=tuple(word for latched in passed for word in latched.commands),
