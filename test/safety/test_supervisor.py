@@ -321,6 +321,24 @@ def test_a_solution_in_time_ends_holding(rig):
     assert bench.supervisor.fault is None
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_no_torque_is_held_that_drives_a_joint_into_its_stop(rig, side):
+    bench = rig(hold_time=0.1).bring("active")
+    model, bench.tau = bench.model, side * bench.tau
+    bench.step(count=20)
+    q = np.array(bench.state.q)
+    end = model.position_upper if side > 0.0 else model.position_lower
+    q[model.q_index[0]] = end[0] - side * 0.2  # it gets there in 40 ms
+    q[model.q_index[1]] = end[1] - side * 0.3  # and this one in 60
+    bench.state = RobotState(8, q, bench.state.v)
+    bench.step(NOTHING, count=8, velocity=side * 5.0)
+    damping = -2.0 * 5.0 * side
+    np.testing.assert_allclose(bench.commands[-1].tau[:2], [damping, bench.tau[1] + damping])
+    bench.step(NOTHING, count=12, velocity=-side * 5.0)  # on its way back
+    assert bench.mode is Mode.HOLDING
+    np.testing.assert_allclose(bench.commands[-1].tau[0], bench.tau[0] - damping)
+
+
 def test_a_user_who_damps_ends_in_stopped_without_a_fault(rig):
     bench = rig().bring("active")
     bench.request("damp")

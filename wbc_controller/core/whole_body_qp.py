@@ -11,7 +11,7 @@ from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.infeasibility import explain
 from wbc_controller.core.program.layout import Layout
 from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals
-from wbc_controller.core.program.relaxation import hindering_contacts, relaxations, soften, widen
+from wbc_controller.core.program.relaxation import hindering_contacts, relaxations, soften, stops_missed, widen
 from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
@@ -25,6 +25,8 @@ from wbc_controller.records import Array, Infeasibility, LevelReport, References
 
 #: Room that strict priorities leave at relaxed bounds, in the problem's units, so that rounding does not close it.
 _ROOM = 1.0e-6
+#: Share of what joints miss to stop at their limits that may be left where contacts are given up for it.
+_WORTH = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,14 +164,18 @@ class WholeBodyQP:
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
         found = self._attempt(layout, references)
-        lost: tuple[str, ...] = ()
-        if found.relaxed and found.residuals is not None:
-            lost = hindering_contacts(self.formulation, layout, found.residuals.value)
-        if lost:
+        if (
+            found.residuals is not None
+            and found.relaxed
+            and (lost := hindering_contacts(self.formulation, layout, found.residuals.value))
+        ):
             without = replace(references, contacts={**references.contacts, **dict.fromkeys(lost, 0.0)})
             lifted = self.formulation.build(state, without, tau_before)
             other = self._attempt(lifted, without)
-            if other.residuals is not None:
+            if other.residuals is not None and (
+                stops_missed(self.formulation, lifted, other.residuals.value)
+                < _WORTH * stops_missed(self.formulation, layout, found.residuals.value)
+            ):
                 layout, references = lifted, without
                 other.answer.iterations += found.answer.iterations
                 found = replace(other, relaxed=("contact_motion", *other.relaxed))

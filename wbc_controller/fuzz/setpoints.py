@@ -6,6 +6,7 @@ time, or where the controller has left its active mode: then the supervisor damp
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,8 @@ DURATION = 2.0
 BEYOND = 0.02
 #: Modes in which torques come from solutions.
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+
+_log = logging.getLogger("wbc_controller")
 
 
 @dataclass(slots=True)
@@ -79,16 +82,25 @@ def fuzz_setpoints(
     Raises:
         ConfigurationError: where there is no such robot.
     """
-    done = []
+    level = _log.level
+    _log.setLevel(logging.ERROR)  # falls and cycles without a solution are what is asked for
+    try:
+        return list(_trials(robots, 60.0 * minutes, seed, first, progress))
+    finally:
+        _log.setLevel(level)
+
+
+def _trials(
+    robots: Sequence[str], seconds: float, seed: int, first: int, progress: Callable[[SetpointTrial], None]
+) -> Iterator[SetpointTrial]:
     for robot in robots:
-        left, number, simulation = 60.0 * minutes, first, Simulation(load(robot))
+        left, number, simulation = seconds, first, Simulation(load(robot))
         while left > 0.0:
             trial = run_trial(simulation, robot, seed, number)
             left -= trial.seconds
             number += 1
-            done.append(trial)
             progress(trial)
-    return done
+            yield trial
 
 
 def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> SetpointTrial:

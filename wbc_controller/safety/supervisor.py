@@ -33,6 +33,9 @@ from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, Pl
 
 REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
+#: Time within which a joint would reach its position limit that is held without its torque, s.
+_AHEAD = 0.05
+
 
 @dataclass(frozen=True, slots=True)
 class SupervisorLimits:
@@ -236,7 +239,7 @@ class Supervisor:
         if self.solving:
             if problem is None and state is not None and self._fall is not None:
                 problem = self._fall.look(now, state)
-            tau = self._solving(now, problem, outcome, joint_velocity)
+            tau = self._solving(now, problem, outcome, state, joint_velocity)
         if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
         if self.mode is Mode.INACTIVE and not self._tau.any():
@@ -266,6 +269,7 @@ class Supervisor:
         now: float,
         problem: Fault | None,
         outcome: Solution | NoSolution | Fault | None,
+        state: RobotState | None,
         joint_velocity: Array | None,
     ) -> Array | None:
         """Torques while active or holding; None on a change to another mode."""
@@ -305,7 +309,18 @@ class Supervisor:
             explained = self.fault is not None and self.fault.infeasibility is not None
             self._enter(Mode.DAMPING, now, self.fault if explained else reason)
             return None
-        return self._held + self._damping(joint_velocity)
+        return self._holding(state, joint_velocity) + self._damping(joint_velocity)
+
+    def _holding(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
+        """The torques at the start of holding, (na,) in N·m, but for what drives a joint into its stop."""
+        model = self._model
+        if state is None or joint_velocity is None:
+            return self._held
+        soon = state.q[self._q_index] + _AHEAD * joint_velocity
+        held = model.actuation.at_joints(self._held)
+        driven = np.where(soon > model.position_upper, held > 0.0, (soon < model.position_lower) & (held < 0.0))
+        driven &= held * joint_velocity > 0.0
+        return model.actuation.from_joints(np.where(driven, 0.0, held)) if driven.any() else self._held
 
     def _relaxing(self, now: float, solution: Solution) -> Fault | None:
         """Count the time with relaxed constraints."""

@@ -183,6 +183,13 @@ def test_from_whatever_could_still_brake_in_continuous_time_the_position_holds(p
         assert np.max(np.abs(v) - velocity) <= 1.0e-6
 
 
+def hard_braking(q, v, period):
+    """What stops a joint just beyond its limit of 1, where 100 rad/s² do not; at most what stops it within a period."""
+    room = 1.0 + STOPPING - np.sign(v) * q
+    needed = np.where(room > 0.0, v**2 / (2.0 * np.maximum(room, 1e-300)), np.inf)
+    return np.maximum(100.0, np.minimum(needed, np.abs(v) / period))
+
+
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
 def test_what_is_not_viable_brakes_as_hard_as_it_may_and_comes_back(period):
     rng = np.random.default_rng(3)
@@ -193,14 +200,16 @@ def test_what_is_not_viable_brakes_as_hard_as_it_may_and_comes_back(period):
     for i in range(int(3.0 / period)):
         lower, upper = limit.bounds(q, v, period)
         assert (lower <= upper).all()
-        assert np.max(np.abs([lower, upper])) <= 100.0
+        hardest = hard_braking(q, v, period)
+        assert (np.abs([lower, upper]) <= hardest * (1.0 + 1e-12)).all()
         if i == 0:
             away = (beyond * v > 0.0) & (np.abs(v) > 100.0 * period)
             fast = (np.abs(v) > 4.0 + 100.0 * period) & (beyond == 0.0)
             assert away.sum() > 1000
             assert fast.sum() > 1000
+            assert 1000 < (hardest > 100.0).sum() < MANY - 1000
             for hard in (away, fast):
-                np.testing.assert_array_equal(np.where(v > 0.0, upper, lower)[hard], -100.0 * np.sign(v)[hard])
+                np.testing.assert_allclose(np.where(v > 0.0, upper, lower)[hard], -(hardest * np.sign(v))[hard])
         a = np.where(q > 0.0, upper, lower)  # outwards as far as it may
         q, v = q + period * v + 0.5 * period**2 * a, v + period * a
     assert np.max(np.abs(q)) <= 1.0 + 1.0e-6
@@ -270,9 +279,23 @@ def test_where_the_intervals_meet_both_hold():
 
 def test_no_limit_asks_for_more_than_the_largest_acceleration():
     limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
-    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 50.0), (0.0, -50.0), (1.0, 0.1), (1.0 - 1e-12, 9.0)):
+    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 7.0), (0.0, -7.0), (1.0, 0.05), (-0.9, 9.0), (-9.0, 9.0)):
         lower, upper = limit.bounds(np.array([q]), np.array([v]), PERIOD)
         assert -30.0 <= lower[0] <= upper[0] <= 30.0
+
+
+def test_but_for_what_would_run_into_its_stop():
+    """38 rad/s, half a radian before the limit: 30 rad/s² would let it arrive at 37.6 rad/s."""
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
+    for side in (1.0, -1.0):
+        q, v = np.array([side * 0.5]), np.array([side * 38.0])
+        lower, upper = limit.bounds(q, v, PERIOD)
+        np.testing.assert_allclose([lower[0], upper[0]], -side * 38.0**2 / (2.0 * (0.5 + STOPPING)))
+        for _ in range(200):
+            a = limit.bounds(q, v, PERIOD)[side > 0.0]
+            q, v = q + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
+            assert side * q[0] < 1.0 + STOPPING + 1e-3  # bounds change only once in a period
+        assert abs(v[0]) < 1.0
 
 
 def test_torque_bounds():
@@ -430,8 +453,8 @@ def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_l
 
 def test_beyond_reach_it_brakes_as_the_bounds_ask():
     limit = JointMotionLimit((LIMITS[0], LIMITS[1]), None, acceleration=200.0)
-    assert stopping(limit, 1.0 + STOPPING + 0.01, 2.0)[1] == -200.0
-    assert stopping(limit, -1.0 - STOPPING - 0.01, -2.0)[0] == 200.0
+    assert stopping(limit, 1.0 + STOPPING + 0.01, 2.0)[1] == -2.0 / PERIOD
+    assert stopping(limit, -1.0 - STOPPING - 0.01, -2.0)[0] == 2.0 / PERIOD
 
 
 def test_without_position_limits_nothing_is_asked():

@@ -34,11 +34,13 @@ class JointMotionLimit:
 
         w² / (2 q̈_max) + w T / 2 ≤ d - w T / 2,    so    q̈ ≤ (√(q̈_max² T² + 2 q̈_max d) - q̈_max T - q̇) / T.
 
-    Velocity limit: |q̇ + T q̈| ≤ q̇_max. Acceleration limit: |q̈| ≤ q̈_max, to which the other two bounds are clipped.
+    Velocity limit: |q̇ + T q̈| ≤ q̇_max. Acceleration limit: |q̈| ≤ q̈_max, to which the other two bounds are clipped, but
+    for a joint that would run into its stop.
 
     From a viable state the bounds leave a non-empty interval: full braking, or stopping within the period, meets them
     all. From a state that is not viable a joint brakes with q̈_max, or with what it needs to reverse at its limit
-    (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))). Beyond its position limit a joint returns like a critically damped spring with
+    (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))), and harder than q̈_max where it would otherwise be over `STOPPING` beyond its
+    limit. Beyond its position limit a joint returns like a critically damped spring with
     the time constant `RETURN_TIME` / 2. Where position and velocity limits conflict, the position limit takes
     precedence.
 
@@ -153,9 +155,7 @@ class JointMotionLimit:
         lower, upper = limits
         speed = np.multiply(_SIDES, v)
         room = np.stack([upper + STOPPING - q, q - (lower - STOPPING)])
-        with np.errstate(divide="ignore"):
-            braking = np.where(room > 0.0, -(speed**2) / (2.0 * room), -np.inf)
-        held = np.maximum(braking, np.stack([bounds[1], -bounds[0]]))
+        held = np.maximum(_braking(speed, room), np.stack([bounds[1], -bounds[0]]))
         above, below = np.where((speed > 0.0) & (held < self.acceleration), held, np.inf)
         return np.stack([-below, above])
 
@@ -179,10 +179,21 @@ class JointMotionLimit:
                 speed > 0.0, speed / period, spring * RETURN_TIME * speed
             )
             bound = np.where(short, np.where(outside, back, turning), bound)
-        upper, lower = clipped(bound, -most, most)
+        late = bound < -most  # not viable
+        bound = clipped(bound, -most, most)
+        if late.any():
+            harder = np.maximum(_braking(speed, room + STOPPING), -speed / period)
+            bound = np.where(late & (speed > 0.0) & (harder < -most), harder, bound)
+        upper, lower = bound
         lower = -lower
-        crossed = lower > upper  # not viable, and the limits are close together: keep the limit that q̇ points to
+        crossed = lower > upper  # not viable: keep the limit that q̇ points to
         if crossed.any():
             up = speed[0] > 0.0
             lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
         return lower, upper
+
+
+def _braking(speed: Array, room: Array) -> Array:
+    """The constant acceleration that stops a speed within a room; -inf where there is none."""
+    with np.errstate(divide="ignore"):
+        return np.where(room > 0.0, -(speed**2) / (2.0 * room), -np.inf)

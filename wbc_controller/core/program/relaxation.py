@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wbc_controller.core.program.formulation import Formulation
-from wbc_controller.core.program.layout import Layout
+from wbc_controller.core.program.layout import ContactPlace, Layout
 from wbc_controller.core.program.problem import Soft
 from wbc_controller.records import Array, References
 
@@ -21,6 +21,8 @@ _JOINT = 1.0e2
 _BRAKING = 1.0
 #: A joint cannot stop where the acceleration that it needs is missed by so many times the largest that limits allow.
 _UNSTOPPED = 2.0
+#: Speeds of a contact that does not hold any more, whatever it is meant to do, m/s and rad/s.
+_LOST, _TURNED = 0.5, 5.0
 #: A bound that is missed by less does not count as relaxed: rad/s², m/s² or effort limits.
 _MET = 1.0e-3
 
@@ -97,20 +99,45 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     """Names of the active contacts that keep a joint from stopping at its position limit.
 
     A foot that is taken to stand determines the motion of its leg, and where the robot leaves the ground faster than a
-    leg is long, no torque stops the knee: the foot has to go along.
+    leg is long, no torque stops the knee: the foot has to go along. A foot that moves already stops no joint either,
+    though the problem takes it to. An arm is not a part of a leg, but may be what keeps the robot on its feet.
 
     Args:
         formulation: the formulation that built the problem.
         layout: with the problem.
         value: x and C x of its relaxed solution, (n + m_in,).
     """
+    most = formulation.motion_limit.acceleration
+    needed, missed = _stops(formulation, layout, value)
+    passing = layout.joints[missed > _UNSTOPPED * most]
+    if not (needed > most).any():
+        return ()
+    velocity = layout.J @ formulation.dynamics.v
+    apart = not layout.J[:, passing].any(axis=0).all()
+    return tuple(
+        place.contact.name
+        for place in layout.places
+        if not place.contact.permanent and (apart or place.J[:, passing].any() or _moves(place, velocity[place.motion]))
+    )
+
+
+def stops_missed(formulation: Formulation, layout: Layout, value: Array) -> float:
+    """By how much the joints together miss the accelerations that stop them at their position limits, rad/s²."""
+    needed, missed = _stops(formulation, layout, value)
+    return float(np.maximum(missed, 0.0)[needed > formulation.motion_limit.acceleration].sum())
+
+
+def _stops(formulation: Formulation, layout: Layout, value: Array) -> tuple[Array, Array]:
+    """For each joint what it needs to stop at its limit, and what it lacks in a solution, (nj,) each, in rad/s²."""
     joints = layout.joints
     lower, upper = _stopping(formulation, np.repeat([[np.inf], [-np.inf]], len(joints), axis=1))
-    missed = np.maximum(lower - value[joints], value[joints] - upper)
-    passing = joints[missed > _UNSTOPPED * formulation.motion_limit.acceleration]
-    return tuple(
-        place.contact.name for place in layout.places if not place.contact.permanent and place.J[:, passing].any()
-    )
+    return np.maximum(lower, -upper), np.maximum(lower - value[joints], value[joints] - upper)
+
+
+def _moves(place: ContactPlace, velocity: Array) -> bool:
+    """Whether a contact moves that is meant to hold, by its velocity, (k,) in m/s and rad/s."""
+    turns = place.contact.moments
+    return float(np.linalg.norm(velocity[~turns])) > _LOST or float(np.linalg.norm(velocity[turns])) > _TURNED
 
 
 def _stopping(formulation: Formulation, bounds: Array) -> Array:
