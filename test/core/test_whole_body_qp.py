@@ -389,7 +389,9 @@ def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(be
 
     monkeypatch.setattr(talos.controller, "_attempt", fails_at_last)
     solution = talos.controller.solve(state, talos.references())
-    assert calls == [("left_foot", "right_foot"), ("right_foot",)]
+    assert calls[0] == ("left_foot", "right_foot")
+    assert "left_foot" not in calls[1]
+    assert len(calls) == 2
     assert set(solution.forces) == {"left_foot", "right_foot"}
     assert "contact_motion" not in solution.relaxed
     assert max(solution.residuals.values()) < 1e-5

@@ -19,8 +19,6 @@ _JOINT = 1.0e2
 #: Weight of the bounds of a joint that can still stop in time, (rad/s²)⁻²: about that of tasks, so that a robot whose
 #: knees have to brake keeps its balance.
 _BRAKING = 1.0
-#: A joint cannot stop where the acceleration that it needs is missed by so many times the largest that limits allow.
-_UNSTOPPED = 2.0
 #: Speeds of a contact that does not hold any more, whatever it is meant to do, m/s and rad/s.
 _LOST, _TURNED = 0.5, 5.0
 #: A bound that is missed by less does not count as relaxed: rad/s², m/s² or effort limits.
@@ -109,7 +107,7 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     """
     most = formulation.motion_limit.acceleration
     needed, missed = _stops(formulation, layout, value)
-    passing = layout.joints[missed > _UNSTOPPED * most]
+    passing = layout.joints[missed > most]
     if not (needed > most).any():
         return ()
     velocity = layout.J @ formulation.dynamics.v
