@@ -12,6 +12,12 @@ def invoke(*words):
     return CliRunner().invoke(main, list(words))
 
 
+def test_a_demo_on_sensors_that_do_not_exist_is_refused():
+    result = CliRunner().invoke(main, ["demo", "go2", "--sensors", "perfect"])
+    assert result.exit_code == 2
+    assert "'ideal', 'good', 'cheap'" in result.output
+
+
 def test_help_lists_every_command_and_says_what_it_does():
     result = invoke("--help")
     assert result.exit_code == 0

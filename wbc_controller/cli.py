@@ -207,11 +207,14 @@ def check(config: str) -> None:
               help="Folder for the report.")  # fmt: skip
 @click.option("--lockstep", is_flag=True, help="One process, no real time: the run is the same every time.")
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
-def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float) -> None:
+@click.option("--sensors", type=click.Choice(["ideal", "good", "cheap"]),
+              help="Run without odometry: the base is estimated, from sensors of this quality.")  # fmt: skip
+def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
     """Show the controller at work on a mock robot, commanded by topics."""
     from wbc_controller.demo.run import run_demo
 
-    sys.exit(0 if run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor) else 1)
+    done = run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor, sensors=sensors)
+    sys.exit(0 if done else 1)
 
 
 @main.command()

@@ -32,7 +32,7 @@ class Scene:
 
     def sense(self):
         q, v = self.simulation.plant.state()
-        _, turning, force = self.simulation.plant.imu()
+        _, turning, force = self.simulation.plant.imu(self.model.base_link)
         density = self.noise / np.sqrt(self.controller.period)
         turning = turning + self.biases[0] + 2e-4 * density * self.rng.normal(size=3)
         force = force + self.biases[1] + 2e-3 * density * self.rng.normal(size=3)

@@ -231,7 +231,8 @@ def test_the_same_calls_give_the_same_bits(any_robot):
         for _ in range(100):
             plant.apply(rng.normal(size=model.na, scale=5.0))
             plant.step()
-            out += [*plant.state(), plant.acceleration(), *plant.contact_wrenches().values(), *plant.imu()]
+            out += [*plant.state(), plant.acceleration(), *plant.contact_wrenches().values()]
+            out += plant.imu(model.base_link)
         return np.concatenate(out).tobytes()
 
     assert run() == run()
@@ -337,10 +338,61 @@ def test_an_imu_at_rest_feels_the_floor(go2, standing):
     for _ in range(300):
         plant.apply(control(plant))
         plant.step()
-    quaternion, omega, force = plant.imu()
+    quaternion, omega, force = plant.imu("base")
     np.testing.assert_allclose(quaternion, [0.0, 0.0, 0.0, 1.0], atol=1e-4)
     np.testing.assert_allclose(omega, np.zeros(3), atol=1e-3)
     np.testing.assert_allclose(force, [0.0, 0.0, model.gravity], atol=1e-2)
+
+
+@pytest.mark.parametrize("frame", ["base", "FL_calf", "RR_foot", "imu"])
+def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
+    model, settings = go2
+    plant, data = Plant(model, settings), model.pinocchio.createData()
+    rng = np.random.default_rng(0)
+    q, v = plant.state()
+    q[:7] = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.5, 2.0), np.array([0.1, -0.2, 1.0])))
+    plant.hold(False, ramp=0.0)
+    plant.set_state(q, v + rng.normal(size=model.nv))
+    plant.apply(rng.normal(size=model.na))
+    for _ in range(20):
+        plant.step()
+        quaternion, omega, force = plant.imu(frame)
+        q, v = plant.state()
+        pin.forwardKinematics(model.pinocchio, data, q, v, plant.acceleration())
+        pin.updateFramePlacements(model.pinocchio, data)
+        place = data.oMf[model.frame_id(frame, "frame")]
+        at = (model.pinocchio, data, model.frame_id(frame, "frame"), pin.LOCAL)
+        np.testing.assert_allclose(pin.Quaternion(quaternion).matrix(), place.rotation, atol=1e-9)
+        np.testing.assert_allclose(omega, pin.getFrameVelocity(*at).angular, atol=1e-9)
+        expected = pin.getFrameClassicalAcceleration(*at).linear - place.rotation.T @ model.pinocchio.gravity.linear
+        np.testing.assert_allclose(force, expected, atol=1e-6)
+
+
+def test_a_joint_moves_again_when_all_its_locks_are_gone(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    before = plant.model.joint("FL_calf_joint").range.copy()
+    place = model.q_index[model.joints.index("FL_calf_joint")]
+
+    def moved():
+        start = plant.state()[0][place]
+        plant.apply(np.where(np.array(model.joints) == "FL_calf_joint", -20.0, 0.0))
+        for _ in range(20):
+            plant.step()
+        return abs(plant.state()[0][place] - start)
+
+    first, second = plant.lock("FL_calf_joint"), plant.lock("FL_calf_joint")
+    assert moved() < 1e-2
+    first()
+    assert moved() < 1e-3
+    second()
+    assert moved() > 0.05
+    np.testing.assert_array_equal(plant.model.joint("FL_calf_joint").range, before)
+
+
+def test_an_imu_on_no_link_is_refused(go2):
+    with pytest.raises(ConfigurationError, match="nose"):
+        Plant(*go2).imu("nose")
 
 
 def test_time_is_counted_in_steps(go2):

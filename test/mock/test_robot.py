@@ -197,6 +197,25 @@ def test_the_base_is_held_until_it_is_let_go(make):
     assert robot.plant.state()[0][2] < 0.3
 
 
+@pytest.mark.parametrize("let_down", [False, True])
+def test_the_joints_are_braked_until_the_first_torques_or_until_it_is_let_down(make, let_down):
+    robot, peer = make()
+    posture = robot.plant.state()[0][7:]
+    for _ in range(300):
+        robot.step_period()
+    np.testing.assert_allclose(robot.plant.state()[0][7:], posture, atol=2e-3)
+    (imu,) = peer.all("imu")[-1:]
+    force = imu.linear_acceleration
+    np.testing.assert_allclose([force.x, force.y, force.z], [0.0, 0.0, robot._robot.gravity], atol=0.05)
+    if let_down:
+        peer.hold(False)
+    else:
+        peer.effort(np.zeros(robot._robot.na))
+    for _ in range(100):
+        robot.step_period()
+    assert np.abs(robot.plant.state()[0][7:] - posture).max() > 0.01
+
+
 def test_grips_by_topic(make, caplog):
     contact = {"type": "fixed", "frame": "FL_hip", "max_force": 500.0, "max_moment": 100.0, "enabled": False}
     robot, peer = make(contacts={"grip": contact})

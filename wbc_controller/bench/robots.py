@@ -77,7 +77,7 @@ class StandingRobot:
             transport: carries the messages.
             topics: endpoints of the controller that takes the states.
         """
-        standing = measure(model, Plant(model, settings), 0)
+        standing = measure(model, Plant(model, settings), 0, model.base_link)
         self._period = 1.0 / settings.control.rate
         self._position = standing.position
         self._joint_states = Template(standing.message("joint_states"), ["position"], ["velocity"])

@@ -35,7 +35,7 @@ from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.controller_service import make_loop
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.config import Config, load
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.topics import MOCK_TOPICS, Endpoint, endpoints
@@ -50,16 +50,19 @@ _Play = tuple[Transport, Callable[[Log], None], dict[str, Array]]
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """The robot, scenario and folder of a demo."""
+    """The robot, its configuration, the scenario and the folder of a demo."""
 
     name: str
+    config: Config
     settings: Settings
     model: RobotModel
     scenario: Scenario
     folder: Path
 
 
-def run_demo(robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0) -> bool:
+def run_demo(
+    robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0, sensors: str | None = None
+) -> bool:
     """Run the demo of a robot, print a table and write the report.
 
     Args:
@@ -67,6 +70,8 @@ def run_demo(robot: str, folder: Path, *, lockstep: bool = False, real_time_fact
         folder: folder of the report.
         lockstep: run in one process, without real time.
         real_time_factor: simulated seconds per second.
+        sensors: quality of the mock robot's sensors, from which the base is estimated; None for odometry, which is
+            true, as all sensors are then.
 
     Returns:
         Whether every target was met.
@@ -75,12 +80,15 @@ def run_demo(robot: str, folder: Path, *, lockstep: bool = False, real_time_fact
         ConfigurationError: if there is no such demo.
     """
     scenario = find_scenario(robot)
-    settings = load_settings(find_configuration(robot))
+    config = load(robot)
+    if sensors is not None:
+        config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)
-    stage = _Stage(robot, settings, make_model(settings), scenario, folder)
+    stage = _Stage(robot, config, config.settings, make_model(config.settings), scenario, folder)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes on the loopback, DDS between them"
-    console.print(f"[bold]{robot}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {how}")
+    known = "the base from odometry" if sensors is None else f"no odometry, {sensors} sensors"
+    console.print(f"[bold]{robot}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as say, play as (transport, advance, cycles):
@@ -145,10 +153,11 @@ def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     cycles: dict[str, Array] = {}
     with tempfile.TemporaryDirectory() as folder:
-        record = Path(folder) / "cycles.npz"
+        record, file = Path(folder) / "cycles.npz", Path(folder) / f"{stage.name}.yaml"
+        file.write_text(stage.config.to_yaml(), encoding="utf-8")
         commands = {
-            "mock": ["mock", stage.name, "--real-time-factor", str(real_time_factor)],
-            "run": ["run", stage.name, "--record", str(record)],
+            "mock": ["mock", str(file), "--real-time-factor", str(real_time_factor)],
+            "run": ["run", str(file), "--record", str(record)],
         }
         transport = DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")
         processes = {

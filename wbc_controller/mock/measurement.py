@@ -32,7 +32,8 @@ class Measurement:
         base: name of the link whose pose the odometry tells.
         pose: its position and quaternion in the world, (7,).
         twist: its twist in its own axes, (6,).
-        orientation: of the inertial measurement unit, quaternion, (4,).
+        imu_frame: frame of the inertial measurement unit.
+        orientation: of that frame, quaternion, (4,).
         angular_velocity: likewise, (3,) in rad/s.
         specific_force: likewise, (3,) in m/s².
         absent: names of joints that the joint states lack.
@@ -48,6 +49,7 @@ class Measurement:
     base: str
     pose: Array
     twist: Array
+    imu_frame: str
     orientation: Array
     angular_velocity: Array
     specific_force: Array
@@ -62,7 +64,7 @@ class Measurement:
         if stream == "odom":
             return _odometry(stamp, self.base, self.pose, self.twist)
         if stream == "imu":
-            return _imu(stamp, self.base, self.orientation, self.angular_velocity, self.specific_force)
+            return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
         names = self.names
         if self.absent:
@@ -72,13 +74,14 @@ class Measurement:
         return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
 
 
-def measure(robot: RobotModel, plant: Plant, stamp: int) -> Measurement:
+def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
     """Measure the present state exactly.
 
     Args:
         robot: the robot.
         plant: its physics.
         stamp: simulated time, ns.
+        imu_frame: frame of the inertial measurement unit, whose axes its data have.
     """
     q, v = plant.state()
     silent = set() if robot.floating_base else {"odom"}
@@ -92,7 +95,8 @@ def measure(robot: RobotModel, plant: Plant, stamp: int) -> Measurement:
         robot.base_link,
         q[:7],
         v[:6],
-        *plant.imu(),
+        imu_frame,
+        *plant.imu(imu_frame),
         silent,
     )
 
@@ -145,11 +149,11 @@ def _odometry(stamp: int, base: str, position_and_quaternion: Array, twist: Arra
     )
 
 
-def _imu(stamp: int, base: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
+def _imu(stamp: int, frame: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",
-        header=messages.header(stamp, base),
+        header=messages.header(stamp, frame),
         orientation=_quaternion(quaternion),
         orientation_covariance=exact,
         angular_velocity=_vector(angular_velocity),

@@ -8,7 +8,7 @@ are Pinocchio's; the conversions to MuJoCo's are made here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,6 +103,9 @@ class Plant:
         # Through a transmission, damping is certain to brake only if it is equal for all joints.
         self._most_damping = most if model.actuation.direct else np.full(model.nj, most[model.actuation.driven].min())
         self._pushes: list[_Push] = []
+        self._imus: dict[str, _Body] = {}
+        self._locks: dict[str, list[object]] = {}
+        self._unlocked: dict[str, tuple[bool, Any]] = {}  # whether a locked joint is limited otherwise, and its range
         self._stale = False
         start = self._initial_base()
         # Without contacts there is no floor.
@@ -199,19 +202,32 @@ class Plant:
             v_dot[3:6] = self._data.qacc[3:6]
         return v_dot
 
-    def imu(self) -> tuple[Array, Array, Array]:
-        """Read an ideal inertial measurement unit at the base's origin.
+    def imu(self, frame: str) -> tuple[Array, Array, Array]:
+        """Read an ideal inertial measurement unit.
+
+        Args:
+            frame: a frame of the URDF, at whose origin it is, and whose axes it has.
 
         Returns:
-            The base's orientation in the world, (4,) as (x, y, z, w); its angular velocity, (3,) in rad/s, and the
-            specific force (acceleration less gravity), (3,) in m/s², both in the base frame.
+            The frame's orientation in the world, (4,) as (x, y, z, w); its angular velocity, (3,) in rad/s, and the
+            specific force (acceleration less gravity) at its origin, (3,) in m/s², both in its axes.
+
+        Raises:
+            ConfigurationError: where the robot has no such frame.
         """
-        gravity = np.array(self._robot.pinocchio.gravity.linear)
-        if not self._robot.floating_base:
-            return np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), -gravity
-        rotation = self._base().rotation
-        force = rotation.T @ (self._data.qacc[:3] - gravity)
-        return self._quaternion(), np.array(self._data.qvel[3:6]), force
+        if frame not in self._imus:
+            self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
+        body = self._imus[frame]
+        motion, acceleration = np.zeros(6), np.zeros(6)
+        mujoco.mj_rnePostConstraint(self._model, self._data)
+        for read, out in ((mujoco.mj_objectVelocity, motion), (mujoco.mj_objectAcceleration, acceleration)):
+            read(self._model, self._data, mujoco.mjtObj.mjOBJ_XBODY, body.id, out, 0)
+        placement, turning = self._placement(body), motion[:3]
+        arm = placement.translation - self._data.xpos[body.id]
+        # In MuJoCo the world accelerates upwards instead of gravity: what it calls acceleration is the specific force.
+        force = acceleration[3:] + np.cross(acceleration[:3], arm) + np.cross(turning, np.cross(turning, arm))
+        to_local = placement.rotation.T
+        return pin.Quaternion(placement.rotation).coeffs(), to_local @ turning, to_local @ force
 
     def contact_wrenches(self) -> dict[str, Array]:
         """Return the true force or wrench on the robot at each contact of the configuration.
@@ -296,6 +312,30 @@ class Plant:
             damping: joint damping, N·m·s/rad; reduced if it would be unstable with the simulation's time step.
         """
         self._damping, self._stale = np.minimum(damping, self._most_damping), True
+
+    def lock(self, joint: str) -> Callable[[], None]:
+        """Lock a joint where it is, as a brake does.
+
+        Args:
+            joint: its name.
+
+        Returns:
+            The function that takes this lock away; the joint moves again when all its locks are gone.
+        """
+        locked, lock = self._model.joint(joint), object()
+        if not self._locks.setdefault(joint, []):
+            self._unlocked[joint] = bool(locked.limited[0]), locked.range.copy()
+            locked.limited[0], locked.range[:] = True, float(self._data.qpos[locked.qposadr[0]])
+        self._locks[joint].append(lock)
+        self._stale = True
+
+        def unlock() -> None:
+            self._locks[joint].remove(lock)
+            if not self._locks[joint]:
+                locked.limited[0], locked.range[:] = self._unlocked.pop(joint)
+            self._stale = True
+
+        return unlock
 
     def push(self, frame: str, wrench: npt.ArrayLike, duration: float) -> None:
         """Push the robot from now on. Pushes may overlap; they add up.

@@ -30,6 +30,7 @@ from wbc_controller.mock.faults.injector import Injector
 from wbc_controller.mock.inbox import Inbox
 from wbc_controller.mock.measurement import STREAMS, WORLD_FRAME, measure, transform, wrench_message
 from wbc_controller.mock.plant import Plant
+from wbc_controller.mock.sensors import PARTS, Sensors
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
@@ -89,7 +90,8 @@ class MockRobot:
             remappings: as in `wire.topics.resolve`.
 
         Raises:
-            ConfigurationError: if the plant cannot be built, or the real-time factor is not positive.
+            ConfigurationError: if the plant cannot be built, the real-time factor is not positive, or the robot has no
+                frame of the name of the IMU's.
             TransportError: if a topic cannot be opened.
         """
         if not (0.0 < real_time_factor < float("inf")):
@@ -107,6 +109,12 @@ class MockRobot:
         self._wall_period = self._period / real_time_factor
         self._first_stamp = round(self._period * 1e9)
         self._periods = 0
+        # As on a real robot, its joints are braked until the first torques come, or until it is let down.
+        self._brakes = [self.plant.lock(joint) for joint in model.joints]
+        parts = PARTS.get(settings.mock.sensors)
+        self._sensors = Sensors(parts, model, self._period, settings.mock.sensor_seed) if parts is not None else None
+        self._imu_frame = settings.estimation.imu_frame or model.base_link
+        self.plant.body(self._imu_frame)  # there has to be such a frame
         self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None
         self._tau_time = 0.0
@@ -181,7 +189,9 @@ class MockRobot:
         stamp, base = self.stamp, self._robot.base_link
         if self.faults.busy:
             self.faults.pass_time()
-        measured = measure(self._robot, self.plant, stamp)
+        measured = measure(self._robot, self.plant, stamp, self._imu_frame)
+        if self._sensors is not None:
+            self._sensors.measure(measured)
         if self.faults.busy:
             self.faults.spoil(measured)
         for stream in STREAMS:
@@ -233,12 +243,20 @@ class MockRobot:
             if newest is not None and not self._try("effort", newest, self._take_effort):
                 self._tau = None
         if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
-            self.plant.apply(self.faults.torques(self._tau) if self.faults.busy else self._tau)
+            self._let_go()
+            tau = self._tau if self._sensors is None else self._sensors.torques(self._tau)
+            self.plant.apply(self.faults.torques(tau) if self.faults.busy else tau)
         else:
             self.plant.damp(self._mock.damping)
         for _ in range(self.plant.steps_per_period):
             self.plant.step()
         self._periods += 1
+
+    def _let_go(self) -> None:
+        """Release the brakes."""
+        for unlock in self._brakes:
+            unlock()
+        self._brakes = []
 
     def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
         """Plan faults.
@@ -337,6 +355,8 @@ class MockRobot:
 
     def _hold(self, content: Any) -> None:
         self.plant.hold(bool(content.data))
+        if not content.data:
+            self._let_go()
 
     def _grip(self, contact: str, content: Any) -> None:
         self.plant.grip(contact, bool(content.data))

@@ -222,3 +222,9 @@ class MockSettings(Section):
         0.1, description="Age of the torques at which the robot damps its joints by itself, s."
     )
     damping: Damping = Field(2.0, description="Joint damping while no torques arrive, N·m·s/rad.")
+    sensors: Literal["ideal", "good", "cheap"] = Field(
+        "ideal",
+        description="Quality of its IMU, encoders and motors: ideal ones tell the truth, the others have the noise, "
+        "biases, resolution and errors of parts that robots carry (docs/estimation.md). Odometry stays true.",
+    )
+    sensor_seed: int = Field(0, ge=0, le=2**31 - 1, description="Of the noise, biases and errors of the sensors.")

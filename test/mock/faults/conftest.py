@@ -32,7 +32,7 @@ class Bench:
         """What is measured now, and what is true."""
         stamp = self.plant.stamp + 1_000_000_000
         self.faults.pass_time()
-        measured, true = measure(self.model, self.plant, stamp), measure(self.model, self.plant, stamp)
+        measured, true = (measure(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
         time = self.plant.time
         for values in (measured, true):
             values.position = self.model.posture + self.true_speed * time

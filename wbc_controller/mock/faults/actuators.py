@@ -148,15 +148,11 @@ class JointLocked(JointFault):
     place = _PLACE
 
     def begin(self, site: Site) -> Effect:
-        """Narrow its range to where it is."""
-        joint = site.plant.model.joint(site.robot.joints[site.one_of(self.joint, site.robot.joints)])
-        limited, span = bool(joint.limited[0]), joint.range.copy()
-        joint.limited[0] = True
-        joint.range[:] = float(site.plant.data.qpos[joint.qposadr[0]])
+        """Lock it where it is."""
+        unlock = site.plant.lock(site.robot.joints[site.one_of(self.joint, site.robot.joints)])
 
         def ended() -> bool:
-            joint.limited[0] = limited
-            joint.range[:] = span
+            unlock()
             return True
 
         return Effect(ended=ended)
