@@ -18,6 +18,13 @@ ROBOTS = ("g1", "talos", "go2")
 RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
 
 
+@pytest.fixture
+def keep_contacts(monkeypatch):
+    """No contact is given up, so that the relaxed problem counts."""
+    monkeypatch.setattr(whole_body_qp, "lost_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+
+
 def joint_forces(bench, q, forces, wrenches=None):
     """The contacts' and known wrenches as Pinocchio's external forces: one per joint, in the joint's own axes."""
     model = bench.model.pinocchio
@@ -260,6 +267,7 @@ def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):
     assert 0.1 < share < 0.9 * np.linalg.norm((free.tau - before) / before)
 
 
+@pytest.mark.usefixtures("keep_contacts")
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_only_what_has_to_be_relaxed_is(bench, robot):
     """By linear programs: nothing where nothing has to give, and the torque rate alone where that is enough."""
@@ -279,12 +287,6 @@ def test_only_what_has_to_be_relaxed_is(bench, robot):
             assert "joint_motion" in solution.relaxed
         seen.add(solution.relaxed)
     assert {(), ("torque_rate",), ("joint_motion",), ("torque_rate", "joint_motion")} <= seen
-
-
-@pytest.fixture
-def keep_contacts(monkeypatch):
-    """No contact is given up, so that the relaxed problem counts."""
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
 
 
 @pytest.mark.usefixtures("keep_contacts")
@@ -371,6 +373,21 @@ def test_a_contact_that_keeps_a_joint_from_stopping_at_its_limit_is_given_up(ben
     assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it goes on, faster
 
 
+@pytest.mark.parametrize("speed", [0.9, 1.1])
+def test_a_contact_that_moves_fast_is_given_up_where_something_has_to_be_relaxed(bench, speed):
+    g1 = bench("g1", limits={"acceleration": 1.0e5})
+    elbow, v = g1.model.joints.index("left_elbow_joint"), np.zeros(g1.model.nv)
+    v[0], v[g1.model.v_index[elbow]] = speed, 15.0  # both feet slide, and an elbow cannot brake
+    state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)
+    solution = g1.controller.solve(state, g1.references())
+    assert solution.relaxed == (("contact_motion", "joint_motion") if speed > 1.0 else ("joint_motion",))
+    assert set(solution.forces) == (set() if speed > 1.0 else {"left_foot", "right_foot"})
+    v[g1.model.v_index[elbow]] = 0.0
+    sliding = g1.controller.solve(g1.state(v=v), g1.references())
+    assert sliding.relaxed == ()
+    assert set(sliding.forces) == {"left_foot", "right_foot"}
+
+
 def test_a_joint_that_nearly_stops_costs_no_contact(bench):
     talos, state, _ = rising(bench, 6.0)
     solution = talos.controller.solve(state, talos.references())
@@ -397,6 +414,7 @@ def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(be
     assert max(solution.residuals.values()) < 1e-5
 
 
+@pytest.mark.usefixtures("keep_contacts")
 def test_bounds_that_do_not_change_come_back_after_a_cycle_in_which_they_were_relaxed(bench):
     g1 = bench("g1", limits={"position": False, "velocity": False, "acceleration": 5.0})
     first = g1.controller.formulation.build(g1.state(), g1.references()).problem

@@ -24,7 +24,7 @@ class Scene:
         self.controller, self.model = self.simulation.controller, self.simulation.controller.model
         settings = load(robot).replace({"estimation.base_state": "imu", **changes}).settings
         self.estimator = make_estimator(settings, self.model, self.controller.contacts)
-        self.contacts = list(settings.contacts)
+        self.contacts, self.imu_frame = list(settings.contacts), settings.estimation.imu_frame or self.model.base_link
         self.noise, self.rng = noise, np.random.default_rng(0)
         self.biases = noise * 0.005 * self.rng.normal(size=3), noise * 0.05 * self.rng.normal(size=3)
         self.joints = lambda q: q  # what the encoders make of the joints' positions
@@ -32,7 +32,7 @@ class Scene:
 
     def sense(self):
         q, v = self.simulation.plant.state()
-        _, turning, force = self.simulation.plant.imu(self.model.base_link)
+        _, turning, force = self.simulation.plant.imu(self.imu_frame)
         density = self.noise / np.sqrt(self.controller.period)
         turning = turning + self.biases[0] + 2e-4 * density * self.rng.normal(size=3)
         force = force + self.biases[1] + 2e-3 * density * self.rng.normal(size=3)

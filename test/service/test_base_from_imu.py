@@ -10,7 +10,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Mode
 from wbc_controller.wire.messages import header, message
 
-IMU = {"estimation": {"base_state": "imu", "settling": 0.1}}
+IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
 GRAVITY = (0.0, 0.0, 9.81)
 
 

@@ -11,7 +11,14 @@ from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.infeasibility import explain
 from wbc_controller.core.program.layout import Layout
 from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals
-from wbc_controller.core.program.relaxation import hindering_contacts, relaxations, soften, stops_missed, widen
+from wbc_controller.core.program.relaxation import (
+    hindering_contacts,
+    lost_contacts,
+    relaxations,
+    soften,
+    stops_missed,
+    widen,
+)
 from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
@@ -146,8 +153,8 @@ class WholeBodyQP:
 
         If the problem is infeasible, the torque rate limit is relaxed, and if that is not enough, also the limits on
         combinations of accelerations and those of joint motion. What their bounds miss becomes part of the cost.
-        Where a joint would still not stop at its position limit, the contacts whose motion it takes part in are given
-        up, as in the air. `Solution.relaxed` names the groups in which a bound is missed.
+        Contacts that move fast are then given up, and those that keep a joint from stopping at its position limit.
+        `Solution.relaxed` names the groups in which a bound is missed.
 
         Args:
             state: the latched state of the robot.
@@ -164,21 +171,22 @@ class WholeBodyQP:
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
         found = self._attempt(layout, references)
-        if (
-            found.residuals is not None
-            and found.relaxed
-            and (lost := hindering_contacts(self.formulation, layout, found.residuals.value))
-        ):
-            without = replace(references, contacts={**references.contacts, **dict.fromkeys(lost, 0.0)})
-            lifted = self.formulation.build(state, without, tau_before)
-            other = self._attempt(lifted, without)
-            if other.residuals is not None and (
-                stops_missed(self.formulation, lifted, other.residuals.value)
-                < _WORTH * stops_missed(self.formulation, layout, found.residuals.value)
-            ):
-                layout, references = lifted, without
-                other.answer.iterations += found.answer.iterations
-                found = replace(other, relaxed=("contact_motion", *other.relaxed))
+        if found.residuals is not None and found.relaxed:
+            value = found.residuals.value
+            lost = lost_contacts(self.formulation, layout)
+            given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
+            if given_up:
+                without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})
+                lifted = self.formulation.build(state, without, tau_before)
+                other = self._attempt(lifted, without)
+                if other.residuals is not None and (
+                    lost
+                    or stops_missed(self.formulation, lifted, other.residuals.value)
+                    < _WORTH * stops_missed(self.formulation, layout, value)
+                ):
+                    layout, references = lifted, without
+                    other.answer.iterations += found.answer.iterations
+                    found = replace(other, relaxed=("contact_motion", *other.relaxed))
         solved = self._timer()
         answer, residuals = found.answer, found.residuals
         if answer.x is None or residuals is None:

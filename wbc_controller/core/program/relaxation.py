@@ -19,8 +19,9 @@ _JOINT = 1.0e2
 #: Weight of the bounds of a joint that can still stop in time, (rad/s²)⁻²: about that of tasks, so that a robot whose
 #: knees have to brake keeps its balance.
 _BRAKING = 1.0
-#: Speeds of a contact that does not hold any more, whatever it is meant to do, m/s and rad/s.
-_LOST, _TURNED = 0.5, 5.0
+#: Speeds in m/s and rad/s from which a contact holds nothing any more, whatever it is meant to do, and from which it
+#: stops no joint that has to brake hard.
+_LOST, _LOOSE = (1.0, 10.0), (0.5, 5.0)
 #: A bound that is missed by less does not count as relaxed: rad/s², m/s² or effort limits.
 _MET = 1.0e-3
 
@@ -115,7 +116,8 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     return tuple(
         place.contact.name
         for place in layout.places
-        if not place.contact.permanent and (apart or place.J[:, passing].any() or _moves(place, velocity[place.motion]))
+        if not place.contact.permanent
+        and (apart or place.J[:, passing].any() or _moves(place, velocity[place.motion], _LOOSE))
     )
 
 
@@ -132,10 +134,25 @@ def _stops(formulation: Formulation, layout: Layout, value: Array) -> tuple[Arra
     return np.maximum(lower, -upper), np.maximum(lower - value[joints], value[joints] - upper)
 
 
-def _moves(place: ContactPlace, velocity: Array) -> bool:
-    """Whether a contact moves that is meant to hold, by its velocity, (k,) in m/s and rad/s."""
+def lost_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ...]:
+    """Names of the active contacts that move so fast that they hold nothing.
+
+    Args:
+        formulation: the formulation that built the problem.
+        layout: with the problem.
+    """
+    velocity = layout.J @ formulation.dynamics.v
+    return tuple(
+        place.contact.name
+        for place in layout.places
+        if not place.contact.permanent and _moves(place, velocity[place.motion], _LOST)
+    )
+
+
+def _moves(place: ContactPlace, velocity: Array, most: tuple[float, float]) -> bool:
+    """Whether a contact moves by more than two speeds in m/s and rad/s, by its velocity, (k,)."""
     turns = place.contact.moments
-    return float(np.linalg.norm(velocity[~turns])) > _LOST or float(np.linalg.norm(velocity[turns])) > _TURNED
+    return float(np.linalg.norm(velocity[~turns])) > most[0] or float(np.linalg.norm(velocity[turns])) > most[1]
 
 
 def _stopping(formulation: Formulation, bounds: Array) -> Array:
