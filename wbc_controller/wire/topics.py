@@ -187,7 +187,7 @@ MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT,
           "Transform from `world` to the base, for viewers; robot_state_publisher sends the links' transforms."),
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _OUT, STATE_OUT,
-          "Orientation, angular velocity and specific force of the base, in the base frame."),
+          "Orientation, angular velocity and specific force of `estimation.imu_frame`, or else of the base link."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, STATE_OUT,
           "True contact wrench in the contact frame."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _OUT, LATCHED, "The robot's URDF."),
