@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -162,6 +164,7 @@ def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, c
     with pytest.raises(ConfigurationError, match=r"estimation.base_state = 'imu': no contact .*take odom"):
         make_estimator(settings, model, {})
     assert make_estimator(changed(settings, {"estimation": {"base_state": "odom"}}), model, {}) is None
+    assert make_estimator(settings, SimpleNamespace(floating_base=False), {}) is None  # there is nothing to estimate
 
 
 def test_a_clock_that_begins_anew_ends_the_estimate(robot):
@@ -170,6 +173,8 @@ def test_a_clock_that_begins_anew_ends_the_estimate(robot):
     latched = robot.bench.loop._inputs.latch()
     assert (latched.state, latched.ages["base estimate"]) == (None, np.inf)
     assert robot.cycle().fault.code == "STALE_INPUT"
+    assert robot.cycle(10).fault is not None  # it has to stand still again
+    assert robot.bench.loop._inputs.latch().state is None
 
 
 def test_imu_data_without_joint_states_are_not_kept(robot):

@@ -110,6 +110,16 @@ def imu_by_codec(payload):
     return stamp_of(content), *values
 
 
+@pytest.mark.parametrize("what", ["angular_velocity", "linear_acceleration"])
+def test_an_imu_that_says_that_it_does_not_measure_is_refused(what):
+    content = decode(imu([0.0] * 24), "sensor_msgs/msg/Imu")
+    setattr(content, f"{what}_covariance", np.array([-1.0, *np.zeros(8)]))
+    with pytest.raises(InputRefused, match=f"{what}_covariance begins with -1: the IMU does not measure it"):
+        read_imu(content, "pelvis")
+    with pytest.raises(InputRefused, match=f"{what}_covariance begins with -1: the IMU does not measure it"):
+        ImuReader("pelvis").read(encode(content))
+
+
 @settings(max_examples=200)
 @given(
     st.lists(
