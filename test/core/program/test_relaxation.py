@@ -1,6 +1,7 @@
 import numpy as np
+import pytest
 
-from wbc_controller.core.program.relaxation import relaxations, soften, widen
+from wbc_controller.core.program.relaxation import hindering_contacts, relaxations, soften, widen
 
 
 def built(bench, seed=2):
@@ -42,3 +43,22 @@ def test_bounds_are_widened_to_what_was_missed_and_no_further(bench):
     expected = np.array(before)
     expected[1, place] += 7.0
     np.testing.assert_array_equal(layout.problem.bounds, expected)
+
+
+@pytest.mark.parametrize(
+    ("joint", "given_up"),
+    [("left_knee_joint", {"left_foot"}), ("left_elbow_joint", {"left_foot", "right_foot"}), ("", set())],
+)
+def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
+    g1 = bench("g1")
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    if joint:
+        i = g1.model.joints.index(joint)
+        q[g1.model.q_index[i]] = g1.model.position_upper[i] - 0.1
+        v[g1.model.v_index[i]] = 9.0  # it needs 350 rad/s² to stop
+    formulation = g1.controller.formulation
+    layout = formulation.build(g1.state(q, v), g1.references())
+    value = np.zeros(layout.problem.bounds.shape[1])  # a solution in which nothing brakes
+    loose = {place.contact.name for place in layout.places if np.linalg.norm((place.J @ v)[:3]) > 0.5}
+    assert set(hindering_contacts(formulation, layout, value)) == given_up | loose
+    assert loose <= given_up
