@@ -153,8 +153,8 @@ class WholeBodyQP:
 
         If the problem is infeasible, the torque rate limit is relaxed, and if that is not enough, also the limits on
         combinations of accelerations and those of joint motion. What their bounds miss becomes part of the cost.
-        Contacts that move fast are then given up, and those that keep a joint from stopping at its position limit.
-        `Solution.relaxed` names the groups in which a bound is missed.
+        In this second case contacts that move fast are given up, and those that keep a joint from stopping at its
+        position limit. `Solution.relaxed` names the groups in which a bound is missed.
 
         Args:
             state: the latched state of the robot.
@@ -171,7 +171,7 @@ class WholeBodyQP:
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
         found = self._attempt(layout, references)
-        if found.residuals is not None and found.relaxed:
+        if found.residuals is not None and not {*found.relaxed} <= {"torque_rate"}:
             value = found.residuals.value
             lost = lost_contacts(self.formulation, layout)
             given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
