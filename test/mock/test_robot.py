@@ -99,7 +99,7 @@ def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     assert keys.index("odom") < keys.index("joint_states")
     (odom,), (joints,), (imu,) = peer.all("odom"), peer.all("joint_states"), peer.all("imu")
     assert stamp_of(odom) == stamp_of(joints) == stamp_of(imu) == 2_000_000
-    assert (odom.header.frame_id, odom.child_frame_id, imu.header.frame_id) == ("world", "base", "base")
+    assert (odom.header.frame_id, odom.child_frame_id, imu.header.frame_id) == ("world", "base", "imu")
     ((transform,),) = (content.transforms for content in peer.all("tf"))
     assert (transform.header, transform.child_frame_id) == (odom.header, "base")
     position, translation = odom.pose.pose.position, transform.transform.translation
