@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import click
 
@@ -18,6 +18,7 @@ from wbc_controller.fuzz.commands import fuzz
 from wbc_controller.service.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.service import SensorQuality
 from wbc_controller.wire.topics import parse_remapping
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -207,7 +208,7 @@ def check(config: str) -> None:
               help="Folder for the report.")  # fmt: skip
 @click.option("--lockstep", is_flag=True, help="One process, no real time: the run is the same every time.")
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
-@click.option("--sensors", type=click.Choice(["ideal", "good", "cheap"]),
+@click.option("--sensors", type=click.Choice(get_args(SensorQuality)),
               help="Run without odometry: the base is estimated, from sensors of this quality.")  # fmt: skip
 def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
     """Show the controller at work on a mock robot, commanded by topics."""

@@ -42,9 +42,13 @@ class Time:
             self.stop.set()
 
 
-@pytest.mark.parametrize("name", ["g1", "go2"])
-def test_a_controller_stays_active_on_its_states(robot_of, monkeypatch, name):
+@pytest.mark.parametrize(
+    ("name", "base_state", "inactive"),
+    [("g1", "odom", 1), ("go2", "odom", 1), ("talos", "imu", 60)],  # with an IMU the robot first stands still for 0.1 s
+)
+def test_a_controller_stays_active_on_its_states(robot_of, changed, monkeypatch, name, base_state, inactive):
     settings, model = robot_of(name)
+    settings = changed(settings, {"estimation": {"base_state": base_state, "settling": 0.1}})
     topics, bus, manual, reports = controller_endpoints(settings, model), MemoryBus(), ManualClock(), []
     loop = make_loop(
         Controller(settings, preflight=False, model=model),
@@ -58,7 +62,7 @@ def test_a_controller_stays_active_on_its_states(robot_of, monkeypatch, name):
 
     def cycle():
         manual.time = clock.now
-        if len(reports) == 1:
+        if len(reports) == inactive:
             send(encode(message("std_msgs/msg/String", data="activate")))
         loop.cycle()
 
@@ -66,10 +70,10 @@ def test_a_controller_stays_active_on_its_states(robot_of, monkeypatch, name):
     monkeypatch.setattr(robots, "time", clock)
     StandingRobot(model, settings, MemoryTransport(bus), topics).run(clock.stop)
     modes = [report.mode for report in reports]
-    assert modes == [Mode.INACTIVE] + [Mode.ACTIVE] * 300
+    assert modes == [Mode.INACTIVE] * inactive + [Mode.ACTIVE] * (301 - inactive)
     assert not any(report.refused for report in reports)
-    assert len({report.stamp for report in reports}) == 301
-    assert np.ptp([report.solution.tau for report in reports[1:]], axis=0).max() > 0.0
+    assert len({report.stamp for report in reports[inactive:]}) == 301 - inactive
+    assert np.ptp([report.solution.tau for report in reports[inactive:]], axis=0).max() > 0.0
 
 
 def states_at(bench, monkeypatch, end, meanwhile=None):

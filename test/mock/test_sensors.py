@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.measurement import measure
 from wbc_controller.mock.plant import Plant
 from wbc_controller.mock.robot import MockRobot
-from wbc_controller.mock.sensors import PARTS, Sensors
+from wbc_controller.mock.sensors import PARTS, ImperfectSensors
+from wbc_controller.settings.service import SensorQuality
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 PERIOD, MANY = 0.002, 4000
@@ -27,7 +29,7 @@ def standing(robot_of):
 @pytest.mark.parametrize("quality", PARTS)
 def test_noise_is_of_the_stated_density_and_biases_stay(standing, quality):
     (model, look), parts = standing, PARTS[quality]
-    sensors = Sensors(parts, model, PERIOD, 3)
+    sensors = ImperfectSensors(parts, model, PERIOD, 3)
     errors = {name: [] for name in ("angular_velocity", "specific_force", "position", "velocity")}
     for i in range(MANY):
         measured, true = look(i), look(i)
@@ -53,14 +55,14 @@ def test_noise_is_of_the_stated_density_and_biases_stay(standing, quality):
 def test_positions_come_in_steps(standing):
     model, look = standing
     measured = look(0)
-    Sensors(PARTS["cheap"], model, PERIOD, 0).measure(measured)
+    ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).measure(measured)
     steps = measured.position / (2.0 * math.pi / 2**14)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 
 def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(standing):
     model, look = standing
-    first, second, other = (Sensors(PARTS["good"], model, PERIOD, seed) for seed in (5, 5, 6))
+    first, second, other = (ImperfectSensors(PARTS["good"], model, PERIOD, seed) for seed in (5, 5, 6))
     seen = []
     for sensors in (first, second, other, first):
         seen.append(look(0))
@@ -77,10 +79,14 @@ def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(stan
 def test_each_motor_has_an_error_of_its_own(standing):
     model, _ = standing
     tau = np.linspace(-20.0, 20.0, model.na)
-    sent = Sensors(PARTS["cheap"], model, PERIOD, 0).torques(tau)
+    sent = ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(tau)
     errors = sent[tau != 0.0] / tau[tau != 0.0] - 1.0
     assert 0.01 < np.abs(errors).max() < 0.5
-    np.testing.assert_allclose(Sensors(PARTS["cheap"], model, PERIOD, 0).torques(2.0 * tau), 2.0 * sent)
+    np.testing.assert_allclose(ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(2.0 * tau), 2.0 * sent)
+
+
+def test_every_quality_but_the_ideal_one_has_parts():
+    assert {*PARTS, "ideal"} == {*get_args(SensorQuality)}
 
 
 @pytest.mark.parametrize("quality", ["ideal", "good"])

@@ -15,6 +15,11 @@ from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.settings import Settings
 
 
+def imu_frame(settings: Settings, model: RobotModel) -> str:
+    """Frame of the robot's IMU."""
+    return settings.estimation.imu_frame or model.base_link
+
+
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator | None:
     """Make the estimator of a floating base; None where its state is measured elsewhere, or the base is fixed.
 
@@ -30,7 +35,7 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     if known.base_state == "odom" or not model.floating_base:
         return None
     frames = {name: contact.frame for name, contact in settings.contacts.items()}
-    legs = LegKinematics(model, contacts, frames, known.imu_frame or model.base_link)
+    legs = LegKinematics(model, contacts, frames, imu_frame(settings, model))
     if not legs.points:
         raise ConfigurationError(
             "estimation.base_state = 'imu': no contact of the configuration stays where it is (surface, point, fixed; "

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.assembly.estimation import imu_frame
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.mock.measurement import measure
@@ -77,7 +78,7 @@ class StandingRobot:
             transport: carries the messages.
             topics: endpoints of the controller that takes the states.
         """
-        standing = measure(model, Plant(model, settings), 0, model.base_link)
+        standing = measure(model, Plant(model, settings), 0, imu_frame(settings, model))
         self._period = 1.0 / settings.control.rate
         self._position = standing.position
         self._joint_states = Template(standing.message("joint_states"), ["position"], ["velocity"])

@@ -172,21 +172,9 @@ class WholeBodyQP:
         built = self._timer()
         found = self._attempt(layout, references)
         if found.residuals is not None and not {*found.relaxed} <= {"torque_rate"}:
-            value = found.residuals.value
-            lost = lost_contacts(self.formulation, layout)
-            given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
-            if given_up:
-                without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})
-                lifted = self.formulation.build(state, without, tau_before)
-                other = self._attempt(lifted, without)
-                if other.residuals is not None and (
-                    lost
-                    or stops_missed(self.formulation, lifted, other.residuals.value)
-                    < _WORTH * stops_missed(self.formulation, layout, value)
-                ):
-                    layout, references = lifted, without
-                    other.answer.iterations += found.answer.iterations
-                    found = replace(other, relaxed=("contact_motion", *other.relaxed))
+            layout, references, found = self._without_contacts(
+                layout, references, found, found.residuals.value, state, tau_before
+            )
         solved = self._timer()
         answer, residuals = found.answer, found.residuals
         if answer.x is None or residuals is None:
@@ -210,6 +198,37 @@ class WholeBodyQP:
                 {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
             ),
         )
+
+    def _without_contacts(
+        self,
+        layout: Layout,
+        references: References,
+        found: _Attempt,
+        value: Array,
+        state: RobotState,
+        tau_before: Array | None,
+    ) -> tuple[Layout, References, _Attempt]:
+        """Give up the contacts that hold nothing, and those that keep a joint from stopping, where that helps.
+
+        Returns:
+            The problem, references and attempt without them; those of the arguments where no contact is given up.
+        """
+        lost = lost_contacts(self.formulation, layout)
+        given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
+        if not given_up:
+            return layout, references, found
+        without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})
+        lifted = self.formulation.build(state, without, tau_before)
+        other = self._attempt(lifted, without)
+        helps = other.residuals is not None and (
+            bool(lost)
+            or stops_missed(self.formulation, lifted, other.residuals.value)
+            < _WORTH * stops_missed(self.formulation, layout, value)
+        )
+        if not helps:
+            return layout, references, found
+        other.answer.iterations += found.answer.iterations
+        return lifted, without, replace(other, relaxed=("contact_motion", *other.relaxed))
 
     def _attempt(self, layout: Layout, references: References) -> _Attempt:
         """Solve a built problem, with as little as possible relaxed.

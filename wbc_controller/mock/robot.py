@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.assembly.estimation import imu_frame
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mock.faults.catalogue import read_faults
@@ -30,7 +31,7 @@ from wbc_controller.mock.faults.injector import Injector
 from wbc_controller.mock.inbox import Inbox
 from wbc_controller.mock.measurement import STREAMS, WORLD_FRAME, measure, transform, wrench_message
 from wbc_controller.mock.plant import Plant
-from wbc_controller.mock.sensors import PARTS, Sensors
+from wbc_controller.mock.sensors import PARTS, ImperfectSensors
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
@@ -112,8 +113,9 @@ class MockRobot:
         # As on a real robot, its joints are braked until the first torques come, or until it is let down.
         self._brakes = [self.plant.lock(joint) for joint in model.joints]
         parts = PARTS.get(settings.mock.sensors)
-        self._sensors = Sensors(parts, model, self._period, settings.mock.sensor_seed) if parts is not None else None
-        self._imu_frame = settings.estimation.imu_frame or model.base_link
+        seed = settings.mock.sensor_seed
+        self._sensors = ImperfectSensors(parts, model, self._period, seed) if parts is not None else None
+        self._imu_frame = imu_frame(settings, model)
         self.plant.body(self._imu_frame)  # there has to be such a frame
         self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None

@@ -14,6 +14,7 @@ import numpy as np
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.measurement import Measurement
 from wbc_controller.records import Array
+from wbc_controller.settings.service import SensorQuality
 
 _DEGREE, _G = math.pi / 180.0, 9.80665
 
@@ -29,7 +30,7 @@ class Parts:
         accelerometer_noise: density, m/s²/√Hz.
         accelerometer_bias: at the start, m/s².
         accelerometer_walk: density of the walk of the bias, m/s³/√Hz.
-        encoder_resolution: step of the joint positions, rad.
+        encoder_resolution: step of the joint positions, rad; m for joints that slide, likewise below.
         encoder_noise: of the joint positions, standard deviation, rad.
         encoder_offset: of each joint, rad.
         velocity_noise: of the joint velocities, standard deviation, rad/s.
@@ -50,7 +51,7 @@ class Parts:
 
 
 #: Parts by preset; ``ideal`` tells the truth, and has none.
-PARTS: Mapping[str, Parts] = {
+PARTS: Mapping[SensorQuality, Parts] = {
     "good": Parts(
         gyroscope_noise=0.007 * _DEGREE,
         gyroscope_bias=0.1 * _DEGREE,
@@ -80,7 +81,7 @@ PARTS: Mapping[str, Parts] = {
 }
 
 
-class Sensors:
+class ImperfectSensors:
     """Measures as parts do: draws their biases and offsets once, and their noise in every period."""
 
     def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:

@@ -106,7 +106,7 @@ class LimitSettings(Section):
         200.0,
         le=1.0e5,
         description="Largest joint acceleration, rad/s². A joint must be able to brake with it before its position "
-        "limit: choose a value that the motors can reach.",
+        "limit: choose a value that the motors can reach. Only a joint that would run into its stop brakes harder.",
     )
     torque_rate: Positive = Field(
         100.0,

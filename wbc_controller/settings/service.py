@@ -212,6 +212,10 @@ class AuditSettings(Section):
     )
 
 
+#: Quality of the mock robot's sensors and motors.
+SensorQuality = Literal["ideal", "good", "cheap"]
+
+
 class MockSettings(Section):
     """The mock robot."""
 
@@ -222,7 +226,7 @@ class MockSettings(Section):
         0.1, description="Age of the torques at which the robot damps its joints by itself, s."
     )
     damping: Damping = Field(2.0, description="Joint damping while no torques arrive, N·m·s/rad.")
-    sensors: Literal["ideal", "good", "cheap"] = Field(
+    sensors: SensorQuality = Field(
         "ideal",
         description="Quality of its IMU, encoders and motors: ideal ones tell the truth, the others have the noise, "
         "biases, resolution and errors of parts that robots carry (docs/estimation.md). Odometry stays true.",

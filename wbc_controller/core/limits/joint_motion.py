@@ -38,11 +38,11 @@ class JointMotionLimit:
     for a joint that would run into its stop.
 
     From a viable state the bounds leave a non-empty interval: full braking, or stopping within the period, meets them
-    all. From a state that is not viable a joint brakes with q̈_max, or with what it needs to reverse at its limit
-    (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))), and harder than q̈_max where it would otherwise be over `STOPPING` beyond its
-    limit. Beyond its position limit a joint returns like a critically damped spring with
-    the time constant `RETURN_TIME` / 2. Where position and velocity limits conflict, the position limit takes
-    precedence.
+    all. From a state that is not viable a joint brakes with q̈_max, or with what it needs to reverse at its limit (d
+    < 0: q̈ ≤ -q̇² / (2 (q_max - q))); where this would take it more than `STOPPING` beyond its limit, with what stops
+    it there, up to what stops it within the period. Beyond its position limit a joint returns like a critically
+    damped spring with the time constant `RETURN_TIME` / 2. Where position and velocity limits conflict, the position
+    limit takes precedence.
 
     Attributes:
         position_lower: (nj,) in rad, or None where positions are not limited.

@@ -111,13 +111,12 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     passing = layout.joints[missed > most]
     if not (needed > most).any():
         return ()
-    velocity = layout.J @ formulation.dynamics.v
     apart = not layout.J[:, passing].any(axis=0).all()
+    moving = _moving(formulation, layout, _LOOSE)
     return tuple(
         place.contact.name
         for place in layout.places
-        if not place.contact.permanent
-        and (apart or place.J[:, passing].any() or _moves(place, velocity[place.motion], _LOOSE))
+        if not place.contact.permanent and (apart or place.contact.name in moving or place.J[:, passing].any())
     )
 
 
@@ -141,18 +140,19 @@ def lost_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ...]:
         formulation: the formulation that built the problem.
         layout: with the problem.
     """
+    return _moving(formulation, layout, _LOST)
+
+
+def _moving(formulation: Formulation, layout: Layout, speeds: tuple[float, float]) -> tuple[str, ...]:
+    """Names of the active contacts that can be given up and move faster than one of two speeds in m/s and rad/s."""
     velocity = layout.J @ formulation.dynamics.v
-    return tuple(
-        place.contact.name
-        for place in layout.places
-        if not place.contact.permanent and _moves(place, velocity[place.motion], _LOST)
-    )
+    places = [place for place in layout.places if not place.contact.permanent]
+    return tuple(place.contact.name for place in places if _faster(place, velocity[place.motion], speeds))
 
 
-def _moves(place: ContactPlace, velocity: Array, most: tuple[float, float]) -> bool:
-    """Whether a contact moves by more than two speeds in m/s and rad/s, by its velocity, (k,)."""
+def _faster(place: ContactPlace, velocity: Array, speeds: tuple[float, float]) -> bool:
     turns = place.contact.moments
-    return float(np.linalg.norm(velocity[~turns])) > most[0] or float(np.linalg.norm(velocity[turns])) > most[1]
+    return float(np.linalg.norm(velocity[~turns])) > speeds[0] or float(np.linalg.norm(velocity[turns])) > speeds[1]
 
 
 def _stopping(formulation: Formulation, bounds: Array) -> Array:

@@ -246,7 +246,7 @@ class OdomWrongFrame(Fault):
 
 
 class ImuNoise(Fault):
-    """White noise on the inertial measurement unit, which the controller does not read."""
+    """White noise on the inertial measurement unit, read with `estimation.base_state: imu`."""
 
     place = _PLACE
     sigma: float = number(0.1, 0.001, 100.0, "rad/s, m/s²", "standard deviation about and along each axis")
