@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +12,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.assembly.collision_elements import enclosing_points, read_collision_elements
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.urdf import parse_xml
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
-from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,38 +113,18 @@ def _with_visuals(urdf: str, links: Sequence[str]) -> str:
 
 def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryModel:
     """Make one convex shape for each link with collision elements."""
-    packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
-    folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
-    try:
-        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders)
-    except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"limits.self_collision: a collision element cannot be read: {error}") from error
-    elements: dict[int, list[pin.GeometryObject]] = {}
-    for element in read.geometryObjects:
-        elements.setdefault(element.parentFrame, []).append(element)
+    elements = read_collision_elements(model, urdf, "limits.self_collision", folder)
     geometry = pin.GeometryModel()
     for frame_id, own in elements.items():
         frame = model.pinocchio.frames[frame_id]
         if len(own) == 1 and isinstance(own[0].geometry, coal.ShapeBase):
             shape, placement = own[0].geometry, own[0].placement
         else:
-            points = np.vstack([_points(element) @ element.placement.rotation.T + element.placement.translation
-                                for element in own])  # fmt: skip
+            points = np.vstack([enclosing_points(element) for element in own])
             middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit expects a shape's centre at its origin
             shape, placement = _hull(points - middle, frame.name), pin.SE3(np.eye(3), middle)
         geometry.addGeometryObject(pin.GeometryObject(frame.name, frame.parentJoint, frame_id, placement, shape))
     return geometry
-
-
-def _points(element: pin.GeometryObject) -> Array:
-    """Points whose convex hull encloses an element, (n, 3) in its frame, m: a mesh's vertices, or a box's corners."""
-    geometry = element.geometry
-    if isinstance(geometry, coal.BVHModelBase):
-        return np.array(geometry.vertices())
-    geometry.computeLocalAABB()
-    low, high = np.array(geometry.aabb_local.min_), np.array(geometry.aabb_local.max_)
-    corners = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
-    return np.asarray(low + corners * (high - low))
 
 
 def _hull(points: Array, link: str) -> coal.ConvexBase:
