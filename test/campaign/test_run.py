@@ -9,7 +9,7 @@ from outcomes import outcome
 from rich.console import Console
 
 from wbc_controller.campaign import run as run_module
-from wbc_controller.campaign.results import FILE
+from wbc_controller.campaign.results import FILE, Key
 from wbc_controller.campaign.run import run_campaign
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
@@ -126,3 +126,35 @@ def test_an_unknown_kind_on_the_command_line_is_a_readable_error(tmp_path):
     result = CliRunner().invoke(main, ["faults", "go2", "--kinds", "kik", "--out", str(tmp_path)])
     assert result.exit_code == 2
     assert "did you mean 'kick'" in result.output
+
+
+def stalled(seconds):
+    return {"result": "violation", "violations": {"stall": f"{1e3 * seconds:.1f} ms"}, "longest": seconds}
+
+
+@pytest.mark.parametrize(("again", "good"), [({"longest": 0.002}, True), (stalled(0.035), False)])
+def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, monkeypatch, again, good):
+    repeated = []
+
+    def in_new_process(key):
+        repeated.append(key)
+        return outcome(key.kind, key.seed, robot=key.robot, **again)
+
+    monkeypatch.setattr(run_module, "_in_new_process", in_new_process)
+    bench.outcome = lambda kind, seed, **rest: outcome(
+        kind, seed, **rest, **(stalled(0.03) if (kind, seed) == ("push", 1) else {})
+    )
+    assert bench.campaign(tmp_path) is good
+    assert repeated == [("go2", "push", 1)]
+    sentence = "go2, push, seed 1 was repeated: its longest cycle took 30.0 ms of processor time, and "
+    sentence += f"{1e3 * again['longest']:.1f} ms in a new process"
+    assert sentence in " ".join(bench.said.split())
+    assert sentence in (tmp_path / "faults.md").read_text(encoding="utf-8")
+    assert bench.campaign(tmp_path) is good  # from the file: it is not repeated again
+    assert len(repeated) == 1
+    assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 5
+
+
+def test_a_trial_in_a_new_process_is_the_same_trial():
+    key = Key("go2", "estop", 4)
+    assert run_module._in_new_process(key).repeatable() == run_module.run_trial(*key).repeatable()

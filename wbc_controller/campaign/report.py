@@ -7,7 +7,7 @@ import io
 import json
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from rich.table import Table
 from scipy import stats
 
 from wbc_controller.campaign.outcome import ALL_VIOLATIONS, Outcome
+from wbc_controller.campaign.results import Key, key_of
 from wbc_controller.campaign.trial import ALL_KINDS
 from wbc_controller.errors import ConfigurationError
 
@@ -140,6 +141,16 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     )
 
 
+def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> list[str]:
+    """A sentence for each trial that was repeated because of a stall, by its outcome before."""
+    return [
+        f"{outcome.robot}, {outcome.kind}, seed {outcome.seed} was repeated: its longest cycle took "
+        f"{1e3 * first.longest:.1f} ms of processor time, and {1e3 * outcome.longest:.1f} ms in a new process"
+        for outcome in outcomes
+        if (first := before.get(key_of(outcome))) is not None
+    ]
+
+
 def worst(outcomes: Sequence[Outcome]) -> Outcome | None:
     """The trial with the worst violation; None without any."""
     bad = [outcome for outcome in outcomes if outcome.violations]
@@ -151,15 +162,20 @@ def command_that_repeats(outcome: Outcome) -> str:
     return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
 
 
-def write_report(outcomes: Sequence[Outcome], folder: Path) -> None:
+def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
     """Write the table as Markdown and CSV, and the plots where plotly is installed.
+
+    Args:
+        outcomes: of all trials.
+        folder: of the files.
+        repeated: what `repetitions` says.
 
     Raises:
         ConfigurationError: where a file cannot be written.
     """
     rows = rows_of(outcomes)
     try:
-        (folder / "faults.md").write_text(_markdown(rows, outcomes), encoding="utf-8")
+        (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
         html = _plots(rows, outcomes)
         if html is not None:
@@ -168,8 +184,8 @@ def write_report(outcomes: Sequence[Outcome], folder: Path) -> None:
         raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
 
 
-def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> str:
-    lines = [f"# Fault campaign\n\n{summary(outcomes)}.\n"]
+def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:
+    lines = [f"# Fault campaign\n\n{summary(outcomes)}.\n", *(f"{sentence}.\n" for sentence in repeated)]
     place = ""
     for row in rows:
         if row.place != place:

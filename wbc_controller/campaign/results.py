@@ -31,7 +31,8 @@ class Results:
 
     Attributes:
         path: of the file.
-        outcomes: those of this version of code and configuration, by key.
+        outcomes: those of this version of code and configuration, by key; the last one of a trial that was repeated.
+        repeated: the outcomes before, of trials that were repeated, by key.
         others: number of lines in the file of another version, which are kept and not used.
     """
 
@@ -43,6 +44,7 @@ class Results:
         """
         self.path = folder / FILE
         self.outcomes: dict[Key, Outcome] = {}
+        self.repeated: dict[Key, Outcome] = {}
         self.others = 0
         self._versions: dict[str, str] = {}
         try:
@@ -58,7 +60,7 @@ class Results:
         content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
         self._file.write(json.dumps(_without_infinities(content), ensure_ascii=False) + "\n")
         self._file.flush()
-        self.outcomes[key_of(outcome)] = outcome
+        self._take(outcome)
 
     def close(self) -> None:
         """Close the file."""
@@ -80,9 +82,15 @@ class Results:
                     "another folder"
                 ) from error
             if version == self._version(outcome.robot):
-                self.outcomes[key_of(outcome)] = outcome
+                self._take(outcome)
             else:
                 self.others += 1
+
+    def _take(self, outcome: Outcome) -> None:
+        key = key_of(outcome)
+        if key in self.outcomes:
+            self.repeated[key] = self.outcomes[key]
+        self.outcomes[key] = outcome
 
     def _version(self, robot: str) -> str:
         if robot not in self._versions:

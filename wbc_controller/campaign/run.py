@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from wbc_controller.campaign.outcome import Outcome
-from wbc_controller.campaign.report import command_that_repeats, summary, terminal_table, worst, write_report
+from wbc_controller.campaign.report import (
+    command_that_repeats,
+    repetitions,
+    summary,
+    terminal_table,
+    worst,
+    write_report,
+)
 from wbc_controller.campaign.results import Key, Results
 from wbc_controller.campaign.trial import ALL_KINDS, run_trial
 from wbc_controller.errors import ConfigurationError, valid_choices
@@ -75,6 +84,7 @@ def run_campaign(
             for outcome in run(missing):
                 results.add(outcome)
                 done(outcome)
+        _repeat_stalls(results, wanted)
     except KeyboardInterrupt:
         interrupted = True
         console.print(f"interrupted; the same command goes on with what is missing in {results.path}")
@@ -85,7 +95,10 @@ def run_campaign(
         return not interrupted
     console.print(terminal_table(outcomes))
     console.print(summary(outcomes))
-    write_report(outcomes, folder)
+    repeated = repetitions(outcomes, results.repeated)
+    for sentence in repeated:
+        console.print(sentence, markup=False)
+    write_report(outcomes, folder, repeated)
     console.print(f"report: {folder}/faults.md, faults.csv, faults.html")
     bad = worst(outcomes)
     if bad is not None:
@@ -93,6 +106,22 @@ def run_campaign(
         console.print(f"the worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
         console.print(f"repeat it with: {command_that_repeats(bad)}", markup=False)
     return bad is None and not interrupted
+
+
+def _repeat_stalls(results: Results, wanted: Sequence[Key]) -> None:
+    """Repeat the trials with stalls, each in a new process.
+
+    A trial computes the same in every run, the first time of a process too. A host that halts a processor of a virtual
+    machine, and a kernel that looks for memory, count as the thread's own processor time; they do not come again.
+    """
+    for key in wanted:
+        if "stall" in results.outcomes[key].violations and key not in results.repeated:
+            results.add(_in_new_process(key))
+
+
+def _in_new_process(key: Key) -> Outcome:
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(run_trial, *key).result()
 
 
 def _console() -> Console:
