@@ -395,6 +395,14 @@ def test_a_joint_that_nearly_stops_costs_no_contact(bench):
     assert set(solution.forces) == {"left_foot", "right_foot"}
 
 
+@pytest.mark.parametrize(("share", "feet"), [(0.6, {"left_foot", "right_foot"}), (0.4, {"right_foot"})])
+def test_a_contact_is_given_up_where_it_at_least_halves_what_the_joints_miss(bench, monkeypatch, share, feet):
+    talos, state, _ = rising(bench, 8.0)
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ("left_foot",))
+    monkeypatch.setattr(whole_body_qp, "stops_missed", lambda _, layout, __: share if len(layout.key) == 1 else 1.0)
+    assert set(talos.controller.solve(state, talos.references()).forces) == feet
+
+
 def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(bench, monkeypatch):
     talos, state, _ = rising(bench, 8.0)
     attempt, calls = talos.controller._attempt, []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -11,7 +12,7 @@ import time
 import pytest
 
 from wbc_controller.errors import WbcError
-from wbc_controller.live.processes import memory, processor_time, until, waiting_time
+from wbc_controller.live.processes import Processes, memory, processor_time, until, waiting_time
 
 
 def test_processor_time_counts_work_and_not_sleep():
@@ -49,3 +50,16 @@ def test_what_does_not_come_true_is_said_with_what_is_known():
     with pytest.raises(WbcError, match=r"waited 0\.05 s in vain for the tide; it said 'ebb'"):
         until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
     assert asked == [1]
+
+
+def test_a_process_hears_a_hang_up_also_under_nohup(tmp_path):
+    ours = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    processes = Processes("go2", tmp_path, 0)
+    try:
+        process = processes.launch("sleeper", [sys.executable, "-c", "import time; time.sleep(60)"])
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(30.0) == -signal.SIGHUP
+    finally:
+        signal.signal(signal.SIGHUP, ours)
+        processes.close()

@@ -15,6 +15,7 @@ from wbc_controller.mock.robot import MockRobot
 from wbc_controller.mock.sensors import PARTS, ImperfectSensors
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.wire.messages import decode
 
 PERIOD, MANY = 0.002, 4000
 
@@ -99,6 +100,13 @@ def test_the_mock_robot_measures_and_pulls_as_its_parts_do(robot_of, changed, qu
     off = np.abs(robot.plant.applied_torques / robot._tau - 1.0).max()
     assert (off == 0.0) == (quality == "ideal")
     assert off < 0.1
+    sent = {}
+    robot._send = lambda stream, taken, payload: sent.update({stream: payload})
+    robot.publish()
+    measured, (q, _) = decode(sent["joint_states"], "sensor_msgs/msg/JointState").position, robot.plant.state()
+    off = np.abs(measured - q[model.q_index]).max()
+    assert (off == 0.0) == (quality == "ideal")
+    assert off < 0.01
 
 
 def test_an_imu_may_be_on_any_link_of_the_robot(robot_of, changed):

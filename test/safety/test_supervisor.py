@@ -339,6 +339,17 @@ def test_no_torque_is_held_that_drives_a_joint_into_its_stop(rig, side):
     np.testing.assert_allclose(bench.commands[-1].tau[0], bench.tau[0] - damping)
 
 
+def test_a_torque_that_slows_the_return_of_a_joint_from_beyond_its_stop_is_held(rig):
+    bench = rig(hold_time=0.1).bring("active")
+    bench.step(count=20)
+    q = np.array(bench.state.q)
+    q[bench.model.q_index[0]] = bench.model.position_upper[0] + 0.2
+    bench.state = RobotState(8, q, bench.state.v)
+    assert bench.tau[0] > 0.0
+    bench.step(NOTHING, count=8, velocity=-1.0)
+    np.testing.assert_allclose(bench.commands[-1].tau[0], bench.tau[0] + 2.0)
+
+
 def test_a_user_who_damps_ends_in_stopped_without_a_fault(rig):
     bench = rig().bring("active")
     bench.request("damp")

@@ -73,9 +73,16 @@ class Processes:
         return self.launch(name, [sys.executable, "-m", "wbc_controller", *words])
 
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
-        """Start a process by its command line; its output goes to ``<name>.log``."""
-        with (self._folder / f"{name}.log").open("ab") as log:
-            process = subprocess.Popen(command, env=self._environment, stdout=log, stderr=log)  # noqa: S603 - our own
+        """Start a process by its command line; its output goes to ``<name>.log``.
+
+        It hears SIGHUP, which it would otherwise ignore where this process does, as under nohup.
+        """
+        ours = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        try:
+            with (self._folder / f"{name}.log").open("ab") as log:
+                process = subprocess.Popen(command, env=self._environment, stdout=log, stderr=log)  # noqa: S603 - our own
+        finally:
+            signal.signal(signal.SIGHUP, ours)
         self.processes[name] = process
         return process
 

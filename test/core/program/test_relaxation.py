@@ -1,7 +1,9 @@
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from wbc_controller.core.program.relaxation import hindering_contacts, relaxations, soften, widen
+from wbc_controller.core.contacts import LoopClosure
+from wbc_controller.core.program.relaxation import hindering_contacts, lost_contacts, relaxations, soften, widen
 
 
 def built(bench, seed=2):
@@ -62,3 +64,40 @@ def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
     loose = {place.contact.name for place in layout.places if np.linalg.norm((place.J @ v)[:3]) > 0.5}
     assert set(hindering_contacts(formulation, layout, value)) == given_up | loose
     assert loose <= given_up
+
+
+@pytest.mark.parametrize(("turning", "given_up"), [(1.0, {"left_foot"}), (4.0, {"left_foot", "right_foot"})])
+def test_a_foot_that_moves_stops_no_joint_and_is_given_up_too(bench, turning, given_up):
+    g1 = bench("g1")
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    left, right = (g1.model.joints.index(f"{side}_knee_joint") for side in ("left", "right"))
+    q[g1.model.q_index[left]] = g1.model.position_upper[left] - 0.1
+    v[g1.model.v_index[left]] = 9.0  # it cannot stop
+    v[g1.model.v_index[right]] = turning  # this one can
+    formulation = g1.controller.formulation
+    layout = formulation.build(g1.state(q, v), g1.references())
+    speed = float(np.linalg.norm((layout.places[1].J @ v)[:3]))
+    assert (speed > 0.5) == ("right_foot" in given_up)
+    assert speed < 2.0
+    value = np.zeros(layout.problem.bounds.shape[1])
+    assert set(hindering_contacts(formulation, layout, value)) == given_up
+
+
+def test_a_loop_is_never_given_up(bench):
+    g1 = bench("g1")
+    hands = ("left_rubber_hand", "right_rubber_hand")
+    held = [True, True, True, False, False, False]
+    bar = LoopClosure("bar", g1.model, hands, (pin.SE3.Identity(), pin.SE3.Identity()), held, stiffness=100.0)
+    formulation = g1.controller.formulation
+    formulation.contacts = {**formulation.contacts, "bar": bar}
+    formulation._layouts.clear()
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    elbow = g1.model.joints.index("left_elbow_joint")
+    q[g1.model.q_index[elbow]] = g1.model.position_upper[elbow] - 0.1
+    v[g1.model.v_index[elbow]] = 9.0  # it cannot stop
+    layout = formulation.build(g1.state(q, v), g1.references())
+    (place,) = (place for place in layout.places if place.contact is bar)
+    assert np.linalg.norm(place.J @ v) > 1.0
+    value = np.zeros(layout.problem.bounds.shape[1])
+    assert set(hindering_contacts(formulation, layout, value)) == {"left_foot", "right_foot"}
+    assert lost_contacts(formulation, layout) == ()

@@ -183,7 +183,7 @@ class JointMotionLimit:
         bound = clipped(bound, -most, most)
         if late.any():
             harder = np.maximum(_braking(speed, room + STOPPING), -speed / period)
-            bound = np.where(late & (speed > 0.0) & (harder < -most), harder, bound)
+            bound = np.where(late & (harder < -most), harder, bound)
         upper, lower = bound
         lower = -lower
         crossed = lower > upper  # not viable: keep the limit that q̇ points to

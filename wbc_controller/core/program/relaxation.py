@@ -111,12 +111,11 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     passing = layout.joints[missed > most]
     if not (needed > most).any():
         return ()
-    apart = not layout.J[:, passing].any(axis=0).all()
+    places = [place for place in layout.places if not place.contact.permanent]
+    apart = not all(any(place.J[:, joint].any() for place in places) for joint in passing)
     moving = _moving(formulation, layout, _LOOSE)
     return tuple(
-        place.contact.name
-        for place in layout.places
-        if not place.contact.permanent and (apart or place.contact.name in moving or place.J[:, passing].any())
+        place.contact.name for place in places if apart or place.contact.name in moving or place.J[:, passing].any()
     )
 
 
