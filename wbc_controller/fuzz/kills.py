@@ -115,7 +115,6 @@ def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> Kil
     stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
     time.sleep(moment)
     rig.lateness.forget()
-    rig.forget("guard")
     process = rig.processes[victim]
     struck = time.monotonic()
     process.send_signal(WAYS[way])
@@ -128,7 +127,7 @@ def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> Kil
     settings = rig.settings
     period = 1.0 / settings.control.rate
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
-    sentence, right = _sentence(rig, victim, way, stopped, late)
+    sentence, right = _sentence(rig, victim, way, stopped, late, struck)
     restarted = _restart(rig, victim, way)
     return KillTrial(
         victim, way, stopped, gap, period + patience, stale, settings.safety.state_timeout, late, sentence, right,
@@ -166,10 +165,10 @@ def _stalest(rig: Rig, since: float) -> float:
     return sorted(ages)[-2]
 
 
-def _sentence(rig: Rig, victim: str, way: str, stopped: float, late: float) -> tuple[str, bool]:
-    """What the controller or the guard says, and whether it says what happened."""
+def _sentence(rig: Rig, victim: str, way: str, stopped: float, late: float, since: float) -> tuple[str, bool]:
+    """What the controller or the guard has said since a moment, and whether it says what happened."""
     settings = rig.settings
-    guard = [str(content.data) for _, content in rig.heard("guard/state")]
+    guard = [str(content.data) for _, content in rig.heard("guard/state", since)]
     took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")
     said = rig.said("controller")
     if victim == "controller":
