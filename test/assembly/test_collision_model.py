@@ -60,7 +60,7 @@ def test_several_elements_of_a_link_are_one_hull():
 def test_links_on_the_base_are_kept_apart_but_not_from_the_base():
     collision = build_collision_model(star(base=(BALL,), a=(BALL,), b=(BALL,), c=(BALL,)), margin=0.01)
     assert names(collision) == set(combinations("abc", 2))
-    assert collision.summary == "3 pairs of 4 links kept apart"
+    assert collision.summary == "3 pairs of 3 links kept apart"
 
 
 def test_an_srdf_takes_pairs_out():
