@@ -7,7 +7,9 @@ import re
 import numpy as np
 import pytest
 
+from wbc_controller.assembly import contact_shapes
 from wbc_controller.assembly.preflight import check, support_margin
+from wbc_controller.control.controller import Controller
 from wbc_controller.errors import ConfigurationError
 
 
@@ -19,8 +21,11 @@ def findings(settings):
 def test_what_is_found_for_each_shipped_robot(robot_of, name, joints, contacts):
     settings, model = robot_of(name)
     found = findings(settings)
+    flat, talos = name != "go2", name == "talos"
     assert list(found) == [
-        "joints", "mass", "effort limits", "tasks", "contacts", "solver", "centre of mass", "standing",
+        "joints", "mass", *(["inertias"] if talos else []), "effort limits", "tasks", "contacts", "solver",
+        "centre of mass", "standing", "contact shapes", "posture", *(["tilt of soles"] if flat else []),
+        *(["locked joints"] if talos else []), "push", "sway", "squat",
     ]  # fmt: skip
     assert found["joints"].startswith(f"{joints} actuated, base floating")
     assert found["mass"] == f"{model.mass:.2f} kg, weight {9.81 * model.mass:.1f} N"
@@ -204,3 +209,51 @@ def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_o
     assert [name for name, *_ in said] == list(ARMS)
     assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity stretches the bent arms
     assert "passive joints" not in sprung({name: float(rest) for name, _, rest in said})
+
+
+TALOS_FEET = ("left_foot", "right_foot")
+
+
+def both(**values):
+    return {"contacts": dict.fromkeys(TALOS_FEET, values)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (both(half_length=0.3, half_width=0.2), "contacts.left_foot: half_length and half_width reach 235 mm beyond"),
+        (both(half_length=0.06, half_width=0.1), "contacts.left_foot: half_length and half_width are swapped"),
+        (
+            {"contacts": {name: {"frame": f"leg_{name.removesuffix('_foot')}_6_link"} for name in TALOS_FEET}},
+            "contacts.left_foot: its sole is 107 mm above the lowest point of the link's collision shapes",
+        ),
+        (both(rpy=[3.14159, 0.0, 0.0]), "contacts.left_foot.rpy: the sole is upside down"),
+        (both(friction=0.02), "contacts.left_foot.friction = 0.02: wet ice has 0.1"),
+    ],
+)
+def test_soles_that_the_feet_of_talos_do_not_have(robot_of, changed, changes, said):
+    settings, _ = robot_of("talos")
+    assert refusal(changed(settings, changes)).startswith(said)
+
+
+def test_feet_of_go2_on_the_shank_or_of_another_radius(robot_of, changed):
+    settings, _ = robot_of("go2")
+    shanks = {name: {"frame": contact.frame.replace("foot", "calf")} for name, contact in settings.contacts.items()}
+    sentence = refusal(changed(settings, {"contacts": shanks}))
+    assert re.match(r"contacts.front_left_foot: its lowest point \(radius = 0.022\) is \d+ mm above the low", sentence)
+    wide = {name: {"radius": 0.31} for name in settings.contacts}
+    sentence = refusal(changed(settings, {"contacts": wide}))
+    assert "contacts.front_left_foot: its lowest point (radius = 0.31) is 287 mm below" in sentence
+
+
+def test_the_start_of_a_controller_reads_no_meshes(robot_of, monkeypatch):
+    settings, _ = robot_of("talos")
+    monkeypatch.setattr(contact_shapes, "read_collision_elements", lambda *_: pytest.fail("the meshes were read"))
+    assert Controller(settings).mode.name == "INACTIVE"
+
+
+def test_an_upside_down_sole_is_named_without_the_shapes_too(robot_of, changed):
+    settings, _ = robot_of("talos")
+    with pytest.raises(ConfigurationError, match=r"contacts.left_foot.rpy: the sole is upside down") as error:
+        Controller(changed(settings, both(rpy=[3.14159, 0.0, 0.0])))
+    assert "\n" not in str(error.value)

@@ -1,0 +1,235 @@
+"""What users get wrong, in the configuration and in the URDF: each is refused by one sentence with place and cure."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.errors import ConfigurationError
+
+INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+
+
+def link(name, mass, middle, box):
+    shape = f'<origin xyz="0 0 {middle}"/><geometry><box size="{box}"/></geometry>'
+    inertial = f'<inertial><origin xyz="0 0 {middle}"/><mass value="{mass}"/>{INERTIA}</inertial>'
+    return f'<link name="{name}">{inertial}<collision>{shape}</collision></link>\n'
+
+
+def joint(name, parent, child, below, axis):
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 {-below}"/><axis xyz="{axis}"/>'
+        '<limit effort="60" velocity="10" lower="-1" upper="1"/></joint>\n'
+    )
+
+
+#: A body of 5 kg on one leg with a foot of 200 × 100 mm, whose sole is 60 mm below the ankle.
+URDF = (
+    '<robot name="hopper">\n'
+    + link("body", 5, 0.1, "0.2 0.2 0.2")
+    + link("thigh", 1, -0.1, "0.05 0.05 0.2")
+    + link("shank", 1, -0.1, "0.05 0.05 0.2")
+    + link("ankle", 0.2, 0, "0.02 0.02 0.02")
+    + link("foot", 0.5, -0.04, "0.2 0.1 0.04")
+    + '<link name="sole"/>\n'
+    + joint("hip", "body", "thigh", 0, "0 1 0")
+    + joint("knee", "thigh", "shank", 0.2, "0 1 0")
+    + joint("ankle_pitch", "shank", "ankle", 0.2, "0 1 0")
+    + joint("ankle_roll", "ankle", "foot", 0, "1 0 0")
+    + '<joint name="sole_joint" type="fixed"><parent link="foot"/><child link="sole"/>'
+    '<origin xyz="0 0 -0.06"/></joint>\n' + "</robot>"
+)
+VALUES = {
+    "robot": {"joints": ["hip", "knee", "ankle_pitch", "ankle_roll"], "posture": [0.0, 0.0, 0.0, 0.0]},
+    "contacts": {
+        "foot": {
+            "type": "surface", "frame": "sole", "half_length": 0.1, "half_width": 0.05,
+            "friction": 0.7, "max_normal_force": 300.0,
+        }
+    },
+    "tasks": {
+        "com": {"type": "com", "weight": 50.0, "stiffness": 100.0},
+        "posture": {"type": "posture", "weight": 0.01, "stiffness": 50.0},
+    },
+}  # fmt: skip
+BALL = {"type": "point", "frame": "sole", "translation": [0.0, 0.0, 0.02], "radius": 0.02, "max_normal_force": 300.0}
+
+
+def checked(changes=None, urdf=URDF):
+    config = wbc.load(copy.deepcopy(VALUES), urdf=urdf)
+    return {finding.subject: finding.text for finding in wbc.check(config.replace(changes or {}))}
+
+
+def test_without_a_mistake_it_is_ok():
+    found = checked()
+    assert found["contact shapes"] == "foot 200 × 100 mm on a sole of 200 × 100 mm"
+    assert found["posture"].endswith("centre of mass at [0.000, 0.000, 0.434] m")
+    assert found["tilt of soles"] == "against the floor: foot 0.0°"
+
+
+IN_THE_CONFIGURATION = {
+    "a joint's name": ({"robot.joints": ["hip", "kne", "ankle_pitch", "ankle_roll"]},
+        ["robot.joints: 'kne' is not a joint of the URDF", "did you mean 'knee'"]),
+    "a contact's frame": ({"contacts.foot.frame": "Sole"},
+        ["contacts.foot.frame = 'Sole': the robot has no such frame", "sole"]),
+    "a task's frame": ({"tasks.torso": {"type": "frame_pose", "frame": "torso", "weight": 1.0, "stiffness": 10.0}},
+        ["tasks.torso.frame = 'torso'", "Valid: "]),
+    "a key": ({"tasks.com.stifness": 100.0}, ["tasks.com.stifness: unknown key", "did you mean 'stiffness'"]),
+    "a kind of task": ({"tasks.com.type": "centre"}, ["tasks.com.type: unknown type 'centre'", "Valid: "]),
+    "a solver's name": ({"solver.name": "qpoasis"}, ["'qpoasis'", "Valid: "]),
+    "a posture too short": ({"robot.posture": [0.0, 0.0, 0.0]},
+        ["posture has 3 values for 4 joints", "one per joint"]),
+    "a posture in degrees": ({"robot.posture.hip": 20.0},
+        ["robot.posture: 20.0 rad for 'hip' is outside its limits [-1.0, 1.0] rad"]),
+    "a posture that falls over": ({"robot.posture.ankle_pitch": 0.7, "robot.posture.hip": -0.7},
+        ["centre of mass is", "outside the support"]),
+    "a sole in centimetres": ({"contacts.foot.half_length": 10.0},
+        ["contacts.foot.half_length = 10.0", "less than or equal to 1"]),
+    "whole sides in place of halves": ({"contacts.foot.half_length": 0.2, "contacts.foot.half_width": 0.1},
+        ["contacts.foot: half_length and half_width reach 112 mm beyond the sole of 'sole'", "200 × 100 mm"]),
+    "length and width swapped": ({"contacts.foot.half_length": 0.05, "contacts.foot.half_width": 0.1},
+        ["contacts.foot: half_length and half_width are swapped", "200 × 100 mm along x and y"]),
+    "a sole beside the foot": ({"contacts.foot.translation": [0.05, 0.0, 0.0]},
+        ["contacts.foot: half_length and half_width reach 50 mm beyond", "about [-0.050, 0.000] m"]),
+    "a sole at the ankle": ({"contacts.foot.frame": "foot"},
+        ["contacts.foot: its sole is 60 mm above the lowest point", "translation: [0.000, 0.000, -0.060]"]),
+    "a sole below the foot": ({"contacts.foot.translation": [0.0, 0.0, -0.1]},
+        ["contacts.foot: its sole is 100 mm below the lowest point", "translation: [0.000, 0.000, 0.000]"]),
+    "a sole upside down": ({"contacts.foot.rpy": [3.14159, 0.0, 0.0]},
+        ["contacts.foot.rpy: the sole is upside down", "turn it by 3.14159"]),
+    "a tilted sole": ({"contacts.foot.rpy": [0.0, 0.12, 0.0]},
+        ["contacts.foot.rpy: the sole is tilted by 6.9°", "allowed 5°"]),
+    "a foot on the shank": ({"contacts.foot": None, "contacts.ball": {**BALL, "frame": "thigh"}},
+        ["contacts.ball: its lowest point (radius = 0.02) is 200 mm above the lowest point", "frame or translation"]),
+    "a diameter in the wrong unit": ({"contacts.foot": None, "contacts.ball": {**BALL, "radius": 0.31}},
+        ["contacts.ball: its lowest point (radius = 0.31) is 290 mm below the lowest point"]),
+    "a ball beside the foot": ({"contacts.foot": None, "contacts.ball": {**BALL, "translation": [0.2, 0.0, 0.02]}},
+        ["contacts.ball: its lowest point", "is 100 mm beside what of 'sole' touches the floor"]),
+    "friction of ice": ({"contacts.foot.friction": 0.02}, ["contacts.foot.friction = 0.02", "rubber on a floor"]),
+    "a force too small": ({"contacts.foot.max_normal_force": 30.0},
+        ["max_normal_force adds up to 30 N, and the robot weighs"]),
+    "no contact": ({"contacts.foot.enabled": False}, ["contacts: none is enabled", "falls"]),
+    "no strength": ({"robot.effort_limit_scale": 0.001, "robot.posture.hip": 0.1, "robot.posture.ankle_pitch": -0.1},
+        ["cannot stand still in robot.posture on foot", "robot.effort_limit_scale"]),
+    "a limit of an unknown joint": ({"robot.joint_limits.kne.effort": 5.0},
+        ["robot.joint_limits: 'kne' is not a joint of the URDF", "did you mean 'knee'"]),
+    "limits the wrong way round": ({"robot.joint_limits.knee": {"lower": 1.0, "upper": -1.0}},
+        ["robot.joint_limits.knee.lower = 1.0: must be below upper = -1.0"]),
+    "a margin without room": ({"limits.position_margin": 1.0},
+        ["limits.position_margin = 1: it leaves 'hip' no room", "-1 and 1 rad"]),
+    "a file that is not there": ({"robot.urdf": "/robots/hopper.urdf"},
+        ["robot.urdf = '/robots/hopper.urdf': there is no file"]),
+    "a package that is not there": ({"robot.urdf": "package://hopper_description/hopper.urdf"},
+        ["robot.urdf = 'package://hopper_description/hopper.urdf'", "AMENT_PREFIX_PATH", "Python distribution"]),
+}  # fmt: skip
+
+
+def refusal(changes, urdf=URDF):
+    with pytest.raises(ConfigurationError) as error:
+        checked(changes, urdf)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("mistake", IN_THE_CONFIGURATION)
+def test_a_mistake_in_the_configuration(mistake):
+    changes, said = IN_THE_CONFIGURATION[mistake]
+    sentence = refusal(changes, None if "robot.urdf" in changes else URDF)
+    assert "\n" not in sentence
+    assert [part for part in said if part not in sentence] == [], sentence
+
+
+MASS, LIMIT = '<mass value="1"/>', '<limit effort="60" velocity="10" lower="-1" upper="1"/>'
+IN_THE_URDF = {
+    "xacro that is not expanded": (MASS, '<mass value="${m}"/>',
+        ["link 'thigh': <mass value='${m}'> is not a number", "expand the file with xacro"]),
+    "a mass that is no number": (MASS, '<mass value="nan"/>', ["link 'thigh': <mass value='nan'> is not a number"]),
+    "a mass that is a word": (MASS, '<mass value="abc"/>', ["link 'thigh': <mass value='abc'> is not a number"]),
+    "a comma": (MASS, '<mass value="1,5"/>', ["link 'thigh': <mass value='1,5'> is not a number, such as 0.5"]),
+    "a negative mass": (MASS, '<mass value="-1"/>', ["link 'thigh': its mass is -1 kg", "not be negative"]),
+    "a negative inertia": (f"{MASS}{INERTIA}", MASS + INERTIA.replace('ixx="0.01"', 'ixx="-1"'),
+        ["link 'thigh': its smallest principal moment of inertia is -1", "none may be negative"]),
+    "mass without inertia": (f"{MASS}{INERTIA}", MASS + INERTIA.replace("0.01", "0"),
+        ["link 'thigh', which joint 'hip' moves, has 1 kg", "three positive moments", "mock robot refuses it"]),
+    "a massless thigh": (f'<inertial><origin xyz="0 0 -0.1"/>{MASS}{INERTIA}</inertial>', "",
+        ["link 'thigh', which joint 'hip' moves, has 0 kg", "needs a mass"]),
+    "no velocity limit": (LIMIT, LIMIT.replace('velocity="10"', 'velocity="0"'),
+        ["joint 'hip' has the velocity limit 0.0", "robot.joint_limits.hip.velocity"]),
+    "no effort limit": (LIMIT, LIMIT.replace('effort="60"', 'effort="0"'),
+        ["joint 'hip' has the effort limit 0.0", "robot.joint_limits.hip.effort"]),
+    "no effort at all": (LIMIT, LIMIT.replace('effort="60" ', ""),
+        ["joint 'hip': it has no <limit effort=…>", "robot.joint_limits.hip.effort"]),
+    "limits the wrong way round": (LIMIT, LIMIT.replace('lower="-1"', 'lower="2"'),
+        ["joint 'hip' has the lower position limit 2 above the upper one 1"]),
+    "an axis without direction": ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', ["joint 'hip'", "has no direction"]),
+    "millimetres": ('<origin xyz="0 0 -0.2"/>', '<origin xyz="0 0 -200"/>',
+        ["joint 'knee' is 200 m from the joint before it", "metres"]),
+    "an inertial far away": ('<origin xyz="0 0 0.1"/><mass', '<origin xyz="1e20 0 0.1"/><mass',
+        ["the centre of mass is 6.49e+19 m outside the support", "origins of the <inertial>"]),
+    "an entity": ("<robot", "<!DOCTYPE robot [<!ENTITY m '1'>]><robot", ["<!DOCTYPE", "entities"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", IN_THE_URDF)
+def test_a_mistake_in_the_urdf(mistake):
+    right, wrong, said = IN_THE_URDF[mistake]
+    assert right in URDF
+    sentence = refusal({}, URDF.replace(right, wrong, 1))
+    assert "robot.urdf" in sentence or "centre of mass" in sentence
+    assert "\n" not in sentence
+    assert [part for part in said if part not in sentence] == [], sentence
+
+
+def test_limits_that_no_motor_has_are_said_and_can_be_given():
+    wild = URDF.replace('effort="60" velocity="10"', 'effort="1e4" velocity="2000"', 1)
+    effort, velocity = [finding.text for finding in wbc.check(wbc.load(VALUES, urdf=wild))
+                        if finding.subject == "implausible"]  # fmt: skip
+    assert effort.startswith("effort limits of hip 10000 N·m: weight times size of the robot is ")
+    assert velocity.startswith("velocity limits of hip 2000 rad/s: ")
+    own = {"robot.joint_limits.hip": {"effort": 40.0, "velocity": 12.0}}
+    found = checked(own, wild)
+    assert "implausible" not in found
+    assert found["joint limits"] == "of the configuration: hip effort 40, velocity 12"
+    assert found["effort limits"] == "40 to 60 N·m"
+
+
+def test_a_joint_that_no_task_holds_and_one_that_is_locked_are_named():
+    assert "held by no task" not in checked()
+    found = checked({"tasks.posture": None})
+    assert found["held by no task"].startswith("hip, knee, ankle_pitch")
+    changes = {"robot.joints": ["hip", "knee", "ankle_pitch"], "robot.posture": [0.0, 0.0, 0.0]}
+    assert checked(changes)["locked joints"] == "ankle_roll (at zero where nothing is said)"
+
+
+def test_a_continuous_joint_has_no_position_limits():
+    endless = URDF.replace('name="hip" type="revolute"', 'name="hip" type="continuous"')
+    assert checked({}, endless)["no position limits"] == "hip"
+
+
+def test_a_body_without_shapes_is_not_compared():
+    bare = URDF.replace(
+        '<collision><origin xyz="0 0 -0.04"/><geometry><box size="0.2 0.1 0.04"/></geometry></collision>', ""
+    )
+    assert bare != URDF
+    assert checked({}, bare)["not compared"].startswith("foot with the URDF: no link that moves with them has a <coll")
+
+
+def test_a_tilted_posture_says_how_far_the_soles_turn_on_release():
+    text = checked({"robot.posture.ankle_roll": 0.06})["tilt of soles"]
+    assert text.startswith("against the floor: foot 3.4°; on release they turn flat")
+
+
+def test_the_reserves_are_those_of_statics():
+    """Upright on a flat foot: weight × lever of the sole's edge, over the height of the centre of mass."""
+    found = checked()
+    height = 0.434
+    weight = 7.7 * 9.81
+    for side, edge in (("forward", 100.0), ("left", 50.0)):
+        assert f"{edge:.0f} mm {side}" in found["sway"]
+        assert f"{weight * 1e-3 * edge / height:.0f} N {side}" in found["push"]
+    weak = checked({"robot.joint_limits.ankle_pitch.effort": 3.0})["sway"]
+    assert "mm forward (ankle_pitch)" in weak
+    assert float(weak.split(": ")[1].split(" mm forward")[0]) < 60.0
+    assert "straight down" in found["squat"]
