@@ -221,7 +221,7 @@ def both(**values):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (both(half_length=0.3, half_width=0.2), "contacts.left_foot: half_length and half_width reach 235 mm beyond"),
+        (both(half_length=0.3, half_width=0.2), "contacts.left_foot: half_length and half_width reach 248 mm beyond"),
         (both(half_length=0.06, half_width=0.1), "contacts.left_foot: half_length and half_width are swapped"),
         (
             {"contacts": {name: {"frame": f"leg_{name.removesuffix('_foot')}_6_link"} for name in TALOS_FEET}},
