@@ -27,6 +27,8 @@ WAYS: Mapping[str, signal.Signals] = {
 _STOPPED = (0.03, 3.0)
 #: Moment of the kill after the activation, s.
 _MOMENT = (0.3, 1.0)
+#: Time after which what was late until now has been seen, s.
+_SETTLED = 0.1
 #: What a machine that is never late may add to the guard's bound, s.
 SLACK = 0.01
 #: Time for which the joints are watched after the last event, s.
@@ -122,8 +124,9 @@ def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> Kil
         time.sleep(stopped)
         process.send_signal(signal.SIGCONT)
     time.sleep(_WATCH)
-    late = rig.lateness.worst
     gap, stale = _longest_hold(rig, struck), _stalest(rig, struck)
+    time.sleep(_SETTLED)  # where all stood still just now, the lateness is known only after this
+    late = rig.lateness.worst
     settings = rig.settings
     period = 1.0 / settings.control.rate
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
