@@ -22,7 +22,7 @@ from rich.table import Table
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.controller import Controller
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.demo.director import DemoFailed, Director, Log, header_time
+from wbc_controller.demo.director import DemoFailed, Director, Log
 from wbc_controller.demo.measure import judge, make_recording, passed
 from wbc_controller.demo.recording import Result
 from wbc_controller.demo.report import write_report
@@ -38,6 +38,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
+from wbc_controller.wire.messages import header_time
 from wbc_controller.wire.topics import MOCK_TOPICS, Endpoint, endpoints
 
 #: The demo uses domains 100 to 199, chosen by process, so that two demos on one machine do not interfere.
