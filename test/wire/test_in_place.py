@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.wire.setpoints import wrench_stamped
 from wbc_controller.wire.decoding import read_imu, read_odometry, stamp_of
 from wbc_controller.wire.in_place import FixedShape, Template
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, encode, header, message, torques
+from wbc_controller.wire.setpoints import wrench_stamped
 from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -95,6 +95,7 @@ class Director:
         self,
         model: RobotModel,
         frames: Mapping[str, str],
+        com: str,
         controller: Iterable[Endpoint],
         mock: Iterable[Endpoint],
         transport: Transport,
@@ -106,6 +107,7 @@ class Director:
         Args:
             model: the robot's model.
             frames: frame of each frame task, by the task's name.
+            com: name of the task of the centre of mass.
             controller: endpoints of the controller.
             mock: endpoints of the mock robot.
             transport: carries the messages.
@@ -119,6 +121,7 @@ class Director:
         self.targets: dict[str, Array] = {}
         self._model = model
         self._frames = frames
+        self._com = com
         self._data = model.pinocchio.createData()
         self._order = JointOrder(model.joints)
         self._advance = advance
@@ -245,10 +248,10 @@ class Director:
         content = message(
             "trajectory_msgs/msg/MultiDOFJointTrajectory",
             header=header(round(start * 1e9), "world"),
-            joint_names=["com"],
+            joint_names=[self._com],
             points=[_point(knot.time - start, knot.position) for knot in knots],
         )
-        self._send("controller", "trajectory", "com", content)
+        self._send("controller", "trajectory", self._com, content)
         return start
 
     def _standing(self) -> Array:
