@@ -15,6 +15,7 @@ from wbc_controller.user.completion import next_words
 from wbc_controller.user.printing import as_text
 from wbc_controller.user.session import topics_of
 from wbc_controller.wire.messages import diagnostics
+from wbc_controller.wire.topics import Direction
 
 G1 = load_settings(find_configuration("g1"))
 
@@ -31,6 +32,11 @@ G1 = load_settings(find_configuration("g1"))
 )
 def test_a_topic_by_the_end_of_its_name(text, name):
     assert find_topic(text, topics_of(G1)).name == name
+
+
+def test_a_topic_between_two_nodes_is_that_of_its_sender():
+    found = find_topic("~/state", topics_of(G1))
+    assert (found.direction, found.qos.latched) == (Direction.OUT, True)
 
 
 def test_a_topic_that_does_not_exist():

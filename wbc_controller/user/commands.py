@@ -14,7 +14,7 @@ from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.user.completion import complete_config, complete_topics, complete_words
-from wbc_controller.wire.topics import Endpoint, parse_remapping
+from wbc_controller.wire.topics import Direction, Endpoint, parse_remapping
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -150,6 +150,8 @@ def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpo
         InputRefused: where there is no such topic.
     """
     by_name = {topic.name: topic for topic in topics.values()}
+    # Where one node sends to another, the sender's row counts: a latched message is only heard as such.
+    by_name |= {topic.name: topic for topic in topics.values() if topic.direction is Direction.OUT}
     ending = "/" + text.removeprefix("~").strip("/")
     own = [name for name in by_name if name.endswith(ending)]
     first = by_name.get(text) or next((by_name[name] for name in own), None)
