@@ -43,14 +43,16 @@ class StatusSummary:
         self._reports.append(report)
         self._taken += report.taken
 
-    def message(self, wall: int) -> Any:
+    def message(self, wall: int, short: Sequence[str] = ()) -> Any:
         """Make the message, and discard the reports collected so far.
 
         Args:
             wall: time for the header, ns.
+            short: a sentence for each task that stays short of its reference.
         """
         reports, self._reports = self._reports, []
         values, warnings = _values(reports)
+        warnings += short
         last = reports[-1]
         level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
         if last.fault is not None:

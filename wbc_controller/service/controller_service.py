@@ -14,6 +14,7 @@ from wbc_controller.assembly.estimation import make_estimator
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.recorder import recording
+from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.task_states import TaskStates
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import CycleReport
@@ -143,6 +144,7 @@ def make_loop(
             transport,
             1.0 / settings.control.diagnostics_rate,
             TaskStates(qp.tasks, vocabulary),
+            Shortfall(qp.tasks),
             MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
             markers_period,
             node,

@@ -122,7 +122,8 @@ class ControlLoop:
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, self._clock.stamp())
-        self._outputs.publish_tasks(now, latched.state, self.controller.qp.dynamics, result.references)
+        dynamics = self.controller.qp.dynamics
+        self._outputs.publish_tasks(now, latched.state, dynamics, result.references, result.solution)
         self._outputs.publish_markers(now, latched.state, result.references, result.solution)
         self._say(report, now)
         for observer in self.observers:

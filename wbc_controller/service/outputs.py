@@ -10,6 +10,7 @@ from wbc_controller.core.contacts import Contact
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.diagnostics.markers import MarkerScene
+from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.diagnostics.task_states import TaskStates
 from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
@@ -34,6 +35,7 @@ class Outputs:
         transport: Transport,
         diagnostics_period: float,
         tasks: TaskStates,
+        shortfall: Shortfall,
         scene: MarkerScene,
         markers_period: float,
         node: str,
@@ -48,6 +50,7 @@ class Outputs:
             transport: carries the messages.
             diagnostics_period: time between two diagnostics messages, and between two of a task, s.
             tasks: writes where the tasks are.
+            shortfall: finds those that stay short of their references.
             scene: draws the markers.
             markers_period: time between two marker messages, s; inf for none.
             node: name of the node, with its namespace.
@@ -84,6 +87,8 @@ class Outputs:
         self._contested_said: tuple[str, ...] = ()
         self._tasks = tasks
         self._tasks_due = -np.inf
+        self._shortfall = shortfall
+        self._short: tuple[str, ...] = ()
         self._scene = scene
         self._markers_period = markers_period
         self._markers_due = -np.inf if markers_period < np.inf else np.inf
@@ -127,24 +132,34 @@ class Outputs:
         if now >= self._diagnostics_due or news:
             self._contested_said = report.contested
             self._diagnostics_due = now + self._diagnostics_period
-            self._send("diagnostics", self._summary.message(wall))
+            self._send("diagnostics", self._summary.message(wall, self._short))
 
     def publish_tasks(
-        self, now: float, state: RobotState | None, dynamics: Dynamics, references: References | None
+        self,
+        now: float,
+        state: RobotState | None,
+        dynamics: Dynamics,
+        references: References | None,
+        solution: Solution | None,
     ) -> None:
         """Send where one task is and where it is wanted: all tasks in turn, in as many cycles, when they are due.
+
+        What stays short of its reference is said with the next diagnostics.
 
         Args:
             now: time on the clock of the loop, s.
             state: latched state; None before the first one.
             dynamics: the snapshot of the cycle.
             references: references of the cycle, if its program was solved.
+            solution: solution of the cycle, if there is one.
         """
-        if state is None or references is None:
+        if state is None or references is None or solution is None:
+            self._short = ()
             return
         if now >= self._tasks_due:
             self._tasks_due = now + self._diagnostics_period
             self._tasks.begin()
+            self._short = self._shortfall.sentences(now, dynamics, references, solution)
         made = self._tasks.next(state.stamp, dynamics, references)
         if made is not None:
             for key, content in made[1].items():
