@@ -19,6 +19,8 @@ from wbc_controller.service.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.service import SensorQuality
+from wbc_controller.user.commands import echo, send, status
+from wbc_controller.user.completion import complete_config
 from wbc_controller.wire.topics import parse_remapping
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -46,6 +48,8 @@ def main() -> None:
 
 main.add_command(fuzz)
 main.add_command(bench)
+for _command in (send, echo, status):
+    main.add_command(_command)
 
 
 def _node_options(function: F) -> F:
@@ -61,7 +65,7 @@ def _node_options(function: F) -> F:
 
 
 @main.command()
-@click.argument("config")
+@click.argument("config", shell_complete=complete_config)
 @click.option("--activate", is_flag=True, help="Activate as soon as the inputs are fresh, without a command.")
 @click.option("--use-sim-time", is_flag=True, help="Measure ages and durations by /clock: for simulators alone.")
 @click.option(
@@ -98,7 +102,7 @@ def run(
 
 
 @main.command()
-@click.argument("config")
+@click.argument("config", shell_complete=complete_config)
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
 @click.option("--lockstep", is_flag=True, help="Wait for the controller's answer to each state.")
 @click.option(
@@ -177,7 +181,7 @@ def faults(
 
 
 @main.command()
-@click.argument("config")
+@click.argument("config", shell_complete=complete_config)
 @_node_options
 def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -> None:
     """Damp the robot when the controller's commands stop: start it beside `wbc run`."""
@@ -190,7 +194,7 @@ def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -
 
 
 @main.command()
-@click.argument("config")
+@click.argument("config", shell_complete=complete_config)
 def check(config: str) -> None:
     """Check a configuration before the robot moves, and say what was found."""
     from wbc_controller.assembly.preflight import check as find
@@ -203,7 +207,7 @@ def check(config: str) -> None:
 
 
 @main.command()
-@click.argument("robot", default="g1")
+@click.argument("robot", default="g1", shell_complete=complete_config)
 @click.option("--report", "folder", type=click.Path(path_type=Path), default=Path("report"), show_default=True,
               help="Folder for the report.")  # fmt: skip
 @click.option("--lockstep", is_flag=True, help="One process, no real time: the run is the same every time.")
@@ -227,7 +231,7 @@ def topics() -> None:
 
 
 @main.command("security-policy")
-@click.argument("config")
+@click.argument("config", shell_complete=complete_config)
 @click.option("--urdf", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="The URDF, where the configuration names none.")  # fmt: skip
 @click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes.")

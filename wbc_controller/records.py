@@ -273,6 +273,8 @@ class CycleReport:
         requests: words on the command topic that this cycle took, whether it obeyed or refused them.
         contested: one sentence for each topic on which other nodes publish that exclude the controller or each other.
         shared: node names of all publishers of an input, where there are several, by the topic's name.
+        taken: number of requests since the last cycle that were obeyed, refused or turned away.
+        weights: weight of each task, ramps applied; empty where no program was solved.
     """
 
     cycle: int
@@ -289,3 +291,5 @@ class CycleReport:
     requests: tuple[str, ...] = ()
     contested: tuple[str, ...] = ()
     shared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    taken: int = 0
+    weights: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))

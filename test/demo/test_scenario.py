@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from wbc_controller.demo.scenario import SCENARIOS, Move, Scenario, find_scenario
+from wbc_controller.demo.derived import derived_scenario
+from wbc_controller.demo.scenario import SCENARIOS, Move, Scenario
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
 
@@ -12,7 +13,7 @@ def test_every_robot_that_is_shipped_has_a_demo():
 
 @pytest.mark.parametrize("robot", SCENARIOS)
 def test_what_a_demo_asks_for_is_in_the_configuration(robot):
-    scenario, settings = find_scenario(robot), load_settings(find_configuration(robot))
+    scenario, settings = SCENARIOS[robot], load_settings(find_configuration(robot))
     assert settings.tasks["com"].type == "com"
     for reach in scenario.reaches:
         assert settings.tasks[reach.task].type == "frame_pose"
@@ -23,7 +24,7 @@ def test_what_a_demo_asks_for_is_in_the_configuration(robot):
 
 @pytest.mark.parametrize("robot", SCENARIOS)
 def test_moves_go_on_in_time_and_come_back(robot):
-    for move in find_scenario(robot).moves:
+    for move in SCENARIOS[robot].moves:
         times = [time for time, _ in move.points]
         assert times[0] > 0.0
         assert times == sorted(set(times))
@@ -34,7 +35,7 @@ def test_moves_go_on_in_time_and_come_back(robot):
 
 @pytest.mark.parametrize("robot", SCENARIOS)
 def test_targets_are_not_empty(robot):
-    scenario = find_scenario(robot)
+    scenario = SCENARIOS[robot]
     assert 0.0 < scenario.force_target <= 0.01
     assert 0.0 < scenario.recovery_target <= 0.02
     assert all(0.0 < move.target_rms <= 0.01 for move in scenario.moves)
@@ -44,9 +45,28 @@ def test_targets_are_not_empty(robot):
     assert np.linalg.matrix_rank(directions) == 2
 
 
-def test_a_demo_that_does_not_exist():
-    with pytest.raises(ConfigurationError, match=r"no demo of 'g0'; did you mean 'g1'\? Valid: g1, go2, talos"):
-        find_scenario("g0")
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_a_scenario_is_derived_that_is_like_the_one_made_for_the_robot(robot, robot_of):
+    settings, model = robot_of(robot)
+    derived, made = derived_scenario(settings, model), SCENARIOS[robot]
+    for ours, theirs in zip(derived.moves, made.moves, strict=True):
+        assert ours.name == theirs.name
+        amplitude, known = (np.abs([at for _, at in move.points]).max() for move in (ours, theirs))
+        assert 0.2 * known < amplitude < 1.5 * known
+    assert len(derived.shoves) == 4
+    for ours, theirs in zip(derived.shoves, made.shoves, strict=True):
+        assert 0.2 < np.linalg.norm(ours.impulse) / np.linalg.norm(theirs.impulse) < 1.5
+    assert len(derived.reaches) == len(made.reaches)
+
+
+def test_what_does_not_stand_on_legs_has_no_demo(robot_of):
+    settings, model = robot_of("go2")
+    without = settings.model_copy(update={"contacts": {}})
+    with pytest.raises(ConfigurationError, match="the demo needs a robot that stands"):
+        derived_scenario(without, model)
+    posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
+    with pytest.raises(ConfigurationError, match="the demo needs a task of type com that is enabled"):
+        derived_scenario(posture, model)
 
 
 def test_a_scenario_may_be_short():

@@ -40,6 +40,7 @@ WORDS = Vocabulary(
     joints={"posture": JOINTS},
     contacts=("left_foot", "right_foot"),
     frames=("pelvis",),
+    robot_frames=("pelvis", "torso_link"),
     reference_frames={"wrist": "right_hand"},
 )
 HALF = np.sqrt(0.5)
@@ -171,15 +172,68 @@ class TestSetpoints:
         read("setpoint", "com", make.point([1, 2, 3], frame))
 
     def test_another_frame_is_refused_with_the_valid_ones(self, make):
-        said = "frame_id is 'pelvis'; references are given in the world: world, odom, map"
-        for key, subject, content in (
-            ("setpoint", "com", make.point([1, 2, 3], "pelvis")),
-            ("setpoint", "hand", make.pose([1, 2, 3], frame="pelvis")),
-            ("external_wrench", "pelvis", make.wrench([1] * 6, "pelvis")),
-            ("trajectory", "com", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])], "pelvis")),
+        own = "from its own reference (hand/reference, hand/heading) or in a frame of the robot"
+        for key, subject, content, said in (
+            (
+                "setpoint",
+                "hand",
+                make.pose([1, 2, 3], frame="palvis"),
+                f"frame_id is 'palvis'; setpoints of task 'hand' are given in the world (world, odom, map) or {own}; "
+                "did you mean 'pelvis'?",
+            ),
+            ("setpoint", "hand", make.pose([1, 2, 3], frame="com/reference"), "frame_id is 'com/reference'; setpoints"),
+            (
+                "setpoint",
+                "sway",
+                make.vector([1, 2, 3], "pelvis"),
+                "given in the world (world, odom, map) or from its own reference (sway/reference, sway/heading)",
+            ),
+            (
+                "external_wrench",
+                "pelvis",
+                make.wrench([1] * 6, "pelvis"),
+                "frame_id is 'pelvis'; an external wrench is given in the world: world, odom, map",
+            ),
+            (
+                "trajectory",
+                "com",
+                make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])], "com/reference"),
+                "frame_id is 'com/reference'; a trajectory is given in the world: world, odom, map",
+            ),
         ):
             with refused(said):
                 read(key, subject, content)
+
+    @pytest.mark.parametrize("frame", ["com/reference", "com/heading", "pelvis"])
+    def test_a_setpoint_may_be_given_in_another_frame(self, make, frame):
+        for change in (
+            self.one("setpoint", "com", make.point([1, 2, 3], frame)),
+            self.one("update", "", make.string(f"{{tasks: {{com: {{setpoint: [1, 2, 3], frame: {frame}}}}}}}")),
+        ):
+            assert change.frame == frame
+            np.testing.assert_array_equal(change.position, [1, 2, 3])
+
+    def test_of_joints_that_are_displaced_only_some_need_names(self, make):
+        content = make.joint_state(["knee"], [0.5])
+        content.header.frame_id = "posture/reference"
+        change = self.one("setpoint", "posture", content)
+        assert change.frame == "posture/reference"
+        np.testing.assert_array_equal(change.position, [0.0, 0.5, 0.0])
+        content.header.frame_id = "posture/refrence"
+        with refused("are given in the world (world, odom, map) or from its own reference (posture/reference)"):
+            read("setpoint", "posture", content)
+
+    @pytest.mark.parametrize(
+        ("fields", "said"),
+        [
+            ("frame: com/reference", "tasks.com.frame stands without a setpoint"),
+            ("setpoint: [1, 2, 3], frame: 7", "tasks.com.frame is the name of a frame, not 7"),
+            ("setpoint: [1, 2, 3], frame: hand/reference", "tasks.com.frame is 'hand/reference'; setpoints of task"),
+        ],
+    )
+    def test_an_update_with_a_frame_that_is_none(self, make, fields, said):
+        with refused(said):
+            read("update", "", make.string(f"{{tasks: {{com: {{{fields}}}, posture: {{weight: 1.0}}}}}}"))
 
     def test_a_momentum(self, make):
         for task in ("sway", "spin"):
@@ -213,9 +267,10 @@ class TestSetpoints:
         np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
         self.one("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], "right_hand"))
         for frame in ("", "world", "left_hand"):
-            said = f"frame_id is {frame!r}; references of task 'wrist' are given in its reference frame 'right_hand'"
-            with refused(said):
+            own = "in its reference frame 'right_hand' or from its own reference (wrist/reference)"
+            with refused(f"frame_id is {frame!r}; setpoints of task 'wrist' are given {own}"):
                 read("setpoint", "wrist", make.pose([1, 2, 3], frame=frame))
+            said = f"frame_id is {frame!r}; a trajectory of task 'wrist' is given in its reference frame 'right_hand'"
             with refused(said):
                 read("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], frame))
 
@@ -405,7 +460,7 @@ class TestUpdate:
             ("{contacts: {left: {enabled: true}}}", "unknown contact 'left'; did you mean 'left_foot'?"),
             (
                 "{tasks: {com: {wieght: 1}}}",
-                "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping, enabled, gain",
+                "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping, enabled, frame, gain",
             ),
             ("{contacts: {left_foot: {weight: 1}}}", "contacts.left_foot: unknown key 'weight'; Valid: enabled"),
             ("{tasks: {com: {weight: heavy}}}", "a weight is a number, not 'heavy'"),

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.service.outputs import wrench_stamped
 from wbc_controller.wire.decoding import read_imu, read_odometry, stamp_of
 from wbc_controller.wire.in_place import FixedShape, Template
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, encode, header, message, torques
+from wbc_controller.wire.setpoints import wrench_stamped
 from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -187,8 +187,8 @@ def test_templates_write_the_bytes_of_the_codec(time, values):
     expected = encode(joint_state("abcdef", row, row[::-1], -row, time))
     assert joints.write(time, row, row[::-1], -row) == expected
     axes = [f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"]
-    wrench = Template(wrench_stamped(0, "foot", np.zeros(6)), axes)
-    assert wrench.write(time, row) == encode(wrench_stamped(time, "foot", row))
+    wrench = Template(wrench_stamped(np.zeros(6), "foot"), axes)
+    assert wrench.write(time, row) == encode(wrench_stamped(row, "foot", time))
 
 
 def test_empty_arrays_have_no_place_and_strings_no_numbers():

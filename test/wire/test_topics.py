@@ -9,6 +9,7 @@ from wbc_controller.settings.files import _tags_of
 from wbc_controller.wire.decoding import READERS
 from wbc_controller.wire.messages import TYPES
 from wbc_controller.wire.topics import (
+    BY_TASK,
     CONTROLLER_TOPICS,
     GUARD_TOPICS,
     MOCK_TOPICS,
@@ -114,7 +115,7 @@ def test_the_other_end_of_a_topic_is_turned_round():
 
 def test_every_type_exists_and_every_kind_of_task_has_its_types():
     for topic in (*CONTROLLER_TOPICS, *MOCK_TOPICS):
-        assert topic.type in ("setpoint", "trajectory") or topic.type in TYPES.types
+        assert topic.type in BY_TASK or topic.type in TYPES.types
         assert topic.meaning
     for columns in TASK_TYPES.values():
         assert {"setpoint"} <= set(columns) <= {"setpoint", "trajectory"}

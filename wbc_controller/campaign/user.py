@@ -12,6 +12,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.messages import encode, header, message, stamp
+from wbc_controller.wire.setpoints import vector
 from wbc_controller.wire.topics import Direction, Endpoint, counterpart
 
 #: Amplitude of the swaying centre of mass, m, and of all joints where they are free to follow, rad.
@@ -110,12 +111,6 @@ def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: A
     return message(
         "trajectory_msgs/msg/JointTrajectory", header=header(0, "world"), joint_names=list(joints), points=points
     )
-
-
-def vector(values: Array) -> Any:
-    """Make a geometry_msgs/Vector3."""
-    x, y, z = (float(value) for value in values)
-    return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
 def _duration(seconds: float) -> Any:

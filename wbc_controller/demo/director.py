@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -20,7 +19,8 @@ from wbc_controller.records import Array
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.decoding import read_odometry
 from wbc_controller.wire.joint_order import JointOrder
-from wbc_controller.wire.messages import decode, encode, header, message, stamp
+from wbc_controller.wire.messages import decode, encode, header, header_time, message, stamp
+from wbc_controller.wire.setpoints import setpoint_message, vector, wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint, counterpart
 
 #: Wall time without a new state after which the demo is given up, s.
@@ -80,12 +80,6 @@ class Log:
         return header_time(kept[-1]) if kept else 0.0
 
 
-def header_time(payload: bytes) -> float:
-    """Time in the header at the start of a serialized message, s, without decoding the rest."""
-    seconds, nanoseconds = struct.unpack_from("<iI", payload, 4)
-    return float(seconds) + 1.0e-9 * float(nanoseconds)
-
-
 class Director:
     """Plays a scenario.
 
@@ -101,6 +95,7 @@ class Director:
         self,
         model: RobotModel,
         frames: Mapping[str, str],
+        com: str,
         controller: Iterable[Endpoint],
         mock: Iterable[Endpoint],
         transport: Transport,
@@ -112,6 +107,7 @@ class Director:
         Args:
             model: the robot's model.
             frames: frame of each frame task, by the task's name.
+            com: name of the task of the centre of mass.
             controller: endpoints of the controller.
             mock: endpoints of the mock robot.
             transport: carries the messages.
@@ -125,6 +121,7 @@ class Director:
         self.targets: dict[str, Array] = {}
         self._model = model
         self._frames = frames
+        self._com = com
         self._data = model.pinocchio.createData()
         self._order = JointOrder(model.joints)
         self._advance = advance
@@ -251,10 +248,10 @@ class Director:
         content = message(
             "trajectory_msgs/msg/MultiDOFJointTrajectory",
             header=header(round(start * 1e9), "world"),
-            joint_names=["com"],
+            joint_names=[self._com],
             points=[_point(knot.time - start, knot.position) for knot in knots],
         )
-        self._send("controller", "trajectory", "com", content)
+        self._send("controller", "trajectory", self._com, content)
         return start
 
     def _standing(self) -> Array:
@@ -282,7 +279,9 @@ class Director:
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
-        self._send("controller", "setpoint", reach.task, _pose_stamped(target, pin.Quaternion(pose.rotation).coeffs()))
+        there = np.concatenate([target, pin.Quaternion(pose.rotation).coeffs()])
+        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", there)
+        self._send("controller", "setpoint", reach.task, content)
         start = self.time
         self._run(reach.duration)
         self.windows[f"reach {reach.task}"] = Window(start, self.time)
@@ -296,43 +295,19 @@ class Director:
         self._begin(shove.name)
         start = self.time
         force = np.array(shove.impulse) / 0.1
-        vector = "geometry_msgs/msg/Vector3"
-        content = message(
-            "geometry_msgs/msg/WrenchStamped",
-            header=header(0, self._model.base_link),
-            wrench=message(
-                "geometry_msgs/msg/Wrench",
-                force=message(vector, x=float(force[0]), y=float(force[1]), z=float(force[2])),
-                torque=message(vector, x=0.0, y=0.0, z=0.0),
-            ),
-        )
+        content = wrench_stamped(np.concatenate([force, np.zeros(3)]), self._model.base_link)
         self._send("mock", "push", "", content)
         self._run(recovery + 0.5)
         self.windows[shove.name] = Window(start, self.time)
 
 
 def _point(time: float, position: Array) -> Any:
-    vector = message("geometry_msgs/msg/Vector3", x=float(position[0]), y=float(position[1]), z=float(position[2]))
     upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     seconds = stamp(round(time * 1e9))
     return message(
         "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-        transforms=[message("geometry_msgs/msg/Transform", translation=vector, rotation=upright)],
+        transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
         velocities=[],
         accelerations=[],
         time_from_start=message("builtin_interfaces/msg/Duration", sec=seconds.sec, nanosec=seconds.nanosec),
-    )
-
-
-def _pose_stamped(position: Array, quaternion: Array) -> Any:
-    x, y, z = (float(value) for value in position)
-    qx, qy, qz, qw = (float(value) for value in quaternion)
-    return message(
-        "geometry_msgs/msg/PoseStamped",
-        header=header(0, "world"),
-        pose=message(
-            "geometry_msgs/msg/Pose",
-            position=message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-            orientation=message("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-        ),
     )

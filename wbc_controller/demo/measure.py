@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.demo.director import Director, Log, Window, header_time
+from wbc_controller.demo.director import Director, Log, Window
 from wbc_controller.demo.recording import Recording, Result, supports_of
 from wbc_controller.demo.scenario import Scenario
 from wbc_controller.diagnostics.recorder import AUDIT_COLUMNS
@@ -18,7 +18,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings
 from wbc_controller.wire.decoding import read_odometry
 from wbc_controller.wire.joint_order import JointOrder
-from wbc_controller.wire.messages import decode
+from wbc_controller.wire.messages import decode, header_time
 
 
 def make_recording(

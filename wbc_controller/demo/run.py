@@ -22,11 +22,12 @@ from rich.table import Table
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.controller import Controller
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.demo.director import DemoFailed, Director, Log, header_time
+from wbc_controller.demo.derived import derived_scenario
+from wbc_controller.demo.director import DemoFailed, Director, Log
 from wbc_controller.demo.measure import judge, make_recording, passed
 from wbc_controller.demo.recording import Result
 from wbc_controller.demo.report import write_report
-from wbc_controller.demo.scenario import Scenario, find_scenario
+from wbc_controller.demo.scenario import SCENARIOS, Scenario
 from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
@@ -38,6 +39,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Transport
+from wbc_controller.wire.messages import header_time
 from wbc_controller.wire.topics import MOCK_TOPICS, Endpoint, endpoints
 
 #: The demo uses domains 100 to 199, chosen by process, so that two demos on one machine do not interfere.
@@ -66,7 +68,7 @@ def run_demo(
     """Run the demo of a robot, print a table and write the report.
 
     Args:
-        robot: name of a shipped robot.
+        robot: name of a shipped robot, or the path of a file, for which the scenario is derived.
         folder: folder of the report.
         lockstep: run in one process, without real time.
         real_time_factor: simulated seconds per second.
@@ -77,18 +79,19 @@ def run_demo(
         Whether every target was met.
 
     Raises:
-        ConfigurationError: if there is no such demo.
+        ConfigurationError: if there is no such robot, or it does not stand on legs.
     """
-    scenario = find_scenario(robot)
     config = load(robot)
     if sensors is not None:
         config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)
-    stage = _Stage(robot, config, config.settings, make_model(config.settings), scenario, folder)
+    model = make_model(config.settings)
+    scenario = SCENARIOS[robot] if robot in SCENARIOS else derived_scenario(config.settings, model)
+    stage = _Stage(Path(robot).stem, config, config.settings, model, scenario, folder)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes on the loopback, DDS between them"
     known = "the base from odometry" if sensors is None else f"no odometry, {sensors} sensors"
-    console.print(f"[bold]{robot}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
+    console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as say, play as (transport, advance, cycles):
@@ -108,6 +111,7 @@ def _direct(
     return Director(
         stage.model,
         frames,
+        stage.scenario.com,
         controller_endpoints(settings, stage.model),
         _mock_endpoints(settings),
         transport,

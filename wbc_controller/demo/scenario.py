@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from wbc_controller.errors import ConfigurationError, valid_choices
-
 
 @dataclass(frozen=True, slots=True)
 class Move:
@@ -69,6 +67,7 @@ class Scenario:
         recovery: time after which the centre of mass must have returned, s.
         recovery_target: largest distance then, m.
         force_target: largest deviation of the sum of vertical forces from the weight, as a share of it.
+        com: name of the task of the centre of mass.
     """
 
     stand: float = 3.0
@@ -78,19 +77,23 @@ class Scenario:
     recovery: float = 2.0
     recovery_target: float = 0.02
     force_target: float = 0.01
+    com: str = "com"
 
 
-def _sway(amplitude: float, target: float) -> Move:
+def sway(amplitude: float, target: float) -> Move:
+    """To the left, to the right and back, by an amplitude in m."""
     left, right = (0.0, amplitude, 0.0), (0.0, -amplitude, 0.0)
     return Move("sway", ((1.5, left), (4.0, right), (5.5, (0.0, 0.0, 0.0))), target)
 
 
-def _squat(depth: float, target: float) -> Move:
+def squat(depth: float, target: float) -> Move:
+    """Down by a depth in m, and up."""
     down = (0.0, 0.0, -depth)
     return Move("squat", ((1.5, down), (2.5, down), (4.0, (0.0, 0.0, 0.0))), target)
 
 
-def _shoves(sideways: float, along: float) -> tuple[Shove, ...]:
+def shoves(sideways: float, along: float) -> tuple[Shove, ...]:
+    """From four sides, with impulses in N·s."""
     return (
         Shove("shove left", (0.0, sideways, 0.0)),
         Shove("shove right", (0.0, -sideways, 0.0)),
@@ -101,28 +104,17 @@ def _shoves(sideways: float, along: float) -> tuple[Shove, ...]:
 
 SCENARIOS: dict[str, Scenario] = {
     "g1": Scenario(
-        moves=(_sway(0.04, 0.005), _squat(0.10, 0.008)),
+        moves=(sway(0.04, 0.005), squat(0.10, 0.008)),
         reaches=(Reach("right_hand", (0.15, -0.05, 0.20), 3.0, 0.01),),
-        shoves=_shoves(11.0, 8.0),
+        shoves=shoves(11.0, 8.0),
     ),
     "talos": Scenario(
-        moves=(_sway(0.04, 0.005), _squat(0.10, 0.008)),
+        moves=(sway(0.04, 0.005), squat(0.10, 0.008)),
         reaches=(Reach("right_hand", (0.10, -0.05, 0.10), 3.0, 0.01),),
-        shoves=_shoves(25.0, 18.0),
+        shoves=shoves(25.0, 18.0),
     ),
     "go2": Scenario(
-        moves=(_sway(0.03, 0.005), _squat(0.06, 0.008)),
-        shoves=_shoves(8.0, 8.0),
+        moves=(sway(0.03, 0.005), squat(0.06, 0.008)),
+        shoves=shoves(8.0, 8.0),
     ),
 }
-
-
-def find_scenario(robot: str) -> Scenario:
-    """Look up a robot's demo.
-
-    Raises:
-        ConfigurationError: if the robot has no demo.
-    """
-    if robot not in SCENARIOS:
-        raise ConfigurationError(f"there is no demo of {robot!r}; {valid_choices(robot, SCENARIOS)}")
-    return SCENARIOS[robot]

@@ -36,19 +36,23 @@ class StatusSummary:
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
         self._scheduling = {"scheduling": scheduling} if scheduling else {}
         self._reports: list[CycleReport] = []
+        self._taken = 0
 
     def add(self, report: CycleReport) -> None:
         """Add the report of a cycle."""
         self._reports.append(report)
+        self._taken += report.taken
 
-    def message(self, wall: int) -> Any:
+    def message(self, wall: int, short: Sequence[str] = ()) -> Any:
         """Make the message, and discard the reports collected so far.
 
         Args:
             wall: time for the header, ns.
+            short: a sentence for each task that stays short of its reference.
         """
         reports, self._reports = self._reports, []
         values, warnings = _values(reports)
+        warnings += short
         last = reports[-1]
         level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
         if last.fault is not None:
@@ -57,6 +61,7 @@ class StatusSummary:
         if last.contested and last.command is not None:
             level = _ERROR
         text = "; ".join([last.mode.value, *warnings])
+        values["requests_taken"] = str(self._taken)
         return diagnostics(wall, level, self._name, text, self._hardware, self._scheduling | values)
 
 
@@ -80,6 +85,7 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         times = [report.stage_seconds[stage] for report in reports if stage in report.stage_seconds]
         values[f"time/{stage}/median"] = f"{1e6 * float(np.median(times)):.0f} us"
         values[f"time/{stage}/max"] = f"{1e6 * max(times):.0f} us"
+    values |= {f"task_weight/{name}": f"{weight:.5g}" for name, weight in last.weights.items()}
     solution = last.solution
     if solution is not None:
         values |= {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}

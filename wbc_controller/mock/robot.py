@@ -36,10 +36,10 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire import messages
-from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.wire.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
 
 #: Name of the node, and prefix of its private topics.
-NODE_NAME = "mock_robot"
+NODE_NAME = MOCK_NODE
 #: Rate of the contact wrenches and the transform, Hz of simulated time; they are for viewers only.
 SLOW_RATE = 100.0
 #: Wall time after which lockstep publishes an unanswered state again, s.

@@ -14,6 +14,8 @@ from wbc_controller.assembly.estimation import make_estimator
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.recorder import recording
+from wbc_controller.diagnostics.shortfall import Shortfall
+from wbc_controller.diagnostics.task_states import TaskStates
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import CycleReport
 from wbc_controller.service.audit import make_audit
@@ -118,6 +120,7 @@ def make_loop(
         TransportError: if a topic cannot be opened.
     """
     settings, model, qp = controller.config.settings, controller.model, controller.qp
+    vocabulary = make_vocabulary(settings, model)
     published = {name: qp.contacts[name] for name in settings.contacts}
     markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
     scheduling = in_force()
@@ -126,7 +129,7 @@ def make_loop(
         controller,
         Inputs(
             model,
-            make_vocabulary(settings, model),
+            vocabulary,
             topics,
             transport,
             clock,
@@ -140,6 +143,8 @@ def make_loop(
             topics,
             transport,
             1.0 / settings.control.diagnostics_rate,
+            TaskStates(qp.tasks, vocabulary),
+            Shortfall(qp.tasks),
             MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
             markers_period,
             node,

@@ -75,6 +75,7 @@ class Latched:
         commands: words on the command topic, in order of arrival.
         changes: sets of changes, in order of arrival; each set is applied whole or not at all.
         refused: a sentence for each message that was refused.
+        taken: number of requests since the last cycle that were read, refused or turned away.
     """
 
     state: RobotState | None
@@ -84,6 +85,7 @@ class Latched:
     commands: tuple[str, ...]
     changes: tuple[tuple[Change | ChangeSettings, ...], ...]
     refused: tuple[str, ...]
+    taken: int
 
 
 @dataclass(slots=True)
@@ -243,7 +245,8 @@ class Inputs:
                 self._read.append(self._decoded(*self._requests.popleft()))
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
-        if self._estop.is_set():
+        stopped = self._estop.is_set()
+        if stopped:
             self._estop.clear()
             commands.append("estop")
         with self._waiting:
@@ -256,7 +259,7 @@ class Inputs:
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         return Latched(
             self._state(), self._joint_velocity(), self.ages(), self._noted(), tuple(commands), tuple(changes),
-            tuple(refused),
+            tuple(refused), taken=stopped + len(taken) + turned_away.total(),
         )  # fmt: skip
 
     def _noted(self) -> dict[str, str]:

@@ -122,6 +122,8 @@ class ControlLoop:
         report = self._audited(report, latched.state)
         stages["audit"] = self._timer() - started - stages["total"]
         self._outputs.publish_status(report, now, self._clock.stamp())
+        dynamics = self.controller.qp.dynamics
+        self._outputs.publish_tasks(now, latched.state, dynamics, result.references, result.solution)
         self._outputs.publish_markers(now, latched.state, result.references, result.solution)
         self._say(report, now)
         for observer in self.observers:
@@ -185,6 +187,8 @@ class ControlLoop:
             requests=latched.commands,
             contested=self._ownership.contested,
             shared=self._ownership.shared,
+            taken=latched.taken,
+            weights=result.references.weights if result.references is not None else {},
         )
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:

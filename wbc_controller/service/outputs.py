@@ -7,13 +7,17 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.diagnostics.markers import MarkerScene
+from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.status import StatusSummary
+from wbc_controller.diagnostics.task_states import TaskStates
 from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, header, message, torques
+from wbc_controller.wire.setpoints import wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint
 
 #: The numbers of a geometry_msgs/WrenchStamped: force, then torque.
@@ -30,6 +34,8 @@ class Outputs:
         endpoints: Iterable[Endpoint],
         transport: Transport,
         diagnostics_period: float,
+        tasks: TaskStates,
+        shortfall: Shortfall,
         scene: MarkerScene,
         markers_period: float,
         node: str,
@@ -42,7 +48,9 @@ class Outputs:
             contacts: contacts whose forces are published, by name.
             endpoints: endpoints of the controller's node.
             transport: carries the messages.
-            diagnostics_period: time between two diagnostics messages, s.
+            diagnostics_period: time between two diagnostics messages, and between two of a task, s.
+            tasks: writes where the tasks are.
+            shortfall: finds those that stay short of their references.
             scene: draws the markers.
             markers_period: time between two marker messages, s; inf for none.
             node: name of the node, with its namespace.
@@ -69,7 +77,7 @@ class Outputs:
         )
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {
-            name: Template(wrench_stamped(0, contact.wrench_frame, np.zeros(6)), _WRENCH)
+            name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), _WRENCH)
             for name, contact in contacts.items()
         }
         self._state_said: tuple[object, object] | None = None
@@ -77,6 +85,10 @@ class Outputs:
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
         self._contested_said: tuple[str, ...] = ()
+        self._tasks = tasks
+        self._tasks_due = -np.inf
+        self._shortfall = shortfall
+        self._short: tuple[str, ...] = ()
         self._scene = scene
         self._markers_period = markers_period
         self._markers_due = -np.inf if markers_period < np.inf else np.inf
@@ -120,7 +132,38 @@ class Outputs:
         if now >= self._diagnostics_due or news:
             self._contested_said = report.contested
             self._diagnostics_due = now + self._diagnostics_period
-            self._send("diagnostics", self._summary.message(wall))
+            self._send("diagnostics", self._summary.message(wall, self._short))
+
+    def publish_tasks(
+        self,
+        now: float,
+        state: RobotState | None,
+        dynamics: Dynamics,
+        references: References | None,
+        solution: Solution | None,
+    ) -> None:
+        """Send where one task is and where it is wanted: all tasks in turn, in as many cycles, when they are due.
+
+        What stays short of its reference is said with the next diagnostics.
+
+        Args:
+            now: time on the clock of the loop, s.
+            state: latched state; None before the first one.
+            dynamics: the snapshot of the cycle.
+            references: references of the cycle, if its program was solved.
+            solution: solution of the cycle, if there is one.
+        """
+        if state is None or references is None or solution is None:
+            self._short = ()
+            return
+        if now >= self._tasks_due:
+            self._tasks_due = now + self._diagnostics_period
+            self._tasks.begin()
+            self._short = self._shortfall.sentences(now, dynamics, references, solution)
+        made = self._tasks.next(state.stamp, dynamics, references)
+        if made is not None:
+            for key, content in made[1].items():
+                self._send(key, content, made[0])
 
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
@@ -139,17 +182,3 @@ class Outputs:
 
     def _send(self, key: str, content: object, subject: str = "") -> None:
         self._publish[key, subject](encode(content))
-
-
-def wrench_stamped(stamp: int, frame: str, wrench: np.ndarray) -> object:
-    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m."""
-    fx, fy, fz, tx, ty, tz = (float(value) for value in wrench)
-    return message(
-        "geometry_msgs/msg/WrenchStamped",
-        header=header(stamp, frame),
-        wrench=message(
-            "geometry_msgs/msg/Wrench",
-            force=message("geometry_msgs/msg/Vector3", x=fx, y=fy, z=fz),
-            torque=message("geometry_msgs/msg/Vector3", x=tx, y=ty, z=tz),
-        ),
-    )

@@ -29,14 +29,22 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
             frame = contact.frame if whole else contact.against  # None (world axes) for a point or wheel on the world
             if frame is not None:
                 reference_frames[name] = frame
-    return Vocabulary(kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), reference_frames)
+    robot_frames = frozenset(frame.name for frame in model.pinocchio.frames)
+    return Vocabulary(
+        kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), robot_frames, reference_frames
+    )
 
 
 def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
     """Frames that accept external wrenches: the base, and every frame named by a task or contact."""
+    return tuple(dict.fromkeys([model.base_link, *named_frames(settings)]))
+
+
+def named_frames(settings: Settings) -> tuple[str, ...]:
+    """Every frame named by a task or contact."""
     named = [task.frame for task in settings.tasks.values() if hasattr(task, "frame")]
     named += [contact.frame for contact in settings.contacts.values()]
-    return tuple(dict.fromkeys([model.base_link, *named]))
+    return tuple(dict.fromkeys(named))
 
 
 def controller_endpoints(

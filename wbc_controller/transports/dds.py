@@ -9,6 +9,7 @@ import contextlib
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -82,6 +83,9 @@ class DdsTransport:
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
+        return self._open(endpoint)
+
+    def _open(self, endpoint: Endpoint) -> _Publication:
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
@@ -89,6 +93,37 @@ class DdsTransport:
             self._publications.append(publication)
             announcement.add_writer(writer)
             return publication
+
+    @property
+    def domain(self) -> int:
+        """The DDS domain."""
+        return self._settings.domain_id
+
+    def deliver(self, endpoint: Endpoint, payload: bytes, found_within: float, patience: float) -> bool:
+        """Send one message, and wait until its readers have it.
+
+        Args:
+            endpoint: the topic, which is opened for writing.
+            payload: the serialized message.
+            found_within: wall time to wait for a reader of the topic, s.
+            patience: wall time to wait for the acknowledgment, s.
+
+        Returns:
+            Whether there is a reader; without one nothing is sent.
+
+        Raises:
+            TransportError: if it could not be sent, or was not acknowledged in time.
+        """
+        publication = self._open(endpoint)
+        deadline = time.monotonic() + found_within
+        while not publication.has_reader():
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(0.005)
+        publication(payload)
+        if not publication.acknowledged(patience):
+            raise TransportError(f"what was sent on {endpoint.name} was not acknowledged in {patience:g} s")
+        return True
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading; the callback runs on the transport's thread."""
@@ -171,6 +206,14 @@ class _Publication:
             dds_raw.write(self._writer, payload)
         except (DDSException, ValueError) as error:
             raise TransportError(f"cannot publish on {self._topic}: {error}") from error
+
+    def has_reader(self) -> bool:
+        return bool(self._writer.get_matched_subscriptions())
+
+    def acknowledged(self, patience: float) -> bool:
+        """Wait until all readers have what was sent, for at most `patience` seconds."""
+        with _translated(f"cannot publish on {self._topic}"):
+            return bool(self._writer.wait_for_acks(round(1e9 * patience)))
 
     def delete(self) -> None:
         self._closed = True

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import reprlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -21,6 +22,7 @@ from wbc_controller.core.references.changes import (
     SetTrajectory,
     SetWeight,
 )
+from wbc_controller.core.references.relative import own_frames
 from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.core.tasks import AxisAlignmentTask, FrameOrientationTask, FramePoseTask, GazeTask, RelativePoseTask
 from wbc_controller.core.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
@@ -29,6 +31,7 @@ from wbc_controller.records import Array, ChangeSettings
 from wbc_controller.settings.files import read_yaml
 from wbc_controller.wire.joint_order import no_duplicates
 from wbc_controller.wire.messages import nanoseconds
+from wbc_controller.wire.setpoints import JOINT_FIELDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class Vocabulary:
         joints: joints of each posture or torque task, by the task's name.
         contacts: names of the contacts.
         frames: names of the frames that accept external wrenches.
+        robot_frames: names of the robot's frames, in which setpoints may be given.
         reference_frames: by the task's name, the frame in which its references are given; without an entry it is the
             world.
     """
@@ -48,10 +52,11 @@ class Vocabulary:
     joints: Mapping[str, tuple[str, ...]]
     contacts: tuple[str, ...]
     frames: tuple[str, ...]
+    robot_frames: Collection[str] = ()
     reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
-#: Form of the references, by kind of task; the kinds of `_JOINT_FIELDS` take joints by name instead.
+#: Form of the references, by kind of task; the kinds of `JOINT_FIELDS` take joints by name instead.
 _FORMS: Mapping[str, ReferenceForm] = {
     "com": ReferenceForm(),
     "frame_position": ReferenceForm(),
@@ -65,9 +70,6 @@ _FORMS: Mapping[str, ReferenceForm] = {
     "capture_point": ReferenceForm(vector=2),
     "contact_wrench": ReferenceForm(vector=6),
 }
-
-#: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
-_JOINT_FIELDS: Mapping[str, str] = {"posture": "position", "torque": "effort"}
 
 
 def stamp_of(content: Any) -> int:
@@ -151,37 +153,82 @@ def _quaternion(quaternion: Any) -> Array:
 WORLD_FRAMES = ("", "world", "odom", "map")
 
 
-def _in_world(content: Any) -> None:
+#: Kinds of task whose references are points, poses or directions in the world, which a frame of the robot can hold.
+_PLACED = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
+
+
+def _in_world(content: Any, what: str) -> None:
     frame = content.header.frame_id
     if frame not in WORLD_FRAMES:
-        raise InputRefused(f"frame_id is {frame!r}; references are given in the world: {', '.join(WORLD_FRAMES[1:])}")
+        raise InputRefused(f"frame_id is {frame!r}; {what} is given in the world: {', '.join(WORLD_FRAMES[1:])}")
 
 
 def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
-    """Refuse a reference that is not given in the task's reference frame."""
+    """Refuse a trajectory that is not given in the task's reference frame."""
     wanted = vocabulary.reference_frames.get(task)
     if wanted is None:
-        _in_world(content)
+        _in_world(content, "a trajectory")
     elif content.header.frame_id != wanted:
         raise InputRefused(
-            f"frame_id is {content.header.frame_id!r}; references of task {task!r} are given in its reference frame "
+            f"frame_id is {content.header.frame_id!r}; a trajectory of task {task!r} is given in its reference frame "
             f"{wanted!r}"
         )
 
 
+def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
+    """The frame of a setpoint, as `SetSetpoint` has it.
+
+    Raises:
+        InputRefused: where setpoints of the task are not given in this frame.
+    """
+    home = vocabulary.reference_frames.get(task)
+    if frame == home or (home is None and frame in WORLD_FRAMES):
+        return ""
+    own, placed = setpoint_frames(vocabulary.kinds[task], task), vocabulary.kinds[task] in _PLACED
+    if frame in own or (placed and frame in vocabulary.robot_frames):
+        return frame
+    where = f"in its reference frame {home!r}" if home is not None else f"in the world ({', '.join(WORLD_FRAMES[1:])})"
+    at = [f"from its own reference ({', '.join(own)})"] if own else []
+    robot = ["in a frame of the robot"] if placed else []
+    said = " or ".join([where, *at, *robot])
+    close = difflib.get_close_matches(frame, [*own, *(vocabulary.robot_frames if placed else ())], n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    raise InputRefused(f"{what} is {reprlib.repr(frame)}; setpoints of task {task!r} are given {said}{hint}")
+
+
+def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
+    """The frames at a task's own reference in which its setpoints may be given: see `relative.own_frames`.
+
+    The axes of a relative pose, a contact's wrench and joints know no heading; between two directions there is no
+    displacement.
+    """
+    reference, heading = own_frames(task)
+    if kind == "axis_alignment":
+        return (heading,)
+    if kind in ("relative_pose", "contact_wrench", *JOINT_FIELDS):
+        return (reference,)
+    return (reference, heading)
+
+
 def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
     kind = vocabulary.kinds[task]
-    if kind in _JOINT_FIELDS:
-        what = _JOINT_FIELDS[kind]
-        return (SetSetpoint(task, _joint_values(vocabulary.joints[task], content.name, getattr(content, what), what)),)
-    _in_frame_of(vocabulary, task, content)
+    if kind in JOINT_FIELDS:
+        what, joints, frame = JOINT_FIELDS[kind], vocabulary.joints[task], content.header.frame_id
+        # Joints are in no frame, and drivers write what they like there; but what names the task means something.
+        if frame.startswith(f"{task}/"):
+            frame = _frame_of_setpoint(vocabulary, task, frame)
+            return (SetSetpoint(task, _joint_steps(joints, content.name, getattr(content, what), what), frame=frame),)
+        return (SetSetpoint(task, _joint_values(joints, content.name, getattr(content, what), what)),)
+    frame = _frame_of_setpoint(vocabulary, task, content.header.frame_id)
     if kind == "contact_wrench":
-        return (SetSetpoint(task, _wrench(content)),)
+        return (SetSetpoint(task, _wrench(content), frame=frame),)
     form = _FORMS[kind]
     if form.oriented:
-        return (SetSetpoint(task, _position(form, content.pose.position, content.pose.orientation)),)
-    what = "point" if hasattr(content, "point") else "vector"
-    return (SetSetpoint(task, _position(form, getattr(content, what), None, f"the {what}")),)
+        position = _position(form, content.pose.position, content.pose.orientation)
+    else:
+        what = "point" if hasattr(content, "point") else "vector"
+        position = _position(form, getattr(content, what), None, f"the {what}")
+    return (SetSetpoint(task, position, frame=frame),)
 
 
 def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
@@ -194,18 +241,34 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
     """Values of the task's joints by name; every joint of the task must be given."""
-    if len(values) != len(names):
-        raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+    _as_many(names, values, what)
     order = _joint_order(joints, names, what)
     return np.asarray(finite(values, what)[order])
 
 
-def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    """Where each joint of a task stands among the names of a message, (k,)."""
+def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
+    """Displacements of the task's joints by name; those that are not named stay."""
+    _as_many(names, values, what)
+    _are_joints(joints, names)
+    steps = dict(zip(names, finite(values, what), strict=True))
+    return np.array([steps.get(name, 0.0) for name in joints])
+
+
+def _as_many(names: Sequence[str], values: Any, what: str) -> None:
+    if len(values) != len(names):
+        raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+
+
+def _are_joints(joints: Sequence[str], names: Sequence[str]) -> None:
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
     no_duplicates(names)
+
+
+def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
+    """Where each joint of a task stands among the names of a message, (k,)."""
+    _are_joints(joints, names)
     places = {name: i for i, name in enumerate(names)}
     missing = [name for name in joints if name not in places]
     if missing:
@@ -276,7 +339,7 @@ def _weight(value: Any) -> float:
 
 
 def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
-    _in_world(content)
+    _in_world(content, "an external wrench")
     return (SetExternalWrench(frame, _wrench(content)),)
 
 
@@ -296,7 +359,7 @@ _UPDATE_FORM = (
 )
 #: By section of an update: the keys that change references, and the keys that change settings.
 _UPDATE_KEYS = {
-    "tasks": (("enabled", "weight", "setpoint"), ("stiffness", "damping", "gain", "setpoint_duration")),
+    "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
     "contacts": (("enabled",), ("ramp",)),
 }
 #: Sections of an update that only change settings.
@@ -334,24 +397,32 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
                 raise InputRefused(f"unknown {section[:-1]} {name!r}; {valid_choices(str(name), known)}")
             if not isinstance(fields, dict):
                 raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
+            if "frame" in fields and "setpoint" not in fields:
+                raise InputRefused(f"{section}.{name}.frame stands without a setpoint; it says where that is given")
             for key, value in fields.items():
+                if key == "frame" and section == "tasks":
+                    continue  # it belongs to the setpoint
                 if key in _UPDATE_KEYS[section][1]:
                     settings.setdefault(section, {}).setdefault(name, {})[key] = value
                 else:
-                    changes.append(_update_field(vocabulary, section, name, key, value))
+                    changes.append(_update_field(vocabulary, section, name, key, value, fields.get("frame", "")))
     if not changes and not settings:
         raise InputRefused(f"{reprlib.repr(content.data)} changes nothing; {_UPDATE_FORM}")
     return (*changes, *([ChangeSettings(settings)] if settings else []))
 
 
-def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any) -> Change:
+def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any, frame: Any) -> Change:
     keys, settings = _UPDATE_KEYS[section]
     if key not in keys:
         raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), (*keys, *settings))}")
     if key == "weight":
         return SetWeight(name, _weight(value))
     if key == "setpoint":
-        return SetSetpoint(name, _setpoint_values(vocabulary, name, value))
+        if not isinstance(frame, str):
+            raise InputRefused(f"tasks.{name}.frame is the name of a frame, not {reprlib.repr(frame)}")
+        if frame:
+            frame = _frame_of_setpoint(vocabulary, name, frame, f"tasks.{name}.frame")
+        return SetSetpoint(name, _setpoint_values(vocabulary, name, value), frame=frame)
     if not isinstance(value, bool):
         raise InputRefused(f"{section}.{name}.enabled is true or false, not {reprlib.repr(value)}")
     return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
@@ -364,7 +435,7 @@ def _is_number(value: Any) -> bool:
 
 def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     kind = vocabulary.kinds[task]
-    form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in _JOINT_FIELDS else _FORMS[kind]
+    form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in JOINT_FIELDS else _FORMS[kind]
     where = f"tasks.{task}.setpoint"
     if not isinstance(value, list) or not all(_is_number(number) for number in value):
         raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")

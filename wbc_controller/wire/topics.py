@@ -51,8 +51,7 @@ class Topic:
     Attributes:
         key: short name of the row, used in the code.
         name: template of the topic's name.
-        type: message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, the key of the types in
-            `TASK_TYPES`.
+        type: message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, one of `BY_TASK`.
         direction: direction seen from the node that owns the row.
         qos: quality of service that the owner requests or offers.
         meaning: one sentence for the documentation.
@@ -116,6 +115,9 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "torque": {"setpoint": "sensor_msgs/msg/JointState"},
 }
 
+#: Types that depend on the task: a key of `TASK_TYPES`, or the value of a task with a motion, in the setpoint's type.
+BY_TASK = ("setpoint", "trajectory", "value")
+
 _IN, _OUT = Direction.IN, Direction.OUT
 
 # fmt: off
@@ -133,7 +135,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,
           "Simulated time, by which ages and ramps are measured if `use_sim_time` is set; ignored otherwise."),
     Topic("setpoint", "~/tasks/{task}/setpoint", "setpoint", _IN, REQUEST,
-          "One reference, reached along a quintic in the task's `setpoint_duration`."),
+          "One reference, in the world or relative (below), reached along a quintic in its `setpoint_duration`."),
     Topic("trajectory", "~/tasks/{task}/trajectory", "trajectory", _IN, REQUEST,
           "Timed positions, velocities and accelerations, interpolated by quintics; velocities and accelerations are "
           "fed forward. With a zero stamp the trajectory starts at once."),
@@ -157,6 +159,11 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "The same torques by joint name, with desired positions and velocities and the stamp of the latched state."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, COMMAND_OUT,
           "Contact force or wrench in the solution of the quadratic program, in the contact frame."),
+    Topic("task_reference", "~/tasks/{task}/reference", "setpoint", _OUT, COMMAND_OUT,
+          "Where the task is wanted at this moment, while the controller is active, at `control.diagnostics_rate`; "
+          "stamped with the state."),
+    Topic("task_value", "~/tasks/{task}/value", "value", _OUT, COMMAND_OUT,
+          "Where the task is, in the same form and at the same time. Its error and weight are on `/diagnostics`."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
           "The mode; in a fault, also its code and reason."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
@@ -165,6 +172,9 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "For RViz and Foxglove, in the world frame: contact forces, friction cones, support polygon, centre of mass, "
           "capture point, task errors."),
 )
+
+#: Name of the mock robot's node.
+MOCK_NODE = "mock_robot"
 
 MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _IN, STATE_IN,
@@ -294,10 +304,11 @@ def endpoints(
         field = next((field for field in subjects if f"{{{field}}}" in topic.name), None)
         for subject in subjects[field] if field else ("",):
             type_name = topic.type
-            if topic.type in ("setpoint", "trajectory"):
-                if topic.type not in TASK_TYPES[kinds[subject]]:
+            if topic.type in BY_TASK:
+                types = TASK_TYPES[kinds[subject]]
+                if topic.type != "setpoint" and "trajectory" not in types:  # forces and torques do not move
                     continue
-                type_name = TASK_TYPES[kinds[subject]][topic.type]
+                type_name = types["trajectory" if topic.type == "trajectory" else "setpoint"]
             name = topic.name.format(**{field: subject}) if field else topic.name
             yield Endpoint(
                 topic.key, subject, resolve(name, node, namespace, remappings), type_name, topic.direction, topic.qos

@@ -311,3 +311,51 @@ def test_external_wrenches_last_until_they_are_replaced(board, dynamics):
     wrenches = board.sample(START + 50.0).external_wrenches
     assert set(wrenches) == {"base", "FL_foot"}
     np.testing.assert_array_equal(wrenches["base"], wrench)
+
+
+def relative(board, dynamics, task, position, frame, time=START):
+    """Where a setpoint in another frame leads to."""
+    board.apply([SetSetpoint(task, np.asarray(position, dtype=float), frame=frame)], dynamics, time)
+    return board.sample(time + 100.0).tasks[task].position
+
+
+def test_two_steps_add_up_however_soon_the_second_one_comes(board, dynamics):
+    start = board.sample(START).tasks["com"].position
+    relative(board, dynamics, "com", [0.02, 0.0, 0.0], "com/reference")
+    reached = relative(board, dynamics, "com", [0.02, 0.0, -0.01], "com/reference", START + 0.1 * DURATION)
+    np.testing.assert_allclose(reached - start, [0.04, 0.0, -0.01], atol=1e-12)
+
+
+def test_a_step_by_the_heading_is_level_and_goes_where_the_base_looks(board, dynamics):
+    start = board.sample(START).tasks["com"].position
+    step = relative(board, dynamics, "com", [0.03, 0.0, 0.01], "com/heading") - start
+    ahead = pin.XYZQUATToSE3(dynamics.q[:7]).rotation[:, 0]
+    assert step[2] == pytest.approx(0.01)
+    np.testing.assert_allclose(step[:2], 0.03 * ahead[:2] / np.linalg.norm(ahead[:2]), atol=1e-12)
+
+
+def test_a_pose_in_a_frame_of_the_robot_and_a_turn_from_the_own_reference(board, dynamics):
+    board.apply([EnableTask("foot", True)], dynamics, START)
+    base = dynamics.placement(dynamics.model.frame_id("base", "frame"))
+    at = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.2, 0.0, -0.3]))
+    reached = pin.XYZQUATToSE3(relative(board, dynamics, "foot", pin.SE3ToXYZQUAT(at), "base"))
+    assert reached.isApprox(base * at, 1e-9)
+    turn = pin.exp3(np.array([0.0, 0.0, 0.5]))
+    quaternion = pin.Quaternion(turn).coeffs()
+    turned = relative(board, dynamics, "foot", [0, 0, 0.1, *quaternion], "foot/reference", START + 200.0)
+    np.testing.assert_allclose(turned[:3], reached.translation + [0, 0, 0.1], atol=1e-9)
+    np.testing.assert_allclose(pin.XYZQUATToSE3(turned).rotation, turn @ reached.rotation, atol=1e-9)
+
+
+def test_a_task_that_is_off_counts_from_its_own_place_and_from_what_waits_for_it(board, dynamics):
+    start = board.plans["foot"].task.position(dynamics)
+    for _ in range(2):
+        relative(board, dynamics, "foot", [0, 0, 0.1, 0, 0, 0, 1], "foot/reference")
+    board.apply([EnableTask("foot", True)], dynamics, START)
+    np.testing.assert_allclose(board.sample(START + 100.0).tasks["foot"].position[:3], start[:3] + [0, 0, 0.2])
+
+
+def test_joints_are_displaced(board, dynamics):
+    start = board.sample(START).tasks["posture"].position
+    step = np.linspace(-0.1, 0.1, len(start))
+    np.testing.assert_allclose(relative(board, dynamics, "posture", step, "posture/reference"), start + step)

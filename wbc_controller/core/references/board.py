@@ -16,6 +16,7 @@ from wbc_controller.core.references.changes import (
     SetTrajectory,
     SetWeight,
 )
+from wbc_controller.core.references.relative import in_world
 from wbc_controller.core.references.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.core.references.tuning import TuningRamp
 from wbc_controller.core.robot.dynamics import Dynamics
@@ -145,8 +146,8 @@ class ReferenceBoard:
 
         Args:
             changes: validated changes.
-            dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, and the anchor
-                of contacts that are activated.
+            dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, the anchor of
+                contacts that are activated, and the frames of the robot in which setpoints are given.
             time: s, on the clock of the states.
 
         Raises:
@@ -169,7 +170,7 @@ class ReferenceBoard:
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint | SetTrajectory):
-            self._set_course(change, time)
+            self._set_course(self._placed(change, dynamics, time), time)
         elif isinstance(change, SetWeight):
             self._weights[change.task] = change.weight
             self._ramp_weight(change.task, time)
@@ -189,6 +190,25 @@ class ReferenceBoard:
         contact = self.contact_plans[name].anchored
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: contact.anchor(dynamics)})
+
+    def _placed(
+        self, change: SetSetpoint | SetTrajectory, dynamics: Dynamics, time: float
+    ) -> SetSetpoint | SetTrajectory:
+        """A setpoint in the frame of the task's references, if it was given in another one."""
+        if isinstance(change, SetTrajectory) or not change.frame:
+            return change
+        form, goal = self.plans[change.task].task.form, self._goal(change.task, dynamics, time)
+        position = in_world(change.task, change.frame, change.position, goal, form, dynamics)
+        return replace(change, position=position, frame="")
+
+    def _goal(self, task: str, dynamics: Dynamics, time: float) -> Array:
+        """The position that a task's reference is on its way to; of one that is fully off, that it would start from."""
+        stored = self._goals.get(task)
+        if stored is not None:
+            return stored.position if isinstance(stored, SetSetpoint) else stored.points[-1].position
+        if self._asleep(task, time):
+            return self.plans[task].task.rest(dynamics).position
+        return self._trajectories[task].knots[-1].position
 
     def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
         """Follow a setpoint or trajectory; a task that is off also stores it until it is switched on."""

@@ -16,11 +16,14 @@ class SetSetpoint:
         task: name of the task.
         position: in the form of the task's references.
         duration: time in which it is reached, s; None for the task's own ``setpoint_duration``.
+        frame: where the position is given, if not where the task's references are: one of `relative.own_frames`, or a
+            frame of the robot. It counts where it is when the setpoint is applied.
     """
 
     task: str
     position: Array
     duration: float | None = None
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True)

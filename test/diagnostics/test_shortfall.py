@@ -1,0 +1,54 @@
+"""A reference that cannot be reached is said, with the constraint in the way; one that is on its way is not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.control.controller import Controller
+from wbc_controller.diagnostics.shortfall import Shortfall, in_the_way
+
+PERIOD = 0.1
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return Controller("go2")
+
+
+def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0):
+    """The sentences of the last of some looks, with a reference of the centre of mass that is so far away."""
+    shortfall, dynamics = Shortfall({"com": controller.tasks["com"]}), controller.dynamics
+    reference = SimpleNamespace(position=dynamics.com + np.array(goal), velocity=np.full(3, velocity))
+    references = SimpleNamespace(tasks={"com": reference}, weights={"com": weight, "base": 5.0})
+    solution = SimpleNamespace(binding=binding)
+    return [shortfall.sentences(i * PERIOD, dynamics, references, solution) for i in range(times)][-1]
+
+
+def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
+    binding = {"motion:FL_calf_joint:upper": 3.0, "torque:RL_thigh_joint:lower": 0.5, "cone:front_left_foot": 1.0e-6}
+    (sentence,) = said(controller, [0.0, 0.0, 0.035], times=12, binding=binding)
+    assert sentence == (
+        "com is 35 mm short of its reference; binding: FL_calf_joint's upper limit of motion, "
+        "RL_thigh_joint's lower torque limit"
+    )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"times": 10},  # not for long enough
+        {"goal": [0.0, 0.0, 0.009]},  # near enough
+        {"velocity": 0.1},  # on its way
+        {"weight": 0.04},  # outweighed: it takes what the others leave
+    ],
+)
+def test_what_is_no_shortfall(controller, changes):
+    assert said(controller, **{"goal": [0.0, 0.0, 0.035], "times": 12, "binding": {}, **changes}) == ()
+
+
+def test_where_nothing_binds():
+    assert in_the_way({}) == "nothing; other tasks or forces outweigh it"
+    assert in_the_way({f"cone:{i}": 1.0 for i in range(5)}) == "cone:0, cone:1, cone:2, and 2 more"

@@ -1,0 +1,51 @@
+"""docs/bring-up.md followed by its own commands, without ROS 2, in two real processes: what it says is what happens."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+PAGE = (Path(__file__).parents[2] / "docs/bring-up.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"```yaml\n# (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL))
+#: Wall time in which a command ends on a computer that does other things besides, s.
+PATIENCE = 300.0
+
+pytestmark = pytest.mark.live
+
+
+def commands(name):
+    """The lines of `wbc send` and `wbc status` in the page's blocks for a robot, in order."""
+    blocks = "\n".join(re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL))
+    return re.findall(rf"^wbc ((?:send|status) {name}.*)$", blocks, re.MULTILINE)
+
+
+def test_the_page_has_commands_for_both_robots():
+    assert [line.split()[2] for line in commands("anymal.yaml")[:2]] == ["activate", "release"]
+    assert commands("stand.yaml") == ["send stand.yaml posture LF_KFE by 0.1"]
+
+
+@pytest.mark.parametrize("name", ["anymal.yaml", "stand.yaml"])
+def test_a_robot_is_brought_up(tmp_path, processes, name):
+    path = str(tmp_path / name)
+    Path(path).write_text(FILES[name], encoding="utf-8")
+    # In lockstep, on simulated time, a computer that is late changes nothing of what happens.
+    processes.start("mock", path, "--lockstep")
+    processes.start("run", path, "--use-sim-time")
+    lines = commands(name)
+    if "send stand.yaml activate" not in lines and name == "stand.yaml":
+        lines.insert(0, "send stand.yaml activate")
+    for line in lines:
+        verb, _, *words = line.split()
+        run = processes.start(verb, path, "--wait", "60", *words)
+        assert run.wait(timeout=PATIENCE) == 0, processes.logs()
+    logs = processes.logs()
+    assert "the controller is active, and its torques are ramped in" in logs
+    assert "refused" not in logs.split("-send.log", 1)[1]
+    if name == "anymal.yaml":
+        status = logs.rpartition("-status.log\n")[2]
+        assert status.startswith("anymal: active\n"), status
+        assert re.search(r"^ com +com +50 +\S+ \S+ \S+ ", status, re.MULTILINE)
+    else:
+        assert "accepted: posture moves LF_KFE by 0.1" in logs

@@ -1,0 +1,88 @@
+"""Which tasks stay short of a reference that stands still, and which constraints are in the way."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.tasks import MotionTask, Task
+from wbc_controller.records import Array, References, Solution
+
+#: Errors from which on a task is short of its reference, by unit of its position and its orientation.
+_SHORT = {"m": 0.01, "rad": 0.05}
+#: Change of the error up to which a task no longer moves, as a share of it, and time for which it has not, s.
+_STILL, _PATIENCE = 0.02, 1.0
+#: Share of the largest weight below which a task only takes what the others leave, as a posture does.
+_MINOR = 0.01
+#: Constraints that are named, at most: those with the largest multipliers.
+_MOST = 3
+#: Multipliers up to this share of the largest are not what is in the way.
+_NEGLIGIBLE = 1.0e-3
+
+
+class Shortfall:
+    """Follows the errors of the tasks from one status to the next."""
+
+    def __init__(self, tasks: Mapping[str, Task]) -> None:
+        """Take the tasks whose errors are distances or angles."""
+        self._tasks = {name: task for name, task in tasks.items() if isinstance(task, MotionTask)}
+        self._since: dict[str, tuple[float, Array]] = {}
+
+    def sentences(self, now: float, dynamics: Dynamics, references: References, solution: Solution) -> tuple[str, ...]:
+        """One sentence for each task that has stayed short of its reference.
+
+        Args:
+            now: time on the clock of the loop, s.
+            dynamics: the snapshot of the cycle.
+            references: those of the cycle.
+            solution: that of the cycle: the multipliers of what binds.
+        """
+        heaviest = max(references.weights.values(), default=0.0)
+        said = []
+        for name, task in self._tasks.items():
+            reference = references.tasks[name]
+            error = np.zeros(task.size)
+            error[task.rows] = task.error(dynamics, reference.position)[task.rows]
+            how_far = _distance(error, task.unit)
+            rests = not reference.velocity.any() and references.weights.get(name, 0.0) > _MINOR * heaviest
+            began, first = self._since.get(name, (now, error))
+            if not (rests and how_far and np.linalg.norm(error - first) <= _STILL * np.linalg.norm(first)):
+                began, first = now, error
+            self._since[name] = began, first
+            if now - began >= _PATIENCE:
+                said.append(f"{name} is {how_far} short of its reference; binding: {in_the_way(solution.binding)}")
+        return tuple(said)
+
+
+def _distance(error: Array, unit: str) -> str:
+    """How far it is, in words; empty where it is near enough."""
+    parts = []
+    linear = error[:3] if unit == "m, rad" else error if unit == "m" else error[:0]
+    angular = error[3:] if unit == "m, rad" else error if unit == "rad" else error[:0]
+    if np.linalg.norm(linear) >= _SHORT["m"]:
+        parts.append(f"{1e3 * np.linalg.norm(linear):.0f} mm")
+    if np.linalg.norm(angular) >= _SHORT["rad"]:
+        parts.append(f"{np.linalg.norm(angular):.2f} rad")
+    return " and ".join(parts)
+
+
+def in_the_way(binding: Mapping[str, float]) -> str:
+    """The constraints with the largest multipliers, in words."""
+    largest = max(binding.values(), default=0.0)
+    names = sorted((name for name in binding if binding[name] > _NEGLIGIBLE * largest), key=lambda name: -binding[name])
+    words = [_in_words(name) for name in names[:_MOST]]
+    more = f", and {len(names) - _MOST} more" if len(names) > _MOST else ""
+    return ", ".join(words) + more if words else "nothing; other tasks or forces outweigh it"
+
+
+def _in_words(name: str) -> str:
+    """``motion:left_knee_joint:upper`` as ``left_knee_joint's upper limit of motion``."""
+    kind, _, rest = name.partition(":")
+    subject, _, side = rest.rpartition(":")
+    limits = {"motion": "limit of motion", "torque": "torque limit"}
+    if kind in limits and re.fullmatch(r"upper|lower", side):
+        return f"{subject}'s {side} {limits[kind]}"
+    return name

@@ -1,0 +1,87 @@
+"""Watches a robot for `wbc status`: keeps the newest of what its nodes say, and counts the cycles."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+from rich.console import RenderableType
+
+from wbc_controller.settings import Settings
+from wbc_controller.user.session import Session
+from wbc_controller.user.status_view import status_view
+
+#: Wall time over which cycles are counted, s.
+_WINDOW = 2.0
+#: Wall time for which the first picture waits for the tasks, in periods of the diagnostics.
+_PERIODS = 3.0
+
+
+class Watch:
+    """Listens to the topics that `status_view` shows."""
+
+    def __init__(self, session: Session, settings: Settings) -> None:
+        """Begin to listen.
+
+        Args:
+            session: on the robot's domain.
+            settings: of the robot.
+        """
+        self._session, self._settings = session, settings
+        self._status: Any = None
+        self._cycles: deque[tuple[float, int]] = deque()
+        session.listen("controller", "state")
+        session.listen("controller", "diagnostics", depth=1000)
+        session.listen("guard", "state")
+        self._places = [
+            (name, key)
+            for name in settings.tasks
+            for key in ("task_value", "task_reference")
+            if ("controller", key, name) in session.topics
+        ]
+        for name, key in self._places:
+            session.listen("controller", key, name)
+
+    def begin(self) -> None:
+        """Wait for what the first picture needs.
+
+        Raises:
+            NoAnswer: where there is no controller.
+        """
+        self._session.wait_for_controller()
+        self._session.until(lambda: self._look() and len(self._cycles) > 1, "the controller says nothing more")
+        if self._session.mode().startswith(("active", "holding")):
+            deadline = time.monotonic() + _PERIODS / self._settings.control.diagnostics_rate
+            while time.monotonic() < deadline and not all(
+                self._session.newest("controller", key, name) for name, key in self._places
+            ):
+                time.sleep(0.02)
+
+    def _look(self) -> bool:
+        """Take the statuses that have come; whether there is one."""
+        now = time.monotonic()
+        for status in self._session.statuses():
+            self._status = status
+            self._cycles.append((now, int(next(value.value for value in status.values if value.key == "cycle"))))
+        while len(self._cycles) > 2 and now - self._cycles[0][0] > _WINDOW:
+            self._cycles.popleft()
+        return self._status is not None
+
+    def picture(self) -> RenderableType:
+        """The newest picture."""
+        self._look()
+        (first, before), (last, after) = self._cycles[0], self._cycles[-1]
+        guard = self._session.newest("guard", "state")
+        tasks = {
+            name: (
+                self._newest(name, "task_value"),
+                self._newest(name, "task_reference"),
+            )
+            for name in self._settings.tasks
+        }
+        rate = (after - before) / (last - first) if last > first else float("nan")
+        return status_view(self._settings, self._status, rate, tasks, "" if guard is None else str(guard.data))
+
+    def _newest(self, name: str, key: str) -> Any | None:
+        return self._session.newest("controller", key, name) if (name, key) in self._places else None
