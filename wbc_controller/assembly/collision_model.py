@@ -68,7 +68,7 @@ def build_collision_model(
         ConfigurationError: if the URDF has no collision elements, a mesh or the SRDF cannot be read, a named link has
             no shape, a named pair is nearer than the margin, or no pair is left.
     """
-    geometry = _shapes(model, _with_visuals(model.urdf, visual), folder)
+    geometry = _shapes(model, with_visuals(model.urdf, visual), folder)
     links = [shape.name for shape in geometry.geometryObjects]
     if not links:
         raise ConfigurationError(
@@ -93,7 +93,7 @@ def build_collision_model(
     return CollisionModel(geometry, near)
 
 
-def _with_visuals(urdf: str, links: Sequence[str]) -> str:
+def with_visuals(urdf: str, links: Sequence[str]) -> str:
     """Return the URDF with the visual elements of some links turned into collision elements."""
     if not links:
         return urdf
