@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wbc_controller.assembly.robot_description import read_urdf, transmissions
+from wbc_controller.assembly.robot_description import joint_limits, read_urdf, transmissions
 from wbc_controller.core.robot.from_urdf import build_model
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.passive import PassiveJoint
@@ -34,5 +34,6 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
             for name, joint in robot.passive_joints.items()
         },
         locked_joints=robot.locked_joints,
+        joint_limits=joint_limits(robot),
         commanded_by_joint=robot.command == "joints",
     )

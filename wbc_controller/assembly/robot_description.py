@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from wbc_controller.core.robot.transmission import Drive, Transmission, make_drive
-from wbc_controller.core.robot.urdf import LARGEST_URDF, parse_urdf
+from wbc_controller.core.robot.urdf import LARGEST_URDF, JointLimits, read_robot
 from wbc_controller.core.robot.urdf import inertia_tensor as inertia_tensor
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
@@ -59,6 +59,14 @@ def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
     }
 
 
+def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
+    """Limits of a robot's joints that replace those of the URDF, by joint."""
+    return {
+        name: JointLimits(given.effort, given.velocity, given.lower, given.upper)
+        for name, given in robot.joint_limits.items()
+    }
+
+
 def describe(urdf: str, robot: RobotSettings) -> Description:
     """Read a robot's actuators from a URDF's text.
 
@@ -69,7 +77,7 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     Raises:
         ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
     """
-    tree = parse_urdf(urdf)
+    tree, _ = read_robot(urdf, joint_limits(robot))
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
     efforts = []
     for name in robot.joints:

@@ -11,7 +11,13 @@ from pydantic import BaseModel
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.settings.files import find_configuration, load_settings, parse_settings, shipped_configurations
+from wbc_controller.settings.files import (
+    beside,
+    find_configuration,
+    load_settings,
+    parse_settings,
+    shipped_configurations,
+)
 from wbc_controller.settings.nesting import merged, nested
 
 #: Parameters that ROS 2 itself adds to nodes, by the first part of their names.
@@ -51,9 +57,9 @@ def settings_from(
     """Validate the parameters of a node.
 
     The parameter ``robot`` or ``config`` names a whole file, whose values other parameters override; without it the
-    parameters are the whole configuration. A node without parameters, because no section of the parameter file matches
-    its name, uses the file's section ``wbc_controller``, so that the mock robot and a controller in a namespace can
-    be started with the same file.
+    parameters are the whole configuration, whose relative paths start at the folder of the last parameter file. A node
+    without parameters, because no section of the parameter file matches its name, uses the file's section
+    ``wbc_controller``, so that the mock robot and a controller in a namespace can be started with the same file.
 
     Args:
         parameters: values by dotted name.
@@ -68,9 +74,8 @@ def settings_from(
         ConfigurationError: with one line per mistake.
     """
     given = {name: value for name, value in parameters.items() if is_of_the_robot(name, own)}
-    path = _named_file(parameters, node)
+    path, files = _named_file(parameters, node), parameter_files(arguments)
     if path is None and not given:
-        files = parameter_files(arguments)
         if not files:
             raise ConfigurationError(
                 f"{node} has no robot: give -p robot:=<name> ({valid_choices('', shipped_configurations())}), "
@@ -80,7 +85,7 @@ def settings_from(
     overrides = nested(given)
     if path is None:
         source = f"parameters of {node}"
-        return parse_settings(overrides, source), source
+        return parse_settings(beside(files[-1], overrides) if files else overrides, source), source
     settings = load_settings(path)
     if not overrides:
         return settings, str(path)

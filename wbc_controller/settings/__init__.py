@@ -26,7 +26,7 @@ from wbc_controller.settings.limits import (
     SelfCollisionSettings,
     TorqueSpeedSettings,
 )
-from wbc_controller.settings.robot import PassiveJointSettings, RobotSettings, TransmissionSettings
+from wbc_controller.settings.robot import JointLimitSettings, PassiveJointSettings, RobotSettings, TransmissionSettings
 from wbc_controller.settings.service import (
     AuditSettings,
     ControlSettings,
@@ -104,6 +104,7 @@ __all__ = [
     "FramePositionTask",
     "GazeTask",
     "GuardSettings",
+    "JointLimitSettings",
     "Length",
     "LimitSettings",
     "LinearMomentumTask",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import LIST, NODE_NAME, NUMBER, ContactSettings, Settings, TaskSettings
-from wbc_controller.settings.resources import is_file, read_text, share_folder, shown
+from wbc_controller.settings.resources import PACKAGE_SCHEME, is_file, read_text, share_folder, shown
 
 #: Longest configuration file, in characters.
 _LARGEST_FILE = 1_000_000
@@ -20,6 +20,8 @@ _LARGEST_FILE = 1_000_000
 _MOST_VALUES = 20_000
 #: Longest value of a YAML text, and longest whole number in it, in characters.
 _LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32
+#: Keys of the settings that are paths.
+_PATHS = (("robot", "urdf"), ("limits", "self_collision", "srdf"))
 _INTEGER = "tag:yaml.org,2002:int"
 
 
@@ -63,7 +65,31 @@ def load_settings(path: Path) -> Settings:
         ConfigurationError: with one line per mistake: file, key, value, and the valid choices.
     """
     content = read_yaml(read_text(path, str(path), _LARGEST_FILE), str(path))
-    return parse_settings(_parameters_of(content, path), str(path))
+    return parse_settings(beside(path, _parameters_of(content, path)), str(path))
+
+
+def beside(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Let the relative paths among parameters start at the folder of their file, not at the working directory.
+
+    Args:
+        path: the file that the parameters are from.
+        parameters: the content of ``ros__parameters``, which is not changed.
+    """
+    result = dict(parameters)
+    for section, *keys in _PATHS:
+        if section in result:
+            result[section] = _placed(result[section], keys, path.absolute().parent)
+    return result
+
+
+def _placed(value: Any, keys: Sequence[str], folder: Path) -> Any:
+    """The value with the path at some keys below it placed in a folder; what is no path stays, to be refused later."""
+    if keys:
+        if not isinstance(value, Mapping) or keys[0] not in value:
+            return value
+        return {**value, keys[0]: _placed(value[keys[0]], keys[1:], folder)}
+    relative = isinstance(value, str) and value and not value.startswith((PACKAGE_SCHEME, "~", "/"))
+    return str(folder / value) if relative else value
 
 
 def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:

@@ -14,7 +14,7 @@ _LONGEST_NAME = 300
 
 
 def locate(uri: str, key: str = "robot.urdf") -> Path:
-    """Find a file given by path or as ``package://<distribution>/<path below its share folder>``.
+    """Find a file given by path, or as ``package://<distribution>/<path below its share folder>``.
 
     The distribution is a Python one, such as ``example-robot-data``, with its files below ``share/<distribution>/``, or
     a ROS 2 package on ``AMENT_PREFIX_PATH``.
@@ -94,7 +94,8 @@ def share_folder(package: str) -> Path:
         distribution = importlib.metadata.distribution(package)
     except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError: the name is empty
         raise ConfigurationError(
-            f"package {shown(package)} is not installed; robot models come with: pip install 'wbc_controller[robots]'"
+            f"package {shown(package)} is not installed, neither as a ROS 2 package on AMENT_PREFIX_PATH nor as a "
+            "Python distribution; example-robot-data comes with: pip install 'wbc_controller[robots]'"
         ) from None
     marker = f"share/{package}/"
     for file in distribution.files or ():

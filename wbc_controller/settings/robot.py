@@ -31,13 +31,31 @@ class TransmissionSettings(Section):
     )
 
 
+class JointLimitSettings(Section):
+    """Limits of one joint in place of those of the URDF; a value that is not given stays the URDF's."""
+
+    effort: Positive | None = Field(None, le=1.0e6, description="Largest torque, N·m; of a prismatic joint, N.")
+    velocity: Positive | None = Field(None, le=1.0e4, description="Largest speed, rad/s or m/s.")
+    lower: Finite | None = Field(None, description="Lower position limit, rad or m.")
+    upper: Finite | None = Field(None, description="Upper position limit, rad or m.")
+
+    @model_validator(mode="after")
+    def _some(self) -> JointLimitSettings:
+        if all(value is None for value in (self.effort, self.velocity, self.lower, self.upper)):
+            raise ValueError("gives no limit; it takes effort, velocity, lower or upper")
+        if self.lower is not None and self.upper is not None and not (self.lower < self.upper):
+            raise ValueError(f"lower = {self.lower}: must be below upper = {self.upper}")
+        return self
+
+
 class RobotSettings(Section):
     """The robot: its model, its joints, their actuators, and the nominal posture."""
 
     urdf: str = Field(
         "",
-        description="Path, or package://<python distribution>/<path in its share folder>. Empty: "
-        "the URDF comes from the topic robot_description.",
+        description="Path, or package://<package>/<path in its share folder> of a ROS 2 package on AMENT_PREFIX_PATH "
+        "or a Python distribution. A relative path starts at the configuration file's folder. Empty: the URDF comes from "
+        "the topic robot_description.",
     )
     base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
     joints: list[str] = Field(
@@ -64,9 +82,14 @@ class RobotSettings(Section):
     locked_joints: dict[str, Finite] = Field(
         default_factory=dict, description="Positions of joints that are locked at a position other than zero, rad."
     )
+    joint_limits: dict[str, JointLimitSettings] = Field(
+        default_factory=dict,
+        description="Limits of single joints that replace those of the URDF, by joint: for the controller, the guard "
+        "and the mock robot.",
+    )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
     effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
-        1.0, description="Usable share of the effort limits in the URDF and in `transmission`."
+        1.0, description="Usable share of the effort limits in the URDF, `joint_limits` and `transmission`."
     )
     armature: NonNegative = Field(
         0.0, le=10.0, description="Reflected rotor inertia of every joint that has a motor of its own, kg·m²."

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ import pytest
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.limits.joint_motion import STOPPING
 from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.records import Tuning
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
 
 PERIOD = 0.002
@@ -244,12 +246,27 @@ def test_a_longer_horizon_is_softer_against_noise():
 
 
 def test_contradicting_position_limits_are_refused():
+    tuning = Tuning(
+        {}, position_margin=0.2, position_horizon=0.0, velocity_scale=1.0, acceleration=1.0, torque_rate=1.0
+    )
+
+    def gripper(lower):
+        return SimpleNamespace(
+            joints=("wrist", "finger"),
+            units=("rad", "m"),
+            position_lower=np.array([-1.0, lower]),
+            position_upper=np.array([1.0, 0.3]),
+            velocity_limits=np.ones(2),
+        )
+
     with pytest.raises(
-        ConfigurationError, match=r"position_margin: it leaves joint 2 .* no room, from 0.1 to -0.1 rad"
+        ConfigurationError, match=r"position_margin = 0.2: it leaves 'finger' no room, whose limits are 0 and 0.3 m"
     ):
-        JointMotionLimit((np.array([-1.0, 0.1]), np.array([1.0, -0.1])), None, acceleration=1.0)
-    with pytest.raises(ConfigurationError):
-        JointMotionLimit((np.array([np.nan]), np.array([1.0])), None, acceleration=1.0)
+        JointMotionLimit.of(gripper(0.0), tuning)
+    with pytest.raises(ConfigurationError, match="finger"):
+        JointMotionLimit.of(gripper(np.nan), tuning)
+    assert JointMotionLimit.of(gripper(-0.3), tuning).position_upper == pytest.approx([0.8, 0.1])
+    assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position_upper is None
 
 
 def test_where_the_intervals_do_not_meet_position_goes_first():

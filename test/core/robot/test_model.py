@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.core.robot.from_urdf import build_model
+from wbc_controller.core.robot.urdf import JointLimits
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.resources import locate, share_folder
 
@@ -57,12 +58,51 @@ def test_a_joint_may_have_the_name_of_a_link_and_that_of_pinocchios_own_root(urd
         model.frame_id("FX_foot", "here")
 
 
-def test_a_joint_that_turns_without_end_is_refused(urdf):
+def test_a_joint_that_turns_without_end_has_one_coordinate_that_counts_its_turns(urdf):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     broken = urdf.replace(joint, joint.replace('type="revolute"', 'type="continuous"'))
     assert broken != urdf
-    with pytest.raises(ConfigurationError, match="'FL_thigh_joint' has 1 degrees of freedom in 2 coordinates"):
-        build_model(broken, LEG, POSTURE)
+    model, plain = build_model(broken, LEG, POSTURE), build_model(urdf, LEG, POSTURE)
+    assert (model.nq, model.nv) == (plain.nq, plain.nv)
+    i = LEG.index("FL_thigh_joint")
+    assert model.position_upper[i] == -model.position_lower[i] == 1.0e6
+    q = model.configuration(model.posture)
+    assert pin.crba(model.pinocchio, model.pinocchio.createData(), q) == pytest.approx(
+        pin.crba(plain.pinocchio, plain.pinocchio.createData(), q)
+    )
+    assert 'type="continuous"' not in model.urdf
+
+
+def test_single_limits_take_the_place_of_those_of_the_urdf(urdf):
+    given = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5),
+             "FL_calf_joint": JointLimits(effort=12.0)}  # fmt: skip
+    model, plain = build_model(urdf, LEG, POSTURE, joint_limits=given), build_model(urdf, LEG, POSTURE)
+    i, j = LEG.index("FL_thigh_joint"), LEG.index("FL_calf_joint")
+    assert (model.effort_limits[i], model.velocity_limits[i]) == (11.0, 5.0)
+    assert (model.position_lower[i], model.position_upper[i]) == (-0.5, 1.5)
+    assert model.effort_limits[j] == 12.0
+    assert model.velocity_limits[j] == plain.velocity_limits[j]
+    assert model.position_upper[j] == plain.position_upper[j]
+    # What reads the text of the model, as the mock robot does, sees the same limits.
+    again = build_model(model.urdf, LEG, POSTURE)
+    assert again.effort_limits.tolist() == model.effort_limits.tolist()
+    assert plain.urdf == urdf
+    with pytest.raises(ConfigurationError, match=r"joint_limits: 'FL_tigh_joint' is not .* did you mean 'FL_thigh_j"):
+        build_model(urdf, LEG, POSTURE, joint_limits={"FL_tigh_joint": JointLimits(effort=1.0)})
+
+
+def test_a_joint_without_limits_is_named(urdf):
+    joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
+    bare = urdf.replace(joint, re.sub(r"<limit.*?/>", "", joint, flags=re.DOTALL))
+    with pytest.raises(
+        ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or robot.join"
+    ):
+        build_model(bare, LEG, POSTURE)
+    whole = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
+    assert build_model(bare, LEG, POSTURE, joint_limits=whole).effort_limits[LEG.index("FL_thigh_joint")] == 11.0
+    crossed = {"FL_thigh_joint": JointLimits(lower=9.0)}
+    with pytest.raises(ConfigurationError, match="'FL_thigh_joint' has the lower position limit 9 above the upper"):
+        build_model(urdf, LEG, POSTURE, joint_limits=crossed)
 
 
 def test_the_order_of_the_joints_is_the_one_that_was_asked_for(load, urdf):
@@ -146,7 +186,10 @@ def test_files_are_located_by_path_and_by_package(tmp_path, monkeypatch):
     ("uri", "parts"),
     [
         ("/nowhere/robot.urdf", ["'/nowhere/robot.urdf'", "no file"]),
-        ("package://no-such-package/robot.urdf", ["'no-such-package' is not installed", "pip install"]),
+        (
+            "package://no-such-package/robot.urdf",
+            ["'no-such-package' is not installed", "AMENT_PREFIX_PATH", "pip install"],
+        ),
         ("package://example-robot-data/robots/none.urdf", ["none.urdf", "no file"]),
         ("package://numpy/robot.urdf", ["'numpy' has no folder share/numpy"]),
     ],

@@ -61,22 +61,12 @@ class JointMotionLimit:
         acceleration: float,
         horizon: float = 0.0,
     ) -> None:
-        """Make a limit.
-
-        Raises:
-            ConfigurationError: where a lower limit is not below its upper limit.
-        """
+        """Make a limit; each lower limit is below its upper limit."""
         self.position_lower: Array | None = None
         self.position_upper: Array | None = None
         self._limits: Array | None = None
         if position is not None:
             self.position_lower, self.position_upper = lower, upper = position
-            if not (lower < upper).all():
-                i = int(np.argmin(lower < upper))
-                raise ConfigurationError(
-                    f"limits.position_margin: it leaves joint {i + 1} of robot.joints no room, from {lower[i]:g} to "
-                    f"{upper[i]:g} rad"
-                )
             self._limits = np.stack([upper, -lower])  # both as upper limits, of q and of -q
         self.velocity = velocity
         self.acceleration = acceleration
@@ -98,8 +88,15 @@ class JointMotionLimit:
             ConfigurationError: where the margin leaves a joint no room.
         """
         margin = tuning.position_margin
+        lower, upper = model.position_lower + margin, model.position_upper - margin
+        for name, low, high, unit in zip(model.joints, lower, upper, model.units, strict=True) if position else ():
+            if not (low < high):
+                raise ConfigurationError(
+                    f"limits.position_margin = {margin:g}: it leaves {name!r} no room, whose limits are "
+                    f"{low - margin:g} and {high + margin:g} {unit}"
+                )
         return cls(
-            (model.position_lower + margin, model.position_upper - margin) if position else None,
+            (lower, upper) if position else None,
             model.velocity_limits * tuning.velocity_scale if velocity else None,
             acceleration=tuning.acceleration,
             horizon=tuning.position_horizon,

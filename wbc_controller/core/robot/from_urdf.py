@@ -13,7 +13,7 @@ from wbc_controller.core.robot.mimic import Followers, Mimic, read_mimics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.passive import PassiveForces, PassiveJoint
 from wbc_controller.core.robot.transmission import Transmission, make_drive
-from wbc_controller.core.robot.urdf import parse_urdf
+from wbc_controller.core.robot.urdf import JointLimits, read_robot
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 
@@ -35,12 +35,13 @@ def build_model(
     transmission: Mapping[str, Transmission] | None = None,
     passive_joints: Mapping[str, PassiveJoint] | None = None,
     locked_joints: Mapping[str, float] | None = None,
+    joint_limits: Mapping[str, JointLimits] | None = None,
     commanded_by_joint: bool = False,
 ) -> RobotModel:
     """Build the model of a robot from its URDF.
 
     Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All joints that neither move nor follow
-    are locked.
+    are locked. A continuous joint is a revolute one without position limits.
 
     Args:
         urdf: the URDF's text.
@@ -55,13 +56,14 @@ def build_model(
         passive_joints: springs and dampers of the joints without a motor of their own, by name.
         locked_joints: positions of locked joints, rad; other joints that do not move are locked at zero, or where their
             locked leader puts them.
+        joint_limits: limits that replace those of the URDF, by joint; the model's URDF has them too.
         commanded_by_joint: whether the command consists of torques at the driven joints instead of torques of the
             actuators.
 
     Raises:
         ConfigurationError: where the URDF or a joint cannot be used.
     """
-    tree = parse_urdf(urdf)
+    tree, urdf = read_robot(urdf, joint_limits or {})
     try:
         full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
     except (ValueError, RuntimeError) as error:
@@ -108,6 +110,7 @@ def build_model(
     _require_velocity_limits(joints, velocity_limits)
     for name, mimic in following.items():
         _tighten(joints.index(mimic.leader), mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
+    _require_position_limits(joints, lower, upper)
     result = RobotModel(
         pinocchio=model,
         urdf=urdf,
@@ -125,12 +128,12 @@ def build_model(
         followers=followers,
         locked=MappingProxyType(locked),
     )
-    for name, value, low, high in zip(
-        joints, result.posture, result.position_lower, result.position_upper, strict=True
+    for name, value, low, high, unit in zip(
+        joints, result.posture, result.position_lower, result.position_upper, result.units, strict=True
     ):
         if not (low <= value <= high):
             raise ConfigurationError(
-                f"robot.posture: {value} rad for {name!r} is outside its limits [{low}, {high}] rad"
+                f"robot.posture: {value} {unit} for {name!r} is outside its limits [{low}, {high}] {unit}"
             )
     return result
 
@@ -207,4 +210,16 @@ def _tighten(
 def _require_velocity_limits(joints: Sequence[str], limits: np.ndarray) -> None:
     for name, limit in zip(joints, limits, strict=True):
         if not (0.0 < limit < np.inf):
-            raise ConfigurationError(f"robot.urdf: joint {name!r} has the velocity limit {limit}; it must be positive")
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r} has the velocity limit {limit}; it must be positive, in the URDF or by "
+                f"robot.joint_limits.{name}.velocity"
+            )
+
+
+def _require_position_limits(joints: Sequence[str], lower: Array, upper: Array) -> None:
+    for name, low, high in zip(joints, lower, upper, strict=True):
+        if not (low <= high):
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r} has the lower position limit {low:g} above the upper one {high:g}; "
+                f"correct the URDF, or give robot.joint_limits.{name} a lower and an upper"
+            )

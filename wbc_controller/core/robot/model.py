@@ -24,7 +24,7 @@ class RobotModel:
 
     Attributes:
         pinocchio: the rigid-body model; joints that do not move are locked.
-        urdf: the URDF's text.
+        urdf: the URDF's text, with the limits of the configuration and its continuous joints as revolute ones.
         joints: names of the joints that move and are measured, (nj,).
         floating_base: whether the root link moves freely.
         q_index: index in q of each joint, (nj,).
@@ -100,6 +100,12 @@ class RobotModel:
     def moving_joints(self) -> tuple[str, ...]:
         """Names of all joints that move, including those that follow others."""
         return self.joints + (self.followers.names if self.followers is not None else ())
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: rad, or m for a prismatic joint, (nj,)."""
+        kinds = (self.pinocchio.joints[self.pinocchio.getJointId(name)].shortname() for name in self.joints)
+        return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
     @property
     def base_link(self) -> str:

@@ -159,8 +159,8 @@ def make_drive(
             limits[row] = joint_efforts[joints.index(name)]
             if not (0.0 < limits[row] < np.inf):
                 raise ConfigurationError(
-                    f"robot.urdf: joint {name!r} has the effort limit {limits[row]}; it must be positive, or the joint "
-                    "be one of robot.passive_joints"
+                    f"robot.urdf: joint {name!r} has the effort limit {limits[row]}; it must be positive, in the URDF "
+                    f"or by robot.joint_limits.{name}.effort, or the joint be one of robot.passive_joints"
                 )
             continue
         limits[row] = given.effort_limit

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
 
+#: Position limits of a continuous joint, rad: far beyond what a joint turns, and exact to 1e-10 rad in between.
+UNLIMITED = 1.0e6
 #: Longest URDF or SRDF, in characters.
 LARGEST_URDF = 4_000_000
 #: Most links in a chain, as Pinocchio goes down it by recursion; and most links, as its time grows with their square.
@@ -35,6 +40,23 @@ _NUMBERS: dict[str, dict[str, int]] = {
     "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Limits of a joint that replace those of its URDF; None leaves the URDF's.
+
+    Attributes:
+        effort: largest torque, N·m; of a prismatic joint largest force, N.
+        velocity: largest speed, rad/s or m/s.
+        lower: lower position limit, rad or m.
+        upper: upper position limit, rad or m.
+    """
+
+    effort: float | None = None
+    velocity: float | None = None
+    lower: float | None = None
+    upper: float | None = None
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -84,6 +106,64 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
     return tree
 
 
+def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({})) -> tuple[ElementTree.Element, str]:
+    """Read a URDF as `parse_urdf` does, with other limits of some joints, and its continuous joints as revolute ones.
+
+    Pinocchio gives a continuous joint two coordinates, its cosine and sine, and forgets the turns; here it is a
+    revolute joint without position limits, whose position counts them.
+
+    Args:
+        urdf: the URDF's text.
+        limits: limits that replace those of the URDF, by joint.
+
+    Returns:
+        The tree and its text, in which all that reads them sees the same joints; the text is as given if nothing in it
+        changes.
+
+    Raises:
+        ConfigurationError: as `parse_urdf`; if the URDF does not have a joint, or a joint lacks a limit.
+    """
+    tree = parse_urdf(urdf)
+    joints = {str(joint.get("name")): joint for joint in tree.findall("joint")}
+    changed = False
+    for name, given in limits.items():
+        if name not in joints:
+            raise ConfigurationError(
+                f"robot.joint_limits: {name!r} is not a joint of the URDF; {valid_choices(name, joints)}"
+            )
+        values = {key: getattr(given, key) for key in ("effort", "velocity", "lower", "upper")}
+        _write_limits(joints[name], {key: value for key, value in values.items() if value is not None})
+        changed = True
+    for joint in joints.values():
+        if joint.get("type") == "continuous":
+            own = limits.get(str(joint.get("name")), JointLimits())
+            joint.set("type", "revolute")
+            lower = -UNLIMITED if own.lower is None else own.lower
+            _write_limits(joint, {"lower": lower, "upper": UNLIMITED if own.upper is None else own.upper})
+            changed = True
+    for name, joint in joints.items():
+        if joint.get("type") in ("revolute", "prismatic"):
+            _require_limits(name, joint.find("limit"))
+    return tree, ElementTree.tostring(tree, encoding="unicode") if changed else urdf
+
+
+def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> None:
+    element = joint.find("limit")
+    if element is None:
+        element = ElementTree.SubElement(joint, "limit")
+    for key, value in values.items():
+        element.set(key, repr(value))
+
+
+def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
+    """Refuse a joint without limits, which other readers of the URDF refuse without its name."""
+    for key in ("effort", "velocity"):
+        if limit is None or limit.get(key) is None:
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or robot.joint_limits.{name}.{key}"
+            )
+
+
 def inertia_tensor(inertia: ElementTree.Element) -> Array:
     """The tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
     tensor = np.zeros((3, 3))
@@ -99,7 +179,8 @@ def _numbers(text: str, count: int, where: str) -> None:
         _NUMBER.fullmatch(value) and abs(float(value)) <= _LARGEST_NUMBER for value in values
     ):
         what = "a number, such as 0.5" if count == 1 else f"{count} numbers, such as '0 0 0.5'"
-        raise ConfigurationError(f"{where}{_shortened(text)}> is not {what}, at most {_LARGEST_NUMBER:g}")
+        hint = "; expand the file with xacro first" if "${" in text or "$(" in text else ""
+        raise ConfigurationError(f"{where}{_shortened(text)}> is not {what}, at most {_LARGEST_NUMBER:g}{hint}")
 
 
 def _shortened(text: str) -> str:
