@@ -20,6 +20,7 @@ from wbc_controller.assembly.draft.draft import new_configuration
 from wbc_controller.assembly.draft.notes import Draft
 from wbc_controller.errors import WbcError
 from wbc_controller.records import Array
+from wbc_controller.settings import Settings
 
 FOLDER = "package://example-robot-data/robots/"
 #: URDF, and SRDF where the robot comes with one.
@@ -118,14 +119,15 @@ def run(robot: str) -> Row:
     row.feet = feet_of(draft)
     row.to_do = "; ".join(f"`{note.key}`" for note in draft.notes if note.origin == "missing")
     try:
-        wbc.check(values)
+        settings = draft.settings
+        wbc.check(settings)
     except WbcError as error:
         row.check, row.to_do = "no", first_sentence(error)
         return row
     row.check = "ok"
     floating = row.kind == "floating"
     try:
-        trial = Standing(values) if floating else Holding(values)
+        trial = Standing(settings) if floating else Holding(settings)
         for column in TRIED:
             setattr(row, column, getattr(trial, column)())
     except WbcError as error:
@@ -149,17 +151,15 @@ def first_sentence(error: WbcError) -> str:
 class Standing:
     """A robot on its feet, in the mock robot."""
 
-    def __init__(self, values: dict[str, object]) -> None:
+    def __init__(self, settings: Settings) -> None:
         """Stand it up."""
-        self.robot = wbc.Simulation(values)
+        self.robot = wbc.Simulation(settings)
         self.com = self._com()
-        settings = self.robot.controller.config.settings
         lowest = min(
             float(contact.points(self.robot.controller.dynamics)[:, 2].min())
             for contact in self.robot.controller.contacts.values()
         )
         self.height = float(self.com[2]) - lowest
-        self.tasks = settings.tasks
 
     def _com(self) -> Array:
         self.robot.controller.dynamics.update(*self.robot.plant.state())
@@ -203,9 +203,9 @@ class Standing:
 class Holding:
     """A robot on a fixed base, in the mock robot."""
 
-    def __init__(self, values: dict[str, object]) -> None:
+    def __init__(self, settings: Settings) -> None:
         """Let it hold its posture."""
-        self.robot = wbc.Simulation(values)
+        self.robot = wbc.Simulation(settings)
         model = self.robot.controller.model
         self.posture = np.array(model.posture)
         room = np.minimum(model.position_upper - self.posture, self.posture - model.position_lower)

@@ -9,13 +9,14 @@ from typing import Literal
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.assembly.collision_elements import read_collision_elements
 from wbc_controller.assembly.collision_model import with_visuals
 from wbc_controller.assembly.draft import tuning
 from wbc_controller.assembly.draft.feet import Body, Elements
 from wbc_controller.assembly.draft.legs import Legs
-from wbc_controller.assembly.draft.mechanism import Source, choose_joints, read_postures, read_source
+from wbc_controller.assembly.draft.mechanism import Source, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.assembly.draft.notes import Draft
 from wbc_controller.assembly.draft.posture import put_fixed, put_standing, reference
 from wbc_controller.assembly.draft.sole import Foot
@@ -26,6 +27,8 @@ from wbc_controller.settings.files import parse_settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
 
 Base = Literal["floating", "fixed"]
+#: First line of a file, a comment.
+TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
 #: Name of the root link of a robot that its URDF bolts to the ground.
 _WORLD = "world"
 #: Joints that a leg has at least.
@@ -91,12 +94,8 @@ def _feet(
 def _model(draft: Draft, source: Source, *, floating: bool) -> RobotModel:
     """The model of the draft's joints, all of them as near to zero as their limits let them be."""
     robot = draft.values["robot"]
-    lower_upper = {str(joint.get("name")): joint.find("limit") for joint in source.tree.iterfind("joint")}
-    posture = []
-    for name in robot["joints"]:
-        limit = lower_upper[name]
-        low, high = (float(limit.get(key, "0")) if limit is not None else 0.0 for key in ("lower", "upper"))
-        posture.append(float(np.clip(0.0, low, high)) if low < high else 0.0)
+    ranges = ranges_of(source, robot.get("joint_limits", {}))
+    posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]
     values = {
         "robot": robot | {"base": "floating" if floating else "fixed", "posture": posture},
         "tasks": {"posture": {"type": "posture"}},
@@ -146,9 +145,8 @@ def _put_base(source: Source, base: Base | None, feet: Sequence[Foot], draft: Dr
         draft.put("robot.base", "fixed", f"The URDF's root link is called {_WORLD!r}.")
         return "fixed"
     if len(feet) >= 2:
-        text = (
-            f"The robot stands on {', '.join(foot.link for foot in feet)}: limbs alike that reach lower than all else."
-        )
+        names = ", ".join(foot.link for foot in feet)
+        text = f"The robot stands on {names}: ends of limbs alike that reach lower than all else."
         draft.put("robot.base", "floating", text, "guess")
         return "floating"
     text = "No feet were found: no two limbs alike reach lower than all else. --feet names them, if there are any."
@@ -167,10 +165,8 @@ def _put_legged(
     draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
 ) -> None:
     if not feet:
-        draft.note(
-            "contacts", "the contacts that the robot stands on: no feet were found. --feet names links.", "missing"
-        )
-        draft.put("contacts", {})
+        text = "the contacts that the robot stands on: no feet were found. --feet names links."
+        draft.put("contacts", {}, text, "missing")
     posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
     height = body.height
     if feet:
@@ -189,11 +185,7 @@ def _put_legged(
 
 def _put_imu(model: RobotModel, draft: Draft) -> None:
     """Name the frame of the IMU, where a link that moves with the base is called so."""
-    named = [
-        str(frame.name)
-        for frame in model.pinocchio.frames
-        if frame.parentJoint == 1 and "imu" in str(frame.name).lower()
-    ]
-    links = [name for name in named if model.pinocchio.existFrame(name)]
+    frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
+    links = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
     if links:
         draft.put("estimation.imu_frame", links[-1], "By its name.", "guess")

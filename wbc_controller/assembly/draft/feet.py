@@ -83,7 +83,7 @@ class Body:
             frame.placement.translation[None] for frame in frames
             if frame.parentJoint == joint and frame.type == pin.BODY
         ]  # fmt: skip
-        return np.vstack([np.zeros((0, 3)), *shapes]) @ place.rotation.T + place.translation
+        return np.asarray(np.vstack([np.zeros((0, 3)), *shapes]) @ place.rotation.T + place.translation)
 
     def _limb(self, end: int) -> Limb:
         chain, model = [end], self.model.pinocchio

@@ -1,4 +1,4 @@
-"""A posture in which a robot stands: feet level, centre of mass above their middle, legs bent, joints off their limits."""
+"""A posture in which a robot stands: feet level, centre of mass above their middle, legs bent, joints off limits."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import minimize
 
+from wbc_controller.assembly.draft.mechanism import usable_ranges
 from wbc_controller.assembly.draft.sole import Foot
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Length of a leg in the posture, as a share of the longest at which the feet are level: a flat foot's and another's.
 _BENT, _BENT_POINT = 0.94, 0.85
-#: Distance from the limits, as a share of a joint's range and at most, rad; range of a joint without limits, rad.
-_MARGIN, _LARGEST_MARGIN, _ENDLESS = 0.08, 0.15, np.pi
+#: Distance from the limits, as a share of a joint's range and at most, rad.
+_MARGIN, _LARGEST_MARGIN = 0.08, 0.15
 #: Starts of the search, and how far they are from the reference, rad.
 _STARTS, _SPREAD = 8, 0.8
 #: Largest error of what has to hold in a posture that was found: m, or rad.
 _TOLERANCE = 1.0e-3
-#: Weights of a foot that is not below its hip, relative to the robot's size, and of a sole that turns away.
-_UNDER_HIP, _YAW = 30.0, 5.0
+#: Weights of the centre of mass away from the feet's middle and of a foot away from below its hip, both relative to
+#: the robot's size, and of a sole that turns away.
+_CENTRE, _UNDER_HIP, _YAW = 3000.0, 30.0, 5.0
 #: Largest difference between a left and a right leg that mirror each other: of directions, and of places, m.
 _MIRROR = 0.02
 #: Cosine of the largest angle between a joint axis that bends the leg and the lateral one, 45°.
@@ -81,9 +83,7 @@ class Legs:
         self._mirrored = self._find_mirrored()
         free = [leg for i, leg in enumerate(self._legs) if i not in self._mirrored]
         self._columns = np.concatenate([leg.columns for leg in free]).astype(int)
-        lower, upper = model.position_lower[self._columns], model.position_upper[self._columns]
-        lower = np.where(np.isfinite(lower), lower, -_ENDLESS)
-        upper = np.where(np.isfinite(upper), upper, _ENDLESS)
+        lower, upper = (ends[self._columns] for ends in usable_ranges(model))
         margin = np.minimum(_MARGIN * (upper - lower), _LARGEST_MARGIN)
         self._bounds = np.column_stack([lower + margin, upper - margin])
         start = self.stand(self.reference)
@@ -207,17 +207,14 @@ class Legs:
         posture[self._columns] = x
         for right, (left, signs) in self._mirrored.items():
             posture[self._legs[right].columns] = signs * posture[self._legs[left].columns]
-        return np.clip(posture, self.model.position_lower, self.model.position_upper)
+        return np.asarray(np.clip(posture, self.model.position_lower, self.model.position_upper))
 
     def _errors(self, x: Array, height: float | None) -> Array:
-        """What has to be zero: tilts, differences of heights, and the way from the feet's middle to the mass's."""
+        """What has to be zero: tilts, and differences of heights."""
         stand = self.stand(self._expand(x))
         level = stand.bottoms - (stand.bottoms[0] if height is None else -height)
         free = [i for i in range(len(self.feet)) if i not in self._mirrored and not (height is None and i == 0)]
-        offset = stand.com[:2] - stand.middles[:, :2].mean(axis=0)
-        across = 1 if self._mirrored else 2  # a robot that mirrors itself is balanced sideways
-        tilts = self._free_tilts(stand)
-        return np.concatenate([tilts, level[free], offset[:across]])
+        return np.concatenate([self._free_tilts(stand), level[free]])
 
     def _free_tilts(self, stand: Stand) -> Array:
         """The tilts of the feet that do not mirror others: a mirrored one's would be the same condition twice."""
@@ -230,10 +227,16 @@ class Legs:
         return np.array(kept)
 
     def _cost(self, x: Array) -> float:
-        """How far a posture is from the reference, and its feet from where they should be."""
+        """How far a posture is from the reference, and its feet and centre of mass from where they should be."""
         posture = self._expand(x)
         stand = self.stand(posture)
         away = (stand.middles[:, :2] - self._wanted) / self._size
         away[:, 0] -= away[:, 0].mean()  # all feet may be further in front: the centre of mass decides
+        offset = (stand.com - stand.middles.mean(axis=0))[:2] / self._size
         change = float(((posture - self.reference) ** 2).sum())
-        return change + _UNDER_HIP * float((away**2).sum()) + _YAW * float((stand.yaw**2).sum())
+        return (
+            change
+            + _CENTRE * float(offset @ offset)
+            + _UNDER_HIP * float((away**2).sum())
+            + _YAW * float((stand.yaw**2).sum())
+        )

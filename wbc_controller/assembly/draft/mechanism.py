@@ -11,13 +11,18 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.assembly.draft.notes import Draft
+from wbc_controller.assembly.draft.placeholders import reach_of, replaced_limits
 from wbc_controller.core.robot.mimic import read_mimics
-from wbc_controller.core.robot.urdf import LARGEST_URDF, parse_urdf, parse_xml
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.urdf import LARGEST_URDF, JointLimits, parse_urdf, parse_xml, read_robot
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
 #: Share of the robot's mass below which what a joint moves is taken for a finger.
 _FINGER = 1.0 / 200.0
+#: Range of a joint that turns several times, rad.
+_SEVERAL_TURNS = 4.1 * np.pi
 #: Words in the names of an SRDF's postures, the best first; any other name comes last.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 
@@ -72,8 +77,20 @@ def _address(path: Path) -> str:
     return str(path)
 
 
+def ranges_of(source: Source, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
+    """Position limits of the joints that are not fixed, by name, with those that replace the URDF's."""
+    tree, _ = read_robot(source.text, {name: JointLimits(**given) for name, given in limits.items()})
+    found = {}
+    for joint in tree.iterfind("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") != "fixed":
+            values = [0.0 if limit is None else float(limit.get(key, "0")) for key in ("lower", "upper")]
+            found[str(joint.get("name"))] = values[0], values[1]
+    return found
+
+
 def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) -> None:
-    """Choose the joints that move, in the order of the URDF: ``robot.joints`` and ``robot.locked_joints``.
+    """Choose the joints that move, in the order of the URDF: ``robot.joints``, ``locked_joints`` and ``joint_limits``.
 
     Args:
         source: the URDF.
@@ -88,30 +105,22 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
     mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
-    joints, light, stiff, other, locked = [], [], [], [], {}
-    for element in source.tree.iterfind("joint"):
-        name = str(element.get("name"))
-        if element.get("type") == "fixed" or name in mimics:
-            continue
+    elements = [joint for joint in source.tree.iterfind("joint") if joint.get("type") != "fixed"]
+    limits = replaced_limits(elements, mass, reach_of(model))
+    ranges = ranges_of(source, limits.values)
+    joints, light, stiff, other = [], [], [], []
+    for name in (str(element.get("name")) for element in elements):
         joint = model.joints[model.getJointId(name)]
+        if name in mimics:
+            continue
         if joint.nv != 1:
             other.append(name)
-            continue
-        low, high = (
-            (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
-            if joint.nq == 1
-            else (-np.inf, np.inf)
-        )
-        moved = _below(model, joint.id)
-        if not (low < high):
+        elif not (ranges[name][0] < ranges[name][1]):
             stiff.append(name)
-        elif moved < _FINGER * mass and not _carries(model, joint.id, carrying):
+        elif _below(model, joint.id) < _FINGER * mass and not _carries(model, joint.id, carrying):
             light.append(name)
         else:
             joints.append(name)
-            continue
-        if not (low <= 0.0 <= high):
-            locked[name] = round(float(np.clip(0.0, low, high)), 4)
     if not joints:
         raise ConfigurationError("robot.urdf: it has no joint of one degree of freedom with a range that moves a mass")
     draft.put(
@@ -128,8 +137,11 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
     ):
         if names:
             draft.note("robot.joints", f"Locked, and not listed here, are {', '.join(names)}: {why}.", "guess")
+    locked = {name: round(float(np.clip(0.0, *ranges[name])), 4) for name in (*light, *stiff)}
+    locked = {name: position for name, position in locked.items() if position}
     if locked:
         draft.put("robot.locked_joints", locked, "Zero is outside their range: the end that is nearer.", "guess")
+    limits.put(draft, joints)
 
 
 def _carries(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
@@ -172,6 +184,12 @@ def _rank(name: str) -> int:
     return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
 
 
-def pose_of(joints: list[str], lower: np.ndarray, upper: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
+def pose_of(joints: Sequence[str], lower: Array, upper: Array, given: Mapping[str, float]) -> Array:
     """Joint positions, (nj,): those that are given, others at zero, all of them within the limits."""
     return np.clip([given.get(name, 0.0) for name in joints], lower, upper)
+
+
+def usable_ranges(model: RobotModel) -> tuple[Array, Array]:
+    """Limits of the joints, (nj,) each in rad; half a turn to both sides for those that turn several times."""
+    several = model.position_upper - model.position_lower > _SEVERAL_TURNS
+    return np.where(several, -np.pi, model.position_lower), np.where(several, np.pi, model.position_upper)

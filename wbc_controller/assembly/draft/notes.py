@@ -1,4 +1,4 @@
-"""The draft of a configuration: values, a note on each that was measured, guessed or is missing, and the YAML of both."""
+"""The draft of a configuration: values, notes on what was measured, guessed or is missing, and the YAML of both."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from typing import Any, Literal
 
 import yaml
 
-from wbc_controller.settings import NODE_NAME
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.files import parse_settings
 
 #: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
 #: Length of a line, in characters, and the sections whose entries stand on a line each.
-_WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "transmission")
+_WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +71,15 @@ class Draft:
         """What a person has to look at: a line for each guess, and for each value that is missing."""
         return [f"{note.key}: {note.comment}" for note in self.notes if note.origin != "found"]
 
+    @property
+    def settings(self) -> Settings:
+        """The draft's values as settings.
+
+        Raises:
+            ConfigurationError: with one line for each value that cannot be used.
+        """
+        return parse_settings(self.values, "the draft")
+
     def to_yaml(self, title: str) -> str:
         """The draft as a ROS 2 parameter file, each note a comment above its key.
 
@@ -113,8 +123,10 @@ def _entry(name: str, value: Any, indent: str) -> list[str]:
     """A key and its value, lists and mappings in brackets, on as few lines as they need."""
     if not isinstance(value, list | Mapping):
         return [f"{indent}{name}: {_flow(value)}"]
-    first, last = "{}" if isinstance(value, Mapping) else "[]"
-    parts = [f"{key}: {_flow(one)}" for key, one in value.items()] if first == "{" else [_flow(one) for one in value]
+    if isinstance(value, Mapping):
+        first, last, parts = "{", "}", [f"{key}: {_flow(one)}" for key, one in value.items()]
+    else:
+        first, last, parts = "[", "]", [_flow(one) for one in value]
     within = indent + " " * (len(name) + 3)
     lines = [f"{indent}{name}: {first}"]
     for number, part in enumerate(parts):

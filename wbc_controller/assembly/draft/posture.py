@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.assembly.draft.legs import Legs, Stand
-from wbc_controller.assembly.draft.mechanism import pose_of
+from wbc_controller.assembly.draft.mechanism import pose_of, usable_ranges
 from wbc_controller.assembly.draft.notes import Draft
 from wbc_controller.assembly.draft.sole import Foot
 from wbc_controller.assembly.preflight import support_margin
@@ -52,7 +52,7 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
         _put(draft, model, wanted, f"The SRDF's posture {name!r}: the feet are level, the centre of mass above them.")
         return wanted
     found = legs.solve()
-    if found is None:
+    if found is None or _wrong(feet, legs.stand(found)):
         _put(draft, model, wanted, "the posture: none was found in which the feet are level and the centre of mass is "
              "above them, so that these are " + (f"the SRDF's {name!r}." if name else "zeros."), "missing")  # fmt: skip
         return wanted
@@ -112,14 +112,8 @@ def _wrong(feet: Sequence[Foot], stand: Stand) -> str:
     return ""
 
 
-def _ranges(model: RobotModel) -> tuple[Array, Array]:
-    """Limits of the joints, (nj,) each in rad, those of a joint that turns without end included."""
-    lower = np.where(np.isfinite(model.position_lower), model.position_lower, -np.pi)
-    return lower, np.where(np.isfinite(model.position_upper), model.position_upper, np.pi)
-
-
 def _off_limits(model: RobotModel, posture: Array) -> Array:
-    lower, upper = _ranges(model)
+    lower, upper = usable_ranges(model)
     margin = np.minimum(_MARGIN * (upper - lower), _LARGEST_MARGIN)
     return np.clip(posture, lower + margin, upper - margin)
 
@@ -128,7 +122,7 @@ def _dexterous(model: RobotModel) -> Array:
     """A posture of arms in which their ends move well in all directions, (nj,) in rad, off the limits."""
     pinocchio, data = model.pinocchio, model.pinocchio.createData()
     ends = [j for j in range(1, pinocchio.njoints) if not list(pinocchio.children[j])]
-    lower, upper = _ranges(model)
+    lower, upper = usable_ranges(model)
     middle = _off_limits(model, 0.5 * (lower + upper))
     spread = np.minimum(_SPREAD, 0.35 * (upper - lower))
     rng = np.random.default_rng(0)  # the same posture each time

@@ -187,7 +187,7 @@ def _sole(
     link: str,
     plane: pin.SE3,
 ) -> Foot | None:
-    """A flat sole: the footprint in its plane, as a rectangle or polygon about its middle; None where it is too small."""
+    """A flat sole: the footprint in its plane, a rectangle or polygon about its middle; None where it is too small."""
     whole = footprint(model, elements, joint, plane)
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None

@@ -14,7 +14,7 @@ from wbc_controller.assembly.draft.sole import Foot
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Stiffness of the centre of mass, as a multiple of the squared frequency g/h of a pendulum as high as it, and its range.
+#: Stiffness of the centre of mass in squared frequencies g/h of a pendulum as high as it, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
 #: Largest normal force of a contact, in weights of the robot.
 _LOAD = 3.0
@@ -74,8 +74,8 @@ def put_standing_tasks(
 ) -> None:
     """Write the tasks of a robot that stands, with its centre of mass at a height above its feet, m."""
     stiffness = float(np.clip(float(f"{_COM * model.gravity / height:.2g}"), *_COM_RANGE))
-    draft.note("tasks", f"Stiffnesses by similarity to the robots that are shipped, for a centre of mass {height:.2f} m "
-               "above the feet; weights are theirs.", "guess")  # fmt: skip
+    draft.note("tasks", "Stiffnesses by similarity to the robots that are shipped, for a centre of mass "
+               f"{height:.2f} m above the feet; weights are theirs.", "guess")  # fmt: skip
     flat = any(foot.kind == "surface" for foot in feet)
     draft.put("tasks.com", {"type": "com", "weight": 50.0, "stiffness": stiffness})
     turn = {"type": "frame_orientation", "frame": model.base_link, "weight": 2.0 if flat else 5.0}
