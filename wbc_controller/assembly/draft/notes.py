@@ -16,6 +16,8 @@ from wbc_controller.settings.files import parse_settings
 #: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
+#: Names are not broken at the end of a line.
+_UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: Length of a line, in characters, and the sections whose entries stand on a line each.
 _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
 
@@ -113,10 +115,7 @@ def identifier(name: str) -> str:
 
 
 def _comment(text: str, indent: str) -> list[str]:
-    return textwrap.wrap(
-        text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ", break_long_words=False,
-        break_on_hyphens=False,
-    )  # fmt: skip
+    return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ", **_UNBROKEN)
 
 
 def _entry(name: str, value: Any, indent: str) -> list[str]:
@@ -132,10 +131,10 @@ def _entry(name: str, value: Any, indent: str) -> list[str]:
     for number, part in enumerate(parts):
         text = part + ("," if number + 1 < len(parts) else last)
         glue = "" if number == 0 else " "
-        if len(lines[-1]) + len(glue) + len(text) > _WIDTH and number:
-            lines.append(within + text)
-        else:
+        if len(lines[-1]) + len(glue) + len(text) <= _WIDTH:
             lines[-1] += glue + text
+        else:  # a list within may be longer than a line itself
+            lines += textwrap.wrap(text, _WIDTH, initial_indent=within, subsequent_indent=within, **_UNBROKEN)
     return lines if parts else [f"{indent}{name}: {first}{last}"]
 
 

@@ -51,8 +51,11 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
     if name and not why:
         _put(draft, model, wanted, f"The SRDF's posture {name!r}: the feet are level, the centre of mass above them.")
         return wanted
-    found = legs.solve()
-    if found is None or _wrong(feet, legs.stand(found)):
+    # Where no posture is as high as the SRDF's, with its feet as far apart, one with legs bent as usual may be.
+    searches = [legs, Legs(model, feet, wanted, known=False)] if name else [legs]
+    stands = (posture for search in searches if (posture := search.solve()) is not None)
+    found = next((posture for posture in stands if not _wrong(feet, legs.stand(posture))), None)
+    if found is None:
         _put(draft, model, wanted, "the posture: none was found in which the feet are level and the centre of mass is "
              "above them, so that these are " + (f"the SRDF's {name!r}." if name else "zeros."), "missing")  # fmt: skip
         return wanted
