@@ -17,7 +17,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from wbc_controller.assembly.preflight import Finding, check
+    from wbc_controller.assembly.finding import Finding
+    from wbc_controller.assembly.preflight import check
     from wbc_controller.bridges.joints import state_from_joints
     from wbc_controller.bridges.mujoco import MujocoInterface
     from wbc_controller.control.controller import Controller
@@ -44,7 +45,7 @@ _PUBLIC = {
     "Dynamics": "core.robot.dynamics",
     "EffortTask": "core.tasks",
     "Fault": "records",
-    "Finding": "assembly.preflight",
+    "Finding": "assembly.finding",
     "InputRefused": "errors",
     "JointCommand": "records",
     "Mode": "records",

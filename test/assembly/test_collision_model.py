@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from itertools import combinations
 
+import numpy as np
 import pytest
 
+from wbc_controller.assembly import collision_model
 from wbc_controller.assembly.collision_model import build_collision_model
 from wbc_controller.assembly.limits import make_self_collision
 from wbc_controller.assembly.preflight import check
@@ -159,3 +161,44 @@ def test_an_srdf_that_is_no_text_is_refused_in_words(robot_of, changed, tmp_path
         ConfigurationError, match=r"^limits\.self_collision\.srdf = '.*go2\.srdf': cannot be read: 'utf-8'"
     ):
         make_self_collision(changed(settings, {"limits": {"self_collision": own}}), model)
+
+
+AROUND = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+RIM = np.column_stack([np.cos(AROUND), np.sin(AROUND), np.zeros(400)])
+
+
+def mesh(folder, name, points):
+    """Write points as an OBJ mesh of arbitrary faces; what counts is their convex hull."""
+    faces = [f"f {i} {i + 1} {i + 2}" for i in range(1, len(points) - 1)]
+    lines = [f"v {x} {y} {z}" for x, y, z in points] + faces
+    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return ("0 0 0", f'<mesh filename="{folder / name}"/>')
+
+
+@pytest.mark.parametrize(
+    ("points", "boxed"),
+    [
+        (np.vstack([[[0.0, 0.0, 1.0]], RIM]), False),  # the tip has 400 neighbours
+        (RIM, True),  # flat
+    ],
+)
+def test_a_mesh_without_a_usable_hull_does_not_end_all(tmp_path, points, boxed):
+    model = star(a=(mesh(tmp_path, "odd.obj", 0.1 * points),), b=(BALL,), c=(BALL,))
+    collision = build_collision_model(model, margin=0.01)
+    assert collision.replaced == (("a",) if boxed else ())
+    assert ("a box in place of the mesh of a" in collision.summary) is boxed
+    shape = next(shape for shape in collision.geometry.geometryObjects if shape.name == "a")
+    shape.geometry.computeLocalAABB()
+    assert shape.geometry.aabb_local.max_[:2] == pytest.approx([0.1, 0.1], abs=1e-3)
+
+
+def test_the_shape_of_a_link_of_no_asked_pair_is_not_made(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(collision_model, "_hull", lambda points: made.append(len(points)))
+    odd = mesh(tmp_path, "odd.obj", 0.1 * RIM)
+    model = star(a=(odd,), b=(BALL,), c=(BALL,))
+    collision = build_collision_model(model, margin=0.01, pairs=["b/c"])
+    assert [shape.name for shape in collision.geometry.geometryObjects] == ["b", "c"]
+    assert made == []
+    build_collision_model(model, margin=0.01, pairs=["a/c"])
+    assert made == [400]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -11,12 +11,20 @@ from pathlib import Path
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.assembly.collision_elements import enclosing_points, read_collision_elements
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.urdf import parse_xml
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
+
+#: Smallest side of a box that takes the place of a hull, and thickness below which points have none, m.
+_THINNEST = 1.0e-4
+#: Number of directions in which the outermost points are taken: fewer than the neighbours that a corner may have.
+_DIRECTIONS = 250
+#: Largest distance by which a hull may be smaller than its points, m.
+_LOST = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +34,12 @@ class CollisionModel:
     Attributes:
         geometry: shapes, named after their links, and pairs.
         near: pairs of links that are nearer than the margin in the nominal posture, and so are left out.
+        replaced: links whose elements have no convex hull that can be used, and so count as a box around them.
     """
 
     geometry: pin.GeometryModel
     near: tuple[tuple[str, str], ...]
+    replaced: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:
@@ -37,6 +47,8 @@ class CollisionModel:
         text = f"{len(self.geometry.collisionPairs)} pairs of {len(self.geometry.geometryObjects)} links kept apart"
         if self.near:
             text += "; not those nearer than the margin in robot.posture: " + ", ".join(map("/".join, self.near))
+        if self.replaced:
+            text += f"; a box in place of the mesh of {', '.join(self.replaced)}, which has no usable convex hull"
         return text
 
 
@@ -52,9 +64,9 @@ def build_collision_model(
     """Read the collision elements of a robot's URDF.
 
     A link with a single, convex collision element has that shape; any other link has the convex hull of all its
-    elements. By default all pairs of links are kept apart, except: links connected by one or two joints (they touch by
-    design, and their joint limits keep them apart), pairs that the SRDF disables, and pairs nearer than the margin in
-    the nominal posture.
+    elements, or a box around them where there is no usable hull. By default all pairs of links are kept apart, except:
+    links connected by one or two joints (they touch by design, and their joint limits keep them apart), pairs that the
+    SRDF disables, and pairs nearer than the margin in the nominal posture. Links of no such pair need no shape.
 
     Args:
         model: the robot's model.
@@ -68,18 +80,23 @@ def build_collision_model(
         ConfigurationError: if the URDF has no collision elements, a mesh or the SRDF cannot be read, a named link has
             no shape, a named pair is nearer than the margin, or no pair is left.
     """
-    geometry = _shapes(model, with_visuals(model.urdf, visual), folder)
-    links = [shape.name for shape in geometry.geometryObjects]
-    if not links:
+    elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
+    joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}
+    every = list(joints)
+    if not every:
         raise ConfigurationError(
             "limits.self_collision.enabled: no link of the URDF has a <collision> element; disable it, or add them"
         )
     if pairs:
-        chosen = {_named(pair, links) for pair in pairs}
+        chosen = {_named(pair, every) for pair in pairs}
     else:
         disabled = _disabled(srdf) if srdf else set()
-        chosen = {pair for pair in combinations(links, 2) if frozenset(pair) not in disabled}
-        chosen -= {(a, b) for a, b in chosen if _joined(model, geometry, links.index(a), links.index(b))}
+        chosen = {pair for pair in combinations(every, 2) if frozenset(pair) not in disabled}
+        chosen -= {(a, b) for a, b in chosen if _joined(model, joints[a], joints[b])}
+    asked = {link for pair in chosen for link in pair}
+    geometry, replaced = _shapes(model, {frame: own for frame, own in elements.items()
+                                         if model.pinocchio.frames[frame].name in asked})  # fmt: skip
+    links = [shape.name for shape in geometry.geometryObjects]
     for first, second in combinations(links, 2):
         if (first, second) in chosen or (second, first) in chosen:
             geometry.addCollisionPair(pin.CollisionPair(links.index(first), links.index(second)))
@@ -90,7 +107,7 @@ def build_collision_model(
         )
     if not len(geometry.collisionPairs):
         raise ConfigurationError("limits.self_collision: no pair of links is left to be kept apart")
-    return CollisionModel(geometry, near)
+    return CollisionModel(geometry, near, replaced)
 
 
 def with_visuals(urdf: str, links: Sequence[str]) -> str:
@@ -111,10 +128,11 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryModel:
-    """Make one convex shape for each link with collision elements."""
-    elements = read_collision_elements(model, urdf, "limits.self_collision", folder)
-    geometry = pin.GeometryModel()
+def _shapes(
+    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]]
+) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+    """Make one convex shape for each link, and name those that have a box in place of their hull."""
+    geometry, replaced = pin.GeometryModel(), []
     for frame_id, own in elements.items():
         frame = model.pinocchio.frames[frame_id]
         if len(own) == 1 and isinstance(own[0].geometry, coal.ShapeBase):
@@ -122,25 +140,53 @@ def _shapes(model: RobotModel, urdf: str, folder: Path | None) -> pin.GeometryMo
         else:
             points = np.vstack([enclosing_points(element) for element in own])
             middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit expects a shape's centre at its origin
-            shape, placement = _hull(points - middle, frame.name), pin.SE3(np.eye(3), middle)
+            shape, placement = _hull(points - middle), pin.SE3(np.eye(3), middle)
+            if shape is None:
+                shape = coal.Box(*np.maximum(np.ptp(points, axis=0), _THINNEST))
+                replaced.append(frame.name)
         geometry.addGeometryObject(pin.GeometryObject(frame.name, frame.parentJoint, frame_id, placement, shape))
-    return geometry
+    return geometry, tuple(replaced)
 
 
-def _hull(points: Array, link: str) -> coal.ConvexBase:
-    vertices = coal.StdVec_Vec3s()
-    vertices.extend(list(np.unique(points, axis=0)))
+def _hull(points: Array) -> coal.ConvexBase | None:
+    """The convex hull of points, (n, 3) in m; None where there is none that keeps distances.
+
+    Points that are nearly on one face can be more than Qhull resolves, and the library allows a corner few neighbours:
+    fewer points, which lose little, then take their place.
+    """
+    if not (np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > _THINNEST):
+        return None  # flat: the library does not survive it
+    for corners in (np.unique(points, axis=0), _outermost(points)):
+        vertices = coal.StdVec_Vec3s()
+        vertices.extend(list(corners))
+        try:
+            hull = coal.Convex.convexHull(vertices, True, "Qt")
+        except (ValueError, RuntimeError):
+            continue
+        return hull if _lost(points, corners) <= _LOST else None
+    return None
+
+
+def _outermost(points: Array) -> Array:
+    """The points that are furthest out in directions all around, (k, 3)."""
+    number = np.arange(_DIRECTIONS) + 0.5
+    z, turn = 1.0 - 2.0 * number / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * number
+    across = np.sqrt(1.0 - z**2)
+    directions = np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+    return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
+
+
+def _lost(points: Array, corners: Array) -> float:
+    """Largest distance of points beyond the faces of the hull of some of them, m."""
     try:
-        return coal.Convex.convexHull(vertices, True, "Qt")
-    except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(
-            f"limits.self_collision: the collision elements of link {link!r} have no convex hull: {error}"
-        ) from error
+        faces = ConvexHull(corners).equations
+    except QhullError:
+        return np.inf
+    return float((faces[:, :3] @ points.T + faces[:, 3:]).max())
 
 
-def _joined(model: RobotModel, geometry: pin.GeometryModel, first: int, second: int) -> bool:
-    """Whether two shapes are on one body, or connected by one or two joints in series."""
-    a, b = (geometry.geometryObjects[i].parentJoint for i in (first, second))
+def _joined(model: RobotModel, a: int, b: int) -> bool:
+    """Whether two joints move one body, or are connected by one or two joints in series."""
     parents = model.pinocchio.parents
     carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
     return bool(b in carriers[0] or a in carriers[1])

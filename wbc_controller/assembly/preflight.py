@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from math import acos, degrees
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.spatial import ConvexHull, QhullError
 
+from wbc_controller.assembly.contact_shapes import compare_with_shapes, upside_down, upside_down_sentence
+from wbc_controller.assembly.finding import Finding
+from wbc_controller.assembly.plausibility import inertias, limits, locked_joints, require_bodies, require_friction
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.references import make_board
+from wbc_controller.assembly.reserves import reserves
 from wbc_controller.assembly.robot import make_model
-from wbc_controller.assembly.robot_description import impossible_inertias
-from wbc_controller.core.contacts import LoopClosure, UnilateralContact
+from wbc_controller.core.contacts import LoopClosure, SurfaceContact, UnilateralContact
 from wbc_controller.core.program.infeasibility import explain
 from wbc_controller.core.program.layout import FORCE_UNIT
 from wbc_controller.core.references.board import ReferenceBoard
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.passive import PassiveJoint
 from wbc_controller.core.solvers import make_solver
+from wbc_controller.core.tasks.task import AccelerationTask
 from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array, References, RobotState, frozen
@@ -35,23 +40,16 @@ _FLOOR = 0.5
 _CLOSED = 1.0e-3
 #: Largest torque by which a passive joint may be out of balance, as a share of the smallest effort limit.
 _BALANCE = 1.0e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """The result of one check.
-
-    Attributes:
-        subject: subject of the check.
-        text: result of the check.
-    """
-
-    subject: str
-    text: str
+#: Largest distance that is said in millimetres, m.
+_NEAR = 10.0
+#: Tilt of a sole from which on its robot is said to turn on release, rad: 1°.
+_TILTED = 0.0175
+#: Smallest share of a joint in a motion that tasks and contacts leave free.
+_FREE = 1.0e-6
 
 
 def stance(
-    model: RobotModel, qp: WholeBodyQP, active: Sequence[str], floor_normal: Sequence[float] = (0.0, 0.0, 1.0)
+    model: RobotModel, qp: WholeBodyQP, active: Sequence[str], floor_normal: Sequence[float] | Array = (0.0, 0.0, 1.0)
 ) -> Array:
     """Return the configuration with the nominal posture, base upright and lowest contact on the floor, (nq,).
 
@@ -83,7 +81,9 @@ def _on_the_floor(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict
 
 
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
-    """Build all objects of a configuration, and check whether the robot can stand as configured.
+    """Build all objects of a configuration, and check whether it agrees with the URDF and the robot can stand.
+
+    Unlike `check_qp` this reads the meshes of the URDF, which takes up to seconds.
 
     Args:
         config: the configuration, or an argument of `load`.
@@ -93,13 +93,29 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         The findings.
 
     Raises:
-        ConfigurationError: if the robot cannot be controlled, or cannot stand still in its nominal posture.
+        ConfigurationError: if the robot cannot be controlled, cannot stand still in its nominal posture, or its
+            contacts are not those of the URDF's shapes.
     """
     config = load(config, urdf=urdf)
     settings = config.settings
     try:
-        qp = make_qp(settings, make_model(settings, config.urdf))
-        return check_qp(settings, qp, make_board(settings, qp))
+        model = make_model(settings, config.urdf)
+        require_bodies(model)
+        require_friction(settings)
+        qp = make_qp(settings, model)
+        active = [name for name, contact in settings.contacts.items() if contact.enabled]
+        normal = _floor(settings)
+        q = stance(model, qp, active, normal)
+        qp.dynamics.update(q, np.zeros(model.nv))
+        shapes = compare_with_shapes(settings, qp, normal)
+        findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
+        qp.dynamics.update(q, np.zeros(model.nv))
+        findings += _posture(settings, qp, active, normal)
+        findings += [*locked_joints(model), *_unheld(settings, qp, active)]
+        findings += limits(settings, model, _placements(qp))
+        if model.floating_base:
+            findings += reserves(qp, active, q, _hanging(qp, active))
+        return findings
     except ConfigurationError as error:
         raise ConfigurationError(config.named(str(error))) from error
 
@@ -117,12 +133,12 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     """
     model = qp.model
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
-    normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+    normal = _floor(settings)
     q = stance(model, qp, active, normal)
     findings = [
         Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
-        *_inertias(model),
+        *inertias(model),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
         Finding(
@@ -143,10 +159,57 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     return findings
 
 
-def _inertias(model: RobotModel) -> list[Finding]:
-    """Report links with an impossible inertia: if they have a noticeable mass, the model is wrong."""
-    names = impossible_inertias(model.urdf)
-    return [Finding("inertias", f"no body has that of {', '.join(names)}")] if names else []
+def _floor(settings: Settings) -> Array:
+    """Unit normal of the floor, in the world, (3,)."""
+    return np.asarray(np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal))
+
+
+def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
+    """Report where base and centre of mass are, as setpoints are absolute, and how the soles lie on the floor."""
+    dynamics, link = qp.dynamics, qp.model.base_link
+    base = dynamics.placement(qp.model.frame_id(link, "base")).translation
+    findings = [
+        Finding(
+            "posture",
+            f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m",
+        )
+    ]
+    standing = _on_the_floor(qp, active, normal)
+    tilts = {
+        name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
+        for name in standing
+        if isinstance(contact := qp.contacts[name], SurfaceContact)
+    }
+    if tilts:
+        text = ", ".join(f"{name} {degrees(tilt):.1f}°" for name, tilt in tilts.items())
+        turns = max(tilts.values()) > _TILTED
+        why = "; on release they turn flat, and the robot with them: correct robot.posture" if turns else ""
+        findings.append(Finding("tilt of soles", f"against the floor: {text}{why}"))
+    return findings
+
+
+def _point(position: Array) -> str:
+    return "[" + ", ".join(f"{value:.3f}" for value in position + 0.0) + "]"
+
+
+def _placements(qp: WholeBodyQP) -> Array:
+    """Positions of the frames in the world, (n, 3) in m."""
+    return np.array([qp.dynamics.placement(i).translation for i in range(1, len(qp.model.pinocchio.frames))])
+
+
+def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
+    """Report joints that can move while all enabled tasks and contacts are met: nothing says where they go."""
+    model, dynamics = qp.model, qp.dynamics
+    tasks = [
+        task.jacobian(dynamics)[task.rows]
+        for name, task in qp.tasks.items()
+        if isinstance(task, AccelerationTask) and settings.tasks[name].enabled
+    ]
+    held = [contact.jacobian(dynamics) for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    rows = np.vstack([np.zeros((1, model.nv)), *tasks, *held, model.actuation.C])
+    free = np.abs(null_space(rows)[model.v_index]).max(axis=1, initial=0.0) > _FREE
+    names = [name for name, loose in zip(model.joints, free, strict=True) if loose]
+    return [Finding("held by no task", f"{', '.join(names)}: add them to a task of type posture")] if names else []
 
 
 def _joints(model: RobotModel) -> str:
@@ -182,7 +245,13 @@ def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Fin
         )
     margin = support_margin(np.vstack(list(points.values()))[:, :2], qp.dynamics.com[:2])
     side = "inside" if margin >= 0.0 else "outside"
-    return Finding("centre of mass", f"{1e3 * abs(margin):.0f} mm {side} the edge of the support")
+    return Finding("centre of mass", f"{_length(margin)} {side} the edge of the support")
+
+
+def _length(distance: float) -> str:
+    """The magnitude of a distance in a line, m where millimetres say nothing."""
+    size = abs(distance)
+    return f"{1e3 * size:.0f} mm" if size < _NEAR else f"{size:.3g} m"
 
 
 def support_margin(points: Array, position: Array) -> float:
@@ -214,7 +283,10 @@ def _static(
     if x is None:
         why = explain(layout, model, qp.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
-        raise ConfigurationError(_why_not(qp, tuple(active), normal) + because)
+        turned = upside_down(qp, active, normal)
+        raise ConfigurationError(
+            upside_down_sentence(turned[0]) if turned else _why_not(qp, tuple(active), normal) + because
+        )
     tau = model.actuation.torques(qp.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))
@@ -234,7 +306,8 @@ def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     if set(standing) == set(active) and model.floating_base:
         margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
         if margin < 0.0:
-            return begin + f"the centre of mass is {-1e3 * margin:.0f} mm outside the support"
+            far = "; correct the origins of the <inertial> elements in the URDF" if -margin > _NEAR else ""
+            return begin + f"the centre of mass is {_length(margin)} outside the support{far}"
         most = sum(qp.contacts[name].bounds(1.0)[1][2] for name in active)
         weight = model.mass * model.gravity
         if most < weight:

@@ -54,8 +54,8 @@ class RobotSettings(Section):
     urdf: str = Field(
         "",
         description="Path, or package://<package>/<path in its share folder> of a ROS 2 package on AMENT_PREFIX_PATH "
-        "or a Python distribution. A relative path starts at the configuration file's folder. Empty: the URDF comes from "
-        "the topic robot_description.",
+        "or a Python distribution. A relative path starts at the configuration file's folder. Empty: the URDF "
+        "comes from the topic robot_description.",
     )
     base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
     joints: list[str] = Field(
