@@ -1,4 +1,4 @@
-"""A configuration drafted from a URDF: feet as they are in its shapes, a posture in which it stands, and honest notes."""
+"""A configuration drafted from a URDF: feet as in its shapes, a posture in which it stands, and honest notes."""
 
 from __future__ import annotations
 

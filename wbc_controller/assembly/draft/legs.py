@@ -23,8 +23,8 @@ _STARTS, _SPREAD = 8, 0.8
 #: Largest error of what has to hold in a posture that was found: m, or rad.
 _TOLERANCE = 1.0e-3
 #: Weights of the centre of mass away from the feet's middle and of a foot away from below its hip, both relative to
-#: the robot's size, and of a sole that turns away.
-_CENTRE, _UNDER_HIP, _YAW = 3000.0, 30.0, 5.0
+#: the robot's size, and of a sole or axle that tilts, and of a sole that turns away.
+_CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
 #: Largest difference between a left and a right leg that mirror each other: of directions, and of places, m.
 _MIRROR = 0.02
 #: Cosine of the largest angle between a joint axis that bends the leg and the lateral one, 45°.
@@ -199,7 +199,7 @@ class Legs:
             options={"maxiter": 150, "ftol": 1.0e-8},
         )
         x = np.clip(result.x, *self._bounds.T)
-        return self._expand(x) if np.abs(self._errors(x, height)).max() <= _TOLERANCE else None
+        return self._expand(x) if np.abs(self._errors(x, height)).max(initial=0.0) <= _TOLERANCE else None
 
     def _expand(self, x: Array) -> Array:
         """The whole posture, (nj,), of the free joints, (k,)."""
@@ -210,21 +210,11 @@ class Legs:
         return np.asarray(np.clip(posture, self.model.position_lower, self.model.position_upper))
 
     def _errors(self, x: Array, height: float | None) -> Array:
-        """What has to be zero: tilts, and differences of heights."""
-        stand = self.stand(self._expand(x))
-        level = stand.bottoms - (stand.bottoms[0] if height is None else -height)
+        """What has to be zero: differences of heights. Tilts are a cost, as legs of few joints cannot change them."""
+        bottoms = self.stand(self._expand(x)).bottoms
+        level = bottoms - (bottoms[0] if height is None else -height)
         free = [i for i in range(len(self.feet)) if i not in self._mirrored and not (height is None and i == 0)]
-        return np.concatenate([self._free_tilts(stand), level[free]])
-
-    def _free_tilts(self, stand: Stand) -> Array:
-        """The tilts of the feet that do not mirror others: a mirrored one's would be the same condition twice."""
-        kept, at = [], 0
-        for i, foot in enumerate(self.feet):
-            count = {"surface": 2, "rolling": 1, "point": 0}[foot.kind]
-            if i not in self._mirrored:
-                kept += stand.tilts[at : at + count].tolist()
-            at += count
-        return np.array(kept)
+        return np.asarray(level[free])
 
     def _cost(self, x: Array) -> float:
         """How far a posture is from the reference, and its feet and centre of mass from where they should be."""
@@ -237,6 +227,7 @@ class Legs:
         return (
             change
             + _CENTRE * float(offset @ offset)
+            + _TILT * float(stand.tilts @ stand.tilts)
             + _UNDER_HIP * float((away**2).sum())
             + _YAW * float((stand.yaw**2).sum())
         )

@@ -8,10 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import yaml
-
 from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.settings.files import parse_settings
+from wbc_controller.settings.files import parse_settings, yaml_line
 
 #: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
 Origin = Literal["found", "guess", "missing"]
@@ -121,11 +119,11 @@ def _comment(text: str, indent: str) -> list[str]:
 def _entry(name: str, value: Any, indent: str) -> list[str]:
     """A key and its value, lists and mappings in brackets, on as few lines as they need."""
     if not isinstance(value, list | Mapping):
-        return [f"{indent}{name}: {_flow(value)}"]
+        return [f"{indent}{name}: {yaml_line(value)}"]
     if isinstance(value, Mapping):
-        first, last, parts = "{", "}", [f"{key}: {_flow(one)}" for key, one in value.items()]
+        first, last, parts = "{", "}", [f"{key}: {yaml_line(one)}" for key, one in value.items()]
     else:
-        first, last, parts = "[", "]", [_flow(one) for one in value]
+        first, last, parts = "[", "]", [yaml_line(one) for one in value]
     within = indent + " " * (len(name) + 3)
     lines = [f"{indent}{name}: {first}"]
     for number, part in enumerate(parts):
@@ -136,9 +134,3 @@ def _entry(name: str, value: Any, indent: str) -> list[str]:
         else:  # a list within may be longer than a line itself
             lines += textwrap.wrap(text, _WIDTH, initial_indent=within, subsequent_indent=within, **_UNBROKEN)
     return lines if parts else [f"{indent}{name}: {first}{last}"]
-
-
-def _flow(value: Any) -> str:
-    """A value as YAML on one line."""
-    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6)
-    return text.removesuffix("\n").removesuffix("\n...")
