@@ -117,7 +117,7 @@ def run(robot: str) -> Row:
     values = draft.values
     row.kind, row.joints = values["robot"]["base"], str(len(values["robot"]["joints"]))
     row.feet = feet_of(draft)
-    row.to_do = "; ".join(f"`{note.key}`" for note in draft.notes if note.origin == "missing")
+    row.to_do = ", ".join(dict.fromkeys(f"`{note.key}`" for note in draft.notes if note.origin == "missing"))
     try:
         settings = draft.settings
         wbc.check(settings)

@@ -186,6 +186,13 @@ def test_a_posture_of_the_srdf_in_which_the_robot_falls_is_changed_and_it_says_w
     check(draft.settings)
 
 
+def test_joints_of_the_srdf_that_stand_at_a_limit_are_moved_off_it_and_named(drafted, tmp_path):
+    draft = drafted(wagon(), base="fixed", srdf=srdf(tmp_path, 1.5, 0.2))
+    assert set(draft.values["robot"]["posture"]) == {1.47, 0.2, 0.0}
+    assert "front_left_hip" in said(draft, "robot.posture", "guess")
+    assert "knee" not in said(draft, "robot.posture", "guess")
+
+
 def test_an_srdf_value_that_is_no_number_is_refused(drafted, tmp_path):
     with pytest.raises(ConfigurationError, match=r"'half_sitting' gives the joint 'front_left_hip' the value 'bent'"):
         drafted(wagon(), srdf=srdf(tmp_path, "bent", 0.0))

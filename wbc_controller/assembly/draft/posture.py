@@ -18,8 +18,12 @@ from wbc_controller.records import Array
 #: Largest height difference of the feet, m, and tilt of soles, as a sine, and smallest distance of the centre of mass
 #: from the edge of the support, m, of a posture that is taken as it is.
 _LEVEL, _INSIDE = 0.008, 0.01
+#: Distance that an SRDF's posture keeps from the limits, rad: above the default of ``limits.position_margin``.
+_KEPT = 0.03
 #: Smallest distance from a joint's limits, as a share of its range, and rad at most: an arm's, in a computed posture.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
+#: Difference between an SRDF's position and a joint's that is said, rad.
+_NOTICED = 1.0e-3
 #: Postures of an arm that are tried, and how far each joint may be from the middle of its range, rad.
 _TRIED, _SPREAD = 400, 1.0
 
@@ -30,11 +34,12 @@ Postures = Mapping[str, Mapping[str, float]]
 def reference(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     """The first posture of an SRDF, its name and joint positions, (nj,); without one: no name, and zeros.
 
-    All positions are within the limits.
+    All positions are off the limits by what the controller keeps from them.
     """
     name = next(iter(postures), "")
-    positions = pose_of(list(model.joints), model.position_lower, model.position_upper, postures.get(name, {}))
-    return name, positions
+    lower, upper = model.position_lower, model.position_upper
+    kept = np.minimum(_KEPT, 0.1 * (upper - lower))
+    return name, pose_of(model.joints, lower + kept, upper - kept, postures.get(name, {}))
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:
@@ -50,6 +55,7 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
     why = _wrong(feet, legs.stand(wanted)) if name else ""
     if name and not why:
         _put(draft, model, wanted, f"The SRDF's posture {name!r}: the feet are level, the centre of mass above them.")
+        _note_moved(draft, model, wanted, postures[name])
         return wanted
     # Where no posture is as high as the SRDF's, with its feet as far apart, one with legs bent as usual may be.
     searches = [legs, Legs(model, feet, wanted, known=False)] if name else [legs]
@@ -80,6 +86,7 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
     name, wanted = reference(model, postures)
     if name:
         _put(draft, model, wanted, f"The SRDF's posture {name!r}.")
+        _note_moved(draft, model, wanted, postures[name])
         return wanted
     found = _dexterous(model)
     _put(
@@ -91,6 +98,16 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
         "guess",
     )
     return found
+
+
+def _note_moved(draft: Draft, model: RobotModel, posture: Array, given: Mapping[str, float]) -> None:
+    """Say which joints are elsewhere than the SRDF says."""
+    moved = [
+        name for name, value in zip(model.joints, posture, strict=True)
+        if abs(value - given.get(name, 0.0)) > _NOTICED
+    ]  # fmt: skip
+    if moved:
+        draft.note("robot.posture", f"Moved off their limits: {', '.join(moved)}.", "guess")
 
 
 def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str = "found") -> None:
