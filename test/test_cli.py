@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from wbc_controller.cli import main
@@ -21,7 +22,7 @@ def test_a_demo_on_sensors_that_do_not_exist_is_refused():
 def test_help_lists_every_command_and_says_what_it_does():
     result = invoke("--help")
     assert result.exit_code == 0
-    for command in ("run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):
+    for command in ("new", "run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):
         assert f"  {command} " in result.output
     assert "g1, talos, go2" in result.output
 
@@ -34,6 +35,7 @@ def test_help_lists_every_command_and_says_what_it_does():
         ("faults", ("[ROBOT]...", "--kinds", "--seeds", "--jobs", "--out", "--backend", "--address")),
         ("guard", ("CONFIG", "--namespace", "--remap", "commands stop")),
         ("check", ("CONFIG", "before the robot moves")),
+        ("new", ("ROBOT.urdf", "--srdf", "--base", "--feet", "stderr")),
         ("demo", ("--report", "--lockstep", "--real-time-factor")),
         ("topics", ("Markdown",)),
     ],
@@ -67,6 +69,31 @@ def test_check_says_what_was_found(robot, said):
         "standing         possible on",
     ):
         assert part in result.output
+
+
+def test_a_new_configuration_is_all_of_stdout_and_doubts_and_findings_are_on_stderr():
+    result = invoke("new", "package://example-robot-data/robots/go1_description/urdf/go1.urdf")
+    assert result.exit_code == 0, result.stderr
+    values = yaml.safe_load(result.stdout)["wbc_controller"]["ros__parameters"]
+    assert len(values["robot"]["joints"]) == 12
+    for part in ("robot.armature: Fill in: ", "robot.joints: Guess: ", "  standing         possible on "):
+        assert part in result.stderr
+        assert part not in result.stdout
+    assert result.stderr.endswith("\nok\n")
+
+
+def test_a_new_configuration_with_which_the_robot_cannot_stand_is_printed_and_has_a_status():
+    result = invoke("new", "package://example-robot-data/robots/bolt_description/robots/bolt.urdf")
+    assert result.exit_code == 2
+    assert yaml.safe_load(result.stdout)["wbc_controller"]["ros__parameters"]["contacts"]
+    assert "contacts: Fill in: " in result.stderr
+    assert "outside the support" in result.stderr.splitlines()[-1]
+
+
+def test_a_urdf_that_is_not_there_is_refused_without_a_configuration():
+    result = invoke("new", "no.urdf")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == "error: ROBOT.urdf = 'no.urdf': there is no file no.urdf\n"
 
 
 @pytest.mark.parametrize("command", ["run", "mock", "guard", "check"])

@@ -207,6 +207,30 @@ def check(config: str) -> None:
 
 
 @main.command()
+@click.argument("urdf", metavar="ROBOT.urdf")
+@click.option("--srdf", metavar="FILE", help="Its SRDF, for a posture: half_sitting, standing, …")
+@click.option("--base", type=click.Choice(["floating", "fixed"]), help="Of the robot; floating if it has feet.")
+@click.option("--feet", multiple=True, metavar="LINK", help="A link to stand on, not those found; once for each.")
+def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
+    """Print a first configuration of a robot, and check it: `wbc new ROBOT.urdf > robot.yaml`.
+
+    ROBOT.urdf and FILE are paths or package:// addresses. The configuration has a comment on each value that was
+    measured, guessed, or is missing. What was guessed or is missing, and the findings of the check, go to stderr. The
+    status is 2 where the robot cannot stand with it yet.
+    """
+    from wbc_controller.assembly.draft.draft import TITLE, new_configuration
+    from wbc_controller.assembly.preflight import check as find
+
+    draft = new_configuration(urdf, srdf=srdf, base=base, feet=feet)
+    click.echo(draft.to_yaml(TITLE), nl=False)
+    for doubt in draft.doubts:
+        click.echo(doubt, err=True)
+    for finding in find(draft.settings):
+        click.echo(f"  {finding.subject:16} {finding.text}", err=True)
+    click.echo("ok", err=True)
+
+
+@main.command()
 @click.argument("robot", default="g1", shell_complete=complete_config)
 @click.option("--report", "folder", type=click.Path(path_type=Path), default=Path("report"), show_default=True,
               help="Folder for the report.")  # fmt: skip

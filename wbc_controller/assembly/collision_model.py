@@ -80,7 +80,7 @@ def build_collision_model(
         ConfigurationError: if the URDF has no collision elements, a mesh or the SRDF cannot be read, a named link has
             no shape, a named pair is nearer than the margin, or no pair is left.
     """
-    elements = read_collision_elements(model, _with_visuals(model.urdf, visual), "limits.self_collision", folder)
+    elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
     joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}
     every = list(joints)
     if not every:
@@ -110,7 +110,7 @@ def build_collision_model(
     return CollisionModel(geometry, near, replaced)
 
 
-def _with_visuals(urdf: str, links: Sequence[str]) -> str:
+def with_visuals(urdf: str, links: Sequence[str]) -> str:
     """Return the URDF with the visual elements of some links turned into collision elements."""
     if not links:
         return urdf

@@ -127,6 +127,12 @@ def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
         raise ConfigurationError(f"{source}: not valid YAML: {kind}{' '.join(str(error).split())}") from error
 
 
+def yaml_line(value: Any) -> str:
+    """A value as YAML on one line, lists and mappings in brackets."""
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
 def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
     """Validate a nested dictionary of parameters.
 

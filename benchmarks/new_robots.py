@@ -1,0 +1,258 @@
+"""What `wbc new` makes of the robots of example-robot-data: is its file good as it is, and do they stand with it?
+
+Each file is used as it comes, unedited: checked, then tried in the mock robot. A robot on feet stands for 5 s, sways to
+both sides, squats, and takes a push of a tenth of its weight times a second at the base. An arm holds its posture for
+5 s, moves all joints to one side ("sway") and to the other ("squat"), and takes a push at its last link.
+
+    python benchmarks/new_robots.py                 the table of docs/robots.md, as Markdown
+    python benchmarks/new_robots.py g1 panda        some of them, by a part of the name
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+import wbc_controller as wbc
+from wbc_controller.assembly.draft.draft import new_configuration
+from wbc_controller.assembly.draft.notes import Draft
+from wbc_controller.errors import WbcError
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+
+FOLDER = "package://example-robot-data/robots/"
+#: URDF, and SRDF where the robot comes with one.
+ROBOTS: dict[str, tuple[str, str]] = {
+    "A1": ("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf"),
+    "Alex, upper body": ("alex_description/urdf/alex_nub_hands.urdf", ""),
+    "Alexander, lower body": ("alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", ""),
+    "Allegro hand": ("allegro_hand_description/urdf/allegro_left_hand.urdf", ""),
+    "ANYmal B": (
+        "anymal_b_simple_description/robots/anymal.urdf",
+        "anymal_b_simple_description/srdf/anymal.srdf",
+    ),
+    "ANYmal B with an arm": ("anymal_b_simple_description/robots/anymal-kinova.urdf", ""),
+    "ANYmal C": (
+        "anymal_c_simple_description/urdf/anymal.urdf",
+        "anymal_c_simple_description/srdf/anymal.srdf",
+    ),
+    "B1": ("b1_description/urdf/b1.urdf", ""),
+    "B1 with an arm": ("b1_description/urdf/b1-z1.urdf", "b1_description/srdf/b1-z1.srdf"),
+    "Baxter": ("baxter_description/urdf/baxter.urdf", ""),
+    "Bolt": ("bolt_description/robots/bolt.urdf", "bolt_description/srdf/bolt.srdf"),
+    "Centauro": ("centauro_description/urdf/centauro.urdf", "centauro_description/srdf/centauro.srdf"),
+    "Double pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", ""),
+    "Finger": ("finger_edu_description/robots/finger_edu.urdf", "finger_edu_description/srdf/finger_edu.srdf"),
+    "G1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ""),
+    "G1 with hands": ("g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf", ""),
+    "Go1": ("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf"),
+    "Go2": ("go2_description/urdf/go2.urdf", ""),
+    "Human": ("human_description/robots/human.urdf", ""),
+    "HyQ": ("hyq_description/robots/hyq_no_sensors.urdf", "hyq_description/srdf/hyq.srdf"),
+    "iCub": ("icub_description/robots/icub_reduced.urdf", "icub_description/srdf/icub.srdf"),
+    "Kinova": ("kinova_description/robots/kinova.urdf", "kinova_description/srdf/kinova.srdf"),
+    "Laikago": ("laikago_description/urdf/laikago.urdf", ""),
+    "Panda": ("panda_description/urdf/panda.urdf", ""),
+    "PR2": ("pr2_description/urdf/pr2.urdf", ""),
+    "Romeo": ("romeo_description/urdf/romeo_small.urdf", "romeo_description/srdf/romeo_small.srdf"),
+    "Simple humanoid": ("simple_humanoid_description/urdf/simple_humanoid.urdf", ""),
+    "SO-100": ("so_arm_description/urdf/so100.urdf", ""),
+    "Solo 8": ("solo_description/robots/solo.urdf", ""),
+    "Solo 12": ("solo_description/robots/solo12.urdf", ""),
+    "Talos": ("talos_data/robots/talos_reduced.urdf", "talos_data/srdf/talos.srdf"),
+    "Talos, no SRDF": ("talos_data/robots/talos_reduced.urdf", ""),
+    "TIAGo": ("tiago_description/robots/tiago_no_hand.urdf", ""),
+    "UR5": ("ur_description/urdf/ur5_robot.urdf", ""),
+    "xArm 7": ("xarm_description/urdf/xarm7.urdf", ""),
+    "Z1": ("z1_description/urdf/z1.urdf", ""),
+}
+#: What is tried, in this order: methods of the trials, and columns of the table.
+TRIED = ("stands", "sway", "squat", "push")
+STAND = 5.0
+#: Way of the centre of mass to a side and down, as a share of its height; of an arm's joints, rad.
+SWAY, SQUAT, SWING = 0.04, 0.08, 0.1
+#: Time of a motion, and of rest after it and after a push, s.
+MOVE, REST = 1.0, 1.5
+#: Change of the base's speed that a push would give the free robot, m/s, and duration of the push, s.
+PUSH, PUSH_SECONDS = 0.1, 0.1
+#: Largest distance of the centre of mass from where it should be, as a share of its height; of an arm's joints, rad.
+NEAR, NEAR_JOINT = 0.02, 0.02
+
+
+@dataclass
+class Row:
+    """A line of the table."""
+
+    robot: str
+    kind: str = ""
+    joints: str = ""
+    feet: str = ""
+    check: str = ""
+    stands: str = ""
+    sway: str = ""
+    squat: str = ""
+    push: str = ""
+    to_do: str = ""
+
+    def markdown(self) -> str:
+        """The line."""
+        return f"| {' | '.join(astuple(self))} |"
+
+
+HEADER = """| Robot | Base | Joints | Feet | Check | Stands 5 s | Sway | Squat | Push | To fill in |
+|---|---|---|---|---|---|---|---|---|---|"""
+
+
+def run(robot: str) -> Row:
+    """Draft, check and try one robot."""
+    urdf, srdf = ROBOTS[robot]
+    row = Row(robot)
+    try:
+        draft = new_configuration(FOLDER + urdf, srdf=FOLDER + srdf if srdf else None)
+    except WbcError as error:
+        row.check, row.to_do = "no", first_sentence(error)
+        return row
+    values = draft.values
+    row.kind, row.joints = values["robot"]["base"], str(len(values["robot"]["joints"]))
+    row.feet = feet_of(draft)
+    row.to_do = ", ".join(dict.fromkeys(f"`{note.key}`" for note in draft.notes if note.origin == "missing"))
+    try:
+        settings = draft.settings
+        wbc.check(settings)
+    except WbcError as error:
+        row.check, row.to_do = "no", first_sentence(error)
+        return row
+    row.check = "ok"
+    floating = row.kind == "floating"
+    try:
+        trial = Standing(settings) if floating else Holding(settings)
+        for column in TRIED:
+            setattr(row, column, getattr(trial, column)())
+    except WbcError as error:
+        column = next(column for column in TRIED if not getattr(row, column))
+        setattr(row, column, f"no: {first_sentence(error)}")
+    return row
+
+
+def feet_of(draft: Draft) -> str:
+    """The feet that were found, by kind."""
+    kinds = [contact["type"] for contact in draft.values.get("contacts", {}).values()]
+    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
+
+
+def first_sentence(error: WbcError) -> str:
+    """An error's text, short enough for a table."""
+    text = str(error).splitlines()[0].removeprefix("a dictionary: ")
+    return (text if len(text) <= 160 else text[:157] + "…").replace("|", "/")
+
+
+class Standing:
+    """A robot on its feet, in the mock robot."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Stand it up."""
+        self.robot = wbc.Simulation(settings)
+        self.com = self._com()
+        lowest = min(
+            float(contact.points(self.robot.controller.dynamics)[:, 2].min())
+            for contact in self.robot.controller.contacts.values()
+        )
+        self.height = float(self.com[2]) - lowest
+
+    def _com(self) -> Array:
+        self.robot.controller.dynamics.update(*self.robot.plant.state())
+        return np.array(self.robot.controller.dynamics.com)
+
+    def _off(self, goal: Array) -> str:
+        if self.robot.plant.fallen:
+            return "no: fallen"
+        off = float(np.linalg.norm(self._com() - goal))
+        return "yes" if off <= NEAR * self.height else f"no: {1e3 * off:.0f} mm off"
+
+    def _to(self, goal: Array) -> str:
+        self.robot.controller.set("com", goal, duration=MOVE)
+        self.robot.run(MOVE + 0.5)
+        return self._off(goal)
+
+    def stands(self) -> str:
+        """Nothing moves for 5 s."""
+        self.robot.run(STAND)
+        return self._off(self.com)
+
+    def sway(self) -> str:
+        """The centre of mass to the left, to the right and back."""
+        said = [self._to(self.com + np.array([0.0, side * SWAY * self.height, 0.0])) for side in (1.0, -1.0, 0.0)]
+        return next((one for one in said if one != "yes"), "yes")
+
+    def squat(self) -> str:
+        """The centre of mass down and up."""
+        said = [self._to(self.com - np.array([0.0, 0.0, down * SQUAT * self.height])) for down in (1.0, 0.0)]
+        return next((one for one in said if one != "yes"), "yes")
+
+    def push(self) -> str:
+        """A push to the side."""
+        model = self.robot.controller.model
+        force = np.array([0.0, PUSH * model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])
+        self.robot.plant.push(model.base_link, force, PUSH_SECONDS)
+        self.robot.run(PUSH_SECONDS + REST)
+        return self._off(self.com)
+
+
+class Holding:
+    """A robot on a fixed base, in the mock robot."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Let it hold its posture."""
+        self.robot = wbc.Simulation(settings)
+        model = self.robot.controller.model
+        self.posture = np.array(model.posture)
+        room = np.minimum(model.position_upper - self.posture, self.posture - model.position_lower)
+        speed = self.robot.controller.config.settings.limits.velocity_scale * model.velocity_limits
+        # A quintic from one side to the other is at most 1.875 times as fast as its mean.
+        self.swing = np.minimum.reduce([np.full(model.nj, SWING), np.maximum(room - 0.03, 0.0), 0.2 * speed * MOVE])
+
+    def _to(self, goal: Array) -> str:
+        self.robot.controller.set("posture", goal, duration=MOVE)
+        self.robot.run(MOVE + 0.5)
+        return self._off(goal)
+
+    def _off(self, goal: Array) -> str:
+        off = float(np.abs(self.robot.plant.state()[0][self.robot.controller.model.q_index] - goal).max())
+        return "yes" if off <= NEAR_JOINT else f"no: {off:.3f} rad off"
+
+    def stands(self) -> str:
+        """Nothing moves for 5 s."""
+        self.robot.run(STAND)
+        return self._off(self.posture)
+
+    def sway(self) -> str:
+        """All joints to one side."""
+        return self._to(self.posture + self.swing)
+
+    def squat(self) -> str:
+        """All joints to the other side, and back."""
+        said = self._to(self.posture - self.swing)
+        return said if said != "yes" else self._to(self.posture)
+
+    def push(self) -> str:
+        """A push at the last link."""
+        model = self.robot.controller.model
+        last = model.pinocchio.names[int(model.pinocchio.njoints) - 1]
+        force = np.array([0.0, PUSH * model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])
+        self.robot.plant.push(str(last), force, PUSH_SECONDS)
+        self.robot.run(PUSH_SECONDS + REST)
+        return self._off(self.posture)
+
+
+def main(chosen: list[str]) -> None:
+    """Print the table."""
+    print(HEADER)
+    for robot in ROBOTS:
+        if not chosen or any(part.lower() in robot.lower() for part in chosen):
+            print(run(robot).markdown(), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

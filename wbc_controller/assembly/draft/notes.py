@@ -1,0 +1,136 @@
+"""The draft of a configuration: values, notes on what was measured, guessed or is missing, and the YAML of both."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.files import parse_settings, yaml_line
+
+#: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
+Origin = Literal["found", "guess", "missing"]
+_PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
+#: Names are not broken at the end of a line.
+_UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+#: Length of a line, in characters, and the sections whose entries stand on a line each.
+_WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A sentence on a key of the configuration.
+
+    Attributes:
+        key: the dotted key.
+        text: the sentence.
+        origin: where the key's value is from.
+    """
+
+    key: str
+    text: str
+    origin: Origin
+
+    @property
+    def comment(self) -> str:
+        """The sentence with what it is before it."""
+        return _PREFIX[self.origin] + self.text
+
+
+@dataclass
+class Draft:
+    """The draft of a configuration.
+
+    Attributes:
+        values: the configuration, nested as in a file.
+        notes: what has to be said on its keys.
+    """
+
+    values: dict[str, Any] = field(default_factory=dict)
+    notes: list[Note] = field(default_factory=list)
+
+    def put(self, key: str, value: Any, text: str = "", origin: Origin = "found") -> None:
+        """Set the value of a dotted key, with a note where there is a text."""
+        *sections, last = key.split(".")
+        place = self.values
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[last] = value
+        if text:
+            self.note(key, text, origin)
+
+    def note(self, key: str, text: str, origin: Origin) -> None:
+        """Add a note on a dotted key, or on its section."""
+        self.notes.append(Note(key, text, origin))
+
+    @property
+    def doubts(self) -> list[str]:
+        """What a person has to look at: a line for each guess, and for each value that is missing."""
+        return [f"{note.key}: {note.comment}" for note in self.notes if note.origin != "found"]
+
+    @property
+    def settings(self) -> Settings:
+        """The draft's values as settings.
+
+        Raises:
+            ConfigurationError: with one line for each value that cannot be used.
+        """
+        return parse_settings(self.values, "the draft")
+
+    def to_yaml(self, title: str) -> str:
+        """The draft as a ROS 2 parameter file, each note a comment above its key.
+
+        Args:
+            title: first line of the file, a comment.
+        """
+        lines = [*_comment(title, ""), f"{NODE_NAME}:", "  ros__parameters:"]
+        self._write(self.values, "", "    ", lines)
+        return "\n".join(lines) + "\n"
+
+    def _write(self, values: Mapping[str, Any], above: str, indent: str, lines: list[str]) -> None:
+        for name, value in values.items():
+            key = f"{above}{name}"
+            whole = not isinstance(value, Mapping) or above.rstrip(".") in _ONE_LINE or not value
+            for note in self.notes:
+                if note.key == key:
+                    lines += _comment(note.comment, indent)
+                elif whole and note.key.startswith(f"{key}."):
+                    lines += _comment(f"{note.key.removeprefix(f'{key}.')}: {note.comment}", indent)
+            if whole:
+                lines += _entry(name, value, indent)
+            else:
+                lines.append(f"{indent}{name}:")
+                self._write(value, f"{key}.", indent + "  ", lines)
+
+
+def identifier(name: str) -> str:
+    """A link's name as the name of a task or contact: letters, digits and underscores."""
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return plain if re.match(r"[A-Za-z_]", plain) else f"_{plain}"
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ", **_UNBROKEN)
+
+
+def _entry(name: str, value: Any, indent: str) -> list[str]:
+    """A key and its value, lists and mappings in brackets, on as few lines as they need."""
+    if not isinstance(value, list | Mapping):
+        return [f"{indent}{name}: {yaml_line(value)}"]
+    if isinstance(value, Mapping):
+        first, last, parts = "{", "}", [f"{key}: {yaml_line(one)}" for key, one in value.items()]
+    else:
+        first, last, parts = "[", "]", [yaml_line(one) for one in value]
+    within = indent + " " * (len(name) + 3)
+    lines = [f"{indent}{name}: {first}"]
+    for number, part in enumerate(parts):
+        text = part + ("," if number + 1 < len(parts) else last)
+        glue = "" if number == 0 else " "
+        if len(lines[-1]) + len(glue) + len(text) <= _WIDTH:
+            lines[-1] += glue + text
+        else:  # a list within may be longer than a line itself
+            lines += textwrap.wrap(text, _WIDTH, initial_indent=within, subsequent_indent=within, **_UNBROKEN)
+    return lines if parts else [f"{indent}{name}: {first}{last}"]
