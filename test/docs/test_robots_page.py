@@ -9,9 +9,10 @@ import yaml
 from chains import joint, link, menagerie, robot
 
 from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.urdf import UNLIMITED
 
 PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
-SHOWN = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]
+TRANSMISSION, LIMITS, *OTHERS = (yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL))
 LEG = robot(
     link("pelvis"), link("thigh"), link("shank"), link("foot"),
     joint("hip", "pelvis", "thigh"), joint("knee", "thigh", "shank"), joint("ankle", "shank", "foot"),
@@ -23,7 +24,7 @@ NOTHING = {"actuators": [], "transmission": {}, "passive_joints": {}, "locked_jo
     ("shown", "ratios"),
     list(
         zip(
-            SHOWN,
+            (TRANSMISSION, *OTHERS),
             ([[1.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(2)),
             strict=True,
         )
@@ -34,3 +35,15 @@ def test_what_the_page_shows_is_what_is_built(shown, ratios):
     model = make_model(menagerie(**NOTHING | shown), LEG)
     np.testing.assert_array_equal(model.actuation.ratios, ratios)
     assert model.joints == tuple(shown["joints"])
+
+
+def test_the_limits_that_the_page_shows_replace_those_of_the_urdf():
+    rover = robot(
+        link("body"), link("shank"), link("rim"),
+        joint("knee", "body", "shank"), joint("wheel", "shank", "rim", kind="continuous"),
+    )  # fmt: skip
+    model = make_model(menagerie(**NOTHING | LIMITS, joints=["knee", "wheel"], posture=[0.1, 7.0]), rover)
+    np.testing.assert_array_equal(model.effort_limits, [2.7, 5.0])
+    np.testing.assert_array_equal(model.velocity_limits, [12.0, 12.0])
+    np.testing.assert_array_equal(model.position_upper, [2.0, UNLIMITED])
+    np.testing.assert_array_equal(model.position_lower, [-2.0, -UNLIMITED])

@@ -21,7 +21,7 @@ def test_hostile_files_work_or_are_refused(tmp_path, kind):
     arguments = ["fuzz", kind, "go2,g1", "--count", str(COUNT), "--out", str(tmp_path)]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
-    assert re.fullmatch(rf"{COUNT} cases in \d+ s: (\d+ (refused|works)(, |\n)){{2}}", result.output)
+    assert re.fullmatch(rf"{COUNT} cases in \d+ s: (\d+ (refused|works)(, |\n)){{2}}", result.stdout)
     assert list(tmp_path.iterdir()) == []
 
 
