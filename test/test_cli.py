@@ -110,7 +110,10 @@ def test_a_demo_that_does_not_exist_suggests_one(tmp_path):
     folder = tmp_path / "report"
     result = invoke("demo", "tallos", "--report", str(folder))
     assert result.exit_code == 2
-    assert result.stderr == "error: there is no demo of 'tallos'; did you mean 'talos'? Valid: g1, go2, talos\n"
+    assert result.stderr == (
+        "error: no configuration is named 'tallos'; did you mean 'talos'? Valid: g1, go2, talos; or give the path of a "
+        ".yaml file\n"
+    )
     assert not folder.exists()
 
 
