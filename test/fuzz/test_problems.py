@@ -31,7 +31,7 @@ def drawn():
 def test_nothing_is_relaxed_without_need():
     result = CliRunner().invoke(main, ["fuzz", "problems", "go2,g1,talos", "--count", "60"])
     assert result.exit_code == 0, result.output
-    assert [line.split()[:3] for line in result.output.splitlines()] == [
+    assert [line.split()[:3] for line in result.stdout.splitlines()] == [
         [robot, "60", "problems"] for robot in ("go2", "g1", "talos")
     ]
     assert result.output.count("relaxed too much: 0") == 3
