@@ -7,7 +7,6 @@ import pytest
 @pytest.mark.parametrize(("robot", "base", "feet"), [
     ("Go1", "floating", "4 point"),
     ("G1", "floating", "2 surface"),
-    ("Solo 12", "floating", "4 point"),
     ("UR5", "fixed", "none"),
 ])  # fmt: skip
 def test_a_drafted_robot_stands_sways_squats_and_takes_a_push(robot, base, feet):

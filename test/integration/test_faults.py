@@ -132,7 +132,7 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
         ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 0], child="base"), "/odom: the orientation [0, 0, 0, 0] is not a"),
         ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 1], child="torso"), "/odom: child_frame_id is 'torso'"),
         ("setpoint", "com", make.point([0, np.nan, 0]), update("com") + "setpoint: the point holds a value that"),
-        ("setpoint", "com", make.point([0, 0, 0], "FL_foot"), update("com") + "setpoint: frame_id is 'FL_foot'"),
+        ("setpoint", "com", make.point([0, 0, 0], "laser"), update("com") + "setpoint: frame_id is 'laser'"),
         (
             "setpoint",
             "posture",
