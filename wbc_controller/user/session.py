@@ -178,10 +178,21 @@ class Session:
         Raises:
             NoAnswer: where its node is not there, or does not answer.
         """
+        if (request.node, request.key, request.said) == ("controller", "command", "estop"):
+            return self._stop(request)
         if request.node == "controller":
             return self._ask_controller(request)
         self._deliver(request)
         return Answer(True, f"sent to the mock robot: {request.said}")
+
+    def _stop(self, request: Request) -> Answer:
+        """Send an emergency stop before anything is heard, then wait until the controller says that it has stopped."""
+        self.listen("controller", "state")
+        self._deliver(request)
+        self.until(
+            lambda: "ESTOP" in self.mode(), "the emergency stop is delivered; the controller has not confirmed it"
+        )
+        return Answer(True, f"the controller is {self.mode()}")
 
     def wait_for_controller(self) -> None:
         """Wait until the controller is heard on its topics state and diagnostics.
