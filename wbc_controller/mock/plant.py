@@ -32,7 +32,7 @@ from wbc_controller.mock.mechanism import (
 from wbc_controller.mock.shapes import Shape, read_shapes
 from wbc_controller.mock.touch import Touch
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings, FixedContact, Settings, SurfaceContact
+from wbc_controller.settings import ContactSettings, FixedContact, PointContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
 
 _log = logging.getLogger(__name__)
@@ -91,7 +91,9 @@ class Plant:
         self.effort_limits = model.actuation.effort_limits
         self._contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self._contacts), closures_of(model, settings.loops)
-        shapes = self._shapes(locate(settings.robot.urdf).parent if settings.robot.urdf else None)
+        folder = locate(settings.robot.urdf).parent if settings.robot.urdf else None
+        normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+        shapes = self._shapes(folder, normal)
         self._model = compile_mechanism(
             model, self._contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
         )
@@ -112,7 +114,7 @@ class Plant:
         self._locks: dict[str, list[object]] = {}
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # whether a locked joint is limited otherwise, and its range
         self._stale = False
-        start = self._initial_base(settings.mock.floor_normal)
+        start = self._initial_base(normal)
         # Without contacts there is no floor.
         self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self._contacts else -math.inf
         self._hoist = Hoist(self._model, self._data, start) if model.floating_base else None
@@ -478,19 +480,24 @@ class Plant:
         mujoco.mj_fwdConstraint(self._model, self._data)
         self._stale = False
 
-    def _shapes(self, folder: Path | None) -> dict[int, list[Shape]]:
+    def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
         """Read the shapes with which the robot touches the floor; says which contacts lack any."""
         if not self._contacts:
             return {}
         soles: dict[int, list[Array]] = {}
+        tips: dict[int, Array] = {}
         standing: dict[str, int] = {}
+        data = self._robot.pinocchio.createData()
+        pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
         for name, contact in self._contacts.items():
             joint, placement = contact_frame(self._robot, name, contact)
             if contact.against is None and not isinstance(contact, FixedContact):
                 standing[name] = joint
-            if contact.against is None and isinstance(contact, SurfaceContact):
-                soles.setdefault(joint, []).append(-placement.rotation[:, 2])
-        shapes = read_shapes(self._robot, soles, folder)
+                if isinstance(contact, SurfaceContact):
+                    soles.setdefault(joint, []).append(-placement.rotation[:, 2])
+                elif isinstance(contact, PointContact):
+                    tips[joint] = -data.oMi[joint].rotation.T @ normal
+        shapes = read_shapes(self._robot, soles, tips, folder)
         bare = [name for name, joint in standing.items() if joint not in shapes]
         if bare:
             _log.warning(
@@ -500,7 +507,7 @@ class Plant:
             )
         return shapes
 
-    def _initial_base(self, floor_normal: Sequence[float]) -> pin.SE3:
+    def _initial_base(self, normal: Array) -> pin.SE3:
         """Place the base upright at the height where the robot's lowest point is on the floor."""
         if not (self._robot.floating_base and self._contacts):
             return pin.SE3.Identity()
@@ -509,8 +516,7 @@ class Plant:
         height = self._touch.height(self._data, self._touch.on_the_floor)
         if height == math.inf:
             return pin.SE3.Identity()
-        slope = floor_normal[2] / float(np.linalg.norm(floor_normal))
-        return pin.SE3(np.eye(3), np.array([0.0, 0.0, -height / slope]))
+        return pin.SE3(np.eye(3), np.array([0.0, 0.0, -height / normal[2]]))
 
     def _base(self) -> pin.SE3:
         return pin.XYZQUATToSE3(np.concatenate([self._data.qpos[:3], self._quaternion()]))

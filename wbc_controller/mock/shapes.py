@@ -1,8 +1,8 @@
 """The collision shapes of the URDF, with which the mock robot touches the floor.
 
 Boxes, spheres, cylinders and capsules are taken as they are, meshes by their convex hulls. A floor touches a hull at
-its vertices, so that a hull may be taken apart: a sole becomes balls at the corners of its outline, the rest of the
-hull stays a mesh.
+its vertices, so that a hull may be taken apart: a sole becomes balls at the corners of its outline, a round tip one ball,
+and the rest of the hull stays a mesh.
 """
 
 from __future__ import annotations
@@ -28,6 +28,11 @@ CORNER_RADIUS = 0.001
 #: is, such a hull would rock on three points; MuJoCo gives a mesh on a plane three points in any case, and where they
 #: change, a standing robot shakes.
 SOLE_DEPTH = 0.002
+#: Part of a foot to which a ball is fitted, from its lowest point up, m.
+TIP_DEPTH = 0.008
+#: Unevenness of a mesh that is still a round tip, m. A thinned-out ball has facets: it would stand on the corner of one,
+#: up to half a facet beside the point where the ball itself does, and jump from corner to corner as it rolls.
+TIP_ERROR = 0.001
 #: Corners of a sole's outline at most: each costs the physics a contact.
 MOST_CORNERS = 12
 #: Cosine of the angle between the normals of one sole, at most 3°.
@@ -54,13 +59,18 @@ class Shape:
 
 
 def read_shapes(
-    model: RobotModel, soles: Mapping[int, Sequence[Array]], folder: Path | None = None
+    model: RobotModel,
+    soles: Mapping[int, Sequence[Array]],
+    tips: Mapping[int, Array],
+    folder: Path | None = None,
 ) -> dict[int, list[Shape]]:
     """Read the collision shapes of a robot's URDF.
 
     Args:
         model: the robot.
         soles: by Pinocchio joint, the outward normals of the soles of its links, in the joint's frame, (3,) each.
+        tips: by Pinocchio joint whose links stand on a point, the direction downwards in the nominal posture, in the
+            joint's frame, (3,).
         folder: folder of meshes that are named by a relative path.
 
     Returns:
@@ -83,7 +93,11 @@ def read_shapes(
             for index, hull in enumerate(hulls):
                 balls, hulls[index] = _part_sole(hull, normal, lowest)
                 shapes[joint] += balls
-        shapes[joint] += [_mesh(hull) for hull in hulls]
+        if joint in tips and hulls:
+            index = int(np.argmax([np.max(hull @ tips[joint]) for hull in hulls]))
+            balls, hulls[index] = _part_tip(hulls[index], tips[joint])
+            shapes[joint] += balls
+        shapes[joint] += [_mesh(hull) for hull in hulls if len(hull)]
     return shapes
 
 
@@ -163,6 +177,29 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
         for corner in corners
     ]
     return balls, behind
+
+
+def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
+    """Take the round tip from a hull.
+
+    Args:
+        hull: vertices, (n, 3) in m.
+        down: a direction in which it is round, of length 1, (3,).
+
+    Returns:
+        The ball of the tip, if the hull is round there, and the vertices of the hull outside of it.
+    """
+    reach = hull @ down
+    tip = hull[reach > reach.max() - TIP_DEPTH]
+    # |p - c|² = r² is linear in c and in r² - |c|²; four points make a ball, more tell whether there is one.
+    terms = np.column_stack([2.0 * tip, np.ones(len(tip))])
+    (*centre, rest), _, rank, _ = np.linalg.lstsq(terms, np.sum(tip**2, axis=1), rcond=None)
+    radius = float(np.sqrt(rest + np.dot(centre, centre)))
+    off = np.linalg.norm(hull - centre, axis=1) - radius
+    if rank < 4 or len(tip) <= 4 or not np.abs(off[reach > reach.max() - TIP_DEPTH]).max() < TIP_ERROR:
+        return [], hull
+    ball = Shape(mujoco.mjtGeom.mjGEOM_SPHERE, pin.SE3(np.eye(3), np.array(centre)), (radius,))
+    return [ball], hull[off > TIP_ERROR]
 
 
 def _fewer(outline: Array) -> Array:

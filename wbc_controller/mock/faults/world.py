@@ -19,6 +19,8 @@ from wbc_controller.records import Array
 _PLACE = "world and model"
 #: Duration of a kick, s.
 _KICK = 0.02
+#: How far a foot may be in the floor that comes back below it, m: at rest it is a little.
+_AT_REST = 1.0e-3
 
 
 class Payload(Fault):
@@ -148,7 +150,7 @@ class FloorHole(Fault):
         model.geom_conaffinity[geoms] = 0
 
         def ended() -> bool:
-            above = site.plant.touch.height(site.plant.data, geoms) >= 0.0
+            above = site.plant.touch.height(site.plant.data, geoms) >= -_AT_REST
             if above:
                 model.geom_conaffinity[geoms] = before
             return above
