@@ -1,8 +1,8 @@
 """The collision shapes of the URDF, with which the mock robot touches the floor.
 
 Boxes, spheres, cylinders and capsules are taken as they are, meshes by their convex hulls. A floor touches a hull at
-its vertices, so that a hull may be taken apart: a sole becomes balls at the corners of its outline, a round tip one ball,
-and the rest of the hull stays a mesh.
+its vertices, so that a hull may be taken apart: a sole becomes balls at the corners of its outline, a round tip one
+ball, and the rest of the hull stays a mesh.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ CORNER_RADIUS = 0.001
 SOLE_DEPTH = 0.002
 #: Part of a foot to which a ball is fitted, from its lowest point up, m.
 TIP_DEPTH = 0.008
-#: Unevenness of a mesh that is still a round tip, m. A thinned-out ball has facets: it would stand on the corner of one,
-#: up to half a facet beside the point where the ball itself does, and jump from corner to corner as it rolls.
+#: Unevenness of a mesh that is still a round tip, m. A thinned-out ball has facets: it would stand on the corner of
+#: one, up to half a facet beside the point where the ball itself does, and jump from corner to corner as it rolls.
 TIP_ERROR = 0.001
 #: Corners of a sole's outline at most: each costs the physics a contact.
 MOST_CORNERS = 12
