@@ -81,7 +81,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "wire",
             "transports",
         ),
-        ("numpy", "pydantic", "pinocchio", "mujoco"),
+        ("numpy", "scipy", "pydantic", "pinocchio", "coal", "mujoco"),
     ),
     "ros2": (
         ("core/robot", "settings", "control", "wire", "transports", "service", "mock"),

@@ -193,9 +193,10 @@ def test_contact_wrenches_explain_the_acceleration(any_robot):
     assert np.linalg.norm(plant.acceleration() - expected) < 1e-3 * np.linalg.norm(expected)
 
 
-def test_friction_is_that_of_the_configuration(go2, standing):
+def test_friction_is_that_of_the_floor(go2, standing):
     model, settings = go2
-    friction = settings.contacts["front_left_foot"].friction
+    friction = settings.mock.friction
+    assert friction != settings.contacts["front_left_foot"].friction
     foot = model.pinocchio.getFrameId("FL_foot")
     data = model.pinocchio.createData()
     for share, slides in ((0.4, False), (1.3, True)):

@@ -211,7 +211,7 @@ def test_the_joints_are_braked_until_the_first_torques_or_until_it_is_let_down(m
         peer.hold(False)
     else:
         peer.effort(np.zeros(robot._robot.na))
-    for _ in range(100):
+    for _ in range(150):
         robot.step_period()
     assert np.abs(robot.plant.state()[0][7:] - posture).max() > 0.01
 

@@ -14,6 +14,9 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
+#: Keeps the meshes that were read, by file, scale and time of change: a robot is built more than once in a process.
+_MESHES = coal.CachedMeshLoader()
+
 
 def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
@@ -35,7 +38,7 @@ def read_collision_elements(
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
     try:
-        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders)
+        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders, _MESHES)
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"{key}: a collision element cannot be read: {error}") from error
     elements: dict[int, list[pin.GeometryObject]] = {}

@@ -1,4 +1,4 @@
-"""Builds MuJoCo's model of the robot from the URDF and the configuration: mechanism, floor, feet and hoist."""
+"""Builds MuJoCo's model of the robot from the URDF and the configuration: mechanism, floor, shapes and hoist."""
 
 from __future__ import annotations
 
@@ -19,8 +19,16 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.grips import Attachment, add_attachment
 from wbc_controller.mock.joints import couple, gear, lock, spring
+from wbc_controller.mock.shapes import CORNER_RADIUS, Shape, add_shape
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
+from wbc_controller.settings import (
+    ContactSettings,
+    FixedContact,
+    MockSettings,
+    PointContact,
+    RollingContact,
+    SurfaceContact,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -33,12 +41,12 @@ STIFF_STEPS = 4.0
 #: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
 #: contacts well posed.
 IMPEDANCE = 0.98
-#: Radius of the balls under the corners of a flat foot, m: small, so that the lowest point stays at the corner.
-CORNER_RADIUS = 0.001
 #: Half the thickness of a wheel, m: it touches with its rim.
 RIM_RADIUS = 0.001
 #: Half side and half thickness of the slab that a contact between two links touches, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
+#: Collision bit of the floor, and of what touches it.
+ON_THE_FLOOR = 1
 #: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
 FRICTION_STIFFNESS = 10.0
 _ROOT_ALIAS = "root_link"
@@ -114,8 +122,9 @@ def position_and_wxyz(placement: pin.SE3) -> Array:
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     """Reduce a URDF to the mechanism of Pinocchio's model.
 
-    Shapes are removed, as only contacts touch. Joints that do not move are fixed at their locked positions. Joint
-    friction and damping of the URDF are removed, as they are not part of the controller's dynamics either.
+    Shapes are removed: those that touch are added by `shapes`. Joints that do not move are fixed at their locked
+    positions. Joint friction and damping of the URDF are removed, as they are not part of the controller's dynamics
+    either.
 
     Returns:
         The URDF and the name of its root link.
@@ -216,20 +225,31 @@ def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int
     return slab
 
 
+def _touch(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
+    """Let a geom, and not the one that it touches, say how: without priority MuJoCo takes the larger friction."""
+    geom.priority = 1
+    geom.condim = 3
+    geom.friction = [friction, 0.0, 0.0]
+    geom.solref, geom.solimp = solref, solimp
+
+
 def compile_mechanism(
     model: RobotModel,
     contacts: Mapping[str, ContactSettings],
     step: float,
-    floor_normal: Sequence[float] = (0.0, 0.0, 1.0),
+    mock: MockSettings,
+    shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
     attachments: Mapping[str, Attachment] = MappingProxyType({}),
 ) -> Any:
-    """Build MuJoCo's model: mechanism, free joint, floor, feet, hoist, grips and the joints that close loops.
+    """Build MuJoCo's model: mechanism, free joint, floor, shapes, hoist, grips and the joints that close loops.
 
     Args:
         model: the robot.
         contacts: contacts of the configuration.
         step: time step of the simulation, s.
-        floor_normal: normal of the floor through the world's origin, of any non-zero length, (3,).
+        mock: the settings of the floor.
+        shapes: by Pinocchio joint, what its links touch the floor with. Contacts of other links have the shapes of the
+            configuration.
         attachments: grips, and joints that close loops.
 
     Raises:
@@ -267,13 +287,21 @@ def compile_mechanism(
         hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     if contacts:
         floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name=FLOOR)
-        floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(floor_normal)), np.zeros(3)))[3:]
-        floor.contype, floor.conaffinity = 1, 0
+        floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(mock.floor_normal)), np.zeros(3)))[3:]
+        floor.contype, floor.conaffinity = ON_THE_FLOOR, 0
+        _touch(floor, mock.friction, stiff, impedance)
+        for joint, own in shapes.items():
+            body = _body(spec, model, joint, root)
+            for index, shape in enumerate(own):
+                geom = add_shape(spec, body, shape, f"{body.name}/shape/{index}")
+                geom.contype, geom.conaffinity = 0, ON_THE_FLOOR
     for number, (name, contact) in enumerate(contacts.items()):
         joint, placement = contact_frame(model, name, contact)
         body = _body(spec, model, joint, root)
+        if contact.against is None and joint in shapes:
+            continue
         # Each contact touches only its own slab, or the floor: matched by a collision bit of their own.
-        bit = 1
+        bit = ON_THE_FLOOR
         if contact.against is not None and not isinstance(contact, FixedContact):
             bit = 2 << (1 + number % 28)
             _add_slab(spec, model, contact, joint, placement, root).contype = bit
@@ -287,13 +315,9 @@ def compile_mechanism(
             geom.quat = position_and_wxyz(ball_axes)[3:]
             geom.size = [axes[0], 0.0, 0.0] if round_ else axes
             geom.mass = 0.0
-            geom.condim = 3
-            # MuJoCo uses the larger friction of two geoms, unless one has priority: then it uses that geom's friction.
-            geom.priority = 1
-            geom.friction = [getattr(contact, "friction", 0.0), 0.0, 0.0]
-            geom.solref = stiff
-            geom.solimp = impedance
             geom.contype, geom.conaffinity = 0, bit
+            if bit != ON_THE_FLOOR:
+                _touch(geom, getattr(contact, "friction", 0.0), stiff, impedance)
     for attachment in attachments.values():
         holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
         add_attachment(spec, attachment, (holder, link), stiff, impedance)

@@ -1,15 +1,18 @@
 """The physics of the mock robot: MuJoCo, built from the same URDF and configuration as the controller's own model.
 
-All physical parameters come from the URDF (links, inertias, joints, effort and position limits) and from `settings`
-(armature, contacts, friction, step). All inputs and outputs follow the conventions of `wbc_controller.records`, which
-are Pinocchio's; the conversions to MuJoCo's are made here.
+All physical parameters come from the URDF (links, inertias, collision shapes, joints, effort and position limits) and
+from `settings` (armature, step, friction of the floor). What the controller assumes of its contacts, their outline and
+their friction, holds here only where the URDF has no shapes, and between two links. All inputs and outputs follow the
+conventions of `wbc_controller.records`, which are Pinocchio's; the conversions to MuJoCo's are made here.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -25,11 +28,14 @@ from wbc_controller.mock.mechanism import (
     compile_mechanism,
     contact_frame,
     frame_on_joint,
-    geom_names,
-    lowest,
 )
+from wbc_controller.mock.shapes import Shape, read_shapes
+from wbc_controller.mock.touch import Touch
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings, FixedContact, Settings, SurfaceContact
+from wbc_controller.settings import ContactSettings, FixedContact, PointContact, Settings, SurfaceContact
+from wbc_controller.settings.resources import locate
+
+_log = logging.getLogger(__name__)
 
 #: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
 PUSH_LIMIT = 1.0e5
@@ -65,14 +71,15 @@ class Plant:
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
-        """Build the physics, stand the robot in its posture with its lowest contact on the floor, and hold it there.
+        """Build the physics, stand the robot in its posture with its lowest point on the floor, and hold it there.
 
         Args:
             model: the robot.
             settings: the configuration that the model was built from.
 
         Raises:
-            ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
+            ConfigurationError: if MuJoCo cannot use the URDF, a mesh cannot be read, or a contact names an unknown
+                frame.
         """
         self._robot = model
         period = 1.0 / settings.control.rate
@@ -84,17 +91,17 @@ class Plant:
         self.effort_limits = model.actuation.effort_limits
         self._contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self._contacts), closures_of(model, settings.loops)
-        self._floor_normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+        folder = locate(settings.robot.urdf).parent if settings.robot.urdf else None
+        normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+        shapes = self._shapes(folder, normal)
         self._model = compile_mechanism(
-            model, self._contacts, self.step_seconds, settings.mock.floor_normal, {**self._grips, **self._closures}
+            model, self._contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
         )
         self._data = mujoco.MjData(self._model)
         self._qpos, self._dof = self._addresses(model.joints)
         self._following = self._addresses(model.followers.names) if model.followers is not None else None
         self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self._contacts.items()}
-        self._foot_of_geom = {
-            self._model.geom(geom).id: name for name in self._contacts for geom in geom_names(name, self._contacts)
-        }
+        self._touch = Touch(self._model, self._contacts, {name: foot.id for name, foot in self._feet.items()})
         self._count = 0
         self._tau = np.zeros(model.na)
         self._damping: Array | None = None
@@ -107,7 +114,7 @@ class Plant:
         self._locks: dict[str, list[object]] = {}
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # whether a locked joint is limited otherwise, and its range
         self._stale = False
-        start = self._initial_base()
+        start = self._initial_base(normal)
         # Without contacts there is no floor.
         self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self._contacts else -math.inf
         self._hoist = Hoist(self._model, self._data, start) if model.floating_base else None
@@ -135,6 +142,11 @@ class Plant:
     def body(self, frame: str) -> int:
         """Index of the MuJoCo body on which a frame of the URDF is."""
         return self._body_of(frame_on_joint(self._robot, frame)).id
+
+    @property
+    def touch(self) -> Touch:
+        """What touches what."""
+        return self._touch
 
     def foot_placement(self, contact: str) -> pin.SE3:
         """Place the frame of a contact in the world."""
@@ -235,24 +247,15 @@ class Plant:
         Returns:
             For a surface or fixed contact, the wrench about the contact's origin in the contact frame, (6,) in N and
             N·m, force first; for a point or wheel, the force in N, (3,), in world axes, or in the axes of the frame
-            `against`.
+            `against`. What touches the floor on links without a contact is in none; what does on a link with several,
+            in the nearest.
         """
-        force = {name: np.zeros(3) for name in self._contacts}
-        moment = {name: np.zeros(3) for name in self._contacts}
         frames = {name: self._placement(foot) for name, foot in self._feet.items()}
-        local = np.zeros(6)
-        for index in range(self._data.ncon):
-            touch = self._data.contact[index]
-            first, second = (self._foot_of_geom.get(int(geom)) for geom in touch.geom)
-            name, sign = (str(first), -1.0) if second is None else (second, 1.0)
-            mujoco.mj_contactForce(self._model, self._data, index, local)
-            # The rows of a contact's frame are its axes, the normal first; the force acts on the second geom.
-            at_point = sign * touch.frame.reshape(3, 3).T @ local[:3]
-            force[name] += at_point
-            moment[name] += np.cross(touch.pos - frames[name].translation, at_point)
+        force, moment = self._touch.forces(self._data, frames)
         for name, grip in self._grips.items():
             held = wrench(self._model, self._data, grip)
-            force[name], moment[name] = held[:3], held[3:]
+            force[name] += held[:3]
+            moment[name] += held[3:]
         wrenches = {}
         for name, contact in self._contacts.items():
             if isinstance(contact, SurfaceContact | FixedContact):
@@ -266,7 +269,7 @@ class Plant:
         return wrenches
 
     def penetration(self) -> float:
-        """Return the largest penetration of a foot into the floor, m; 0 if no foot touches it."""
+        """Return the largest penetration of the robot into the floor, m; 0 if it does not touch it."""
         depths = [-float(self._data.contact[index].dist) for index in range(self._data.ncon)]
         return max([0.0, *depths])
 
@@ -420,6 +423,12 @@ class Plant:
             raise InputRefused("a state is not finite; expected finite positions and velocities")
         if self._robot.floating_base and not abs(np.linalg.norm(q[3:7]) - 1.0) <= 1e-3:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
+        self._write(q, v)
+        self._data.qacc_warmstart[:] = 0.0
+        self.forward()
+
+    def _write(self, q: Array, v: Array) -> None:
+        """Write a state to MuJoCo's data, in its conventions."""
         self._data.qpos[self._qpos] = q[self._robot.q_index]
         self._data.qvel[self._dof] = v[self._robot.v_index]
         if self._robot.followers is not None and self._following is not None:
@@ -433,8 +442,6 @@ class Plant:
             self._data.qpos[3:7] = q[[6, 3, 4, 5]]
             self._data.qvel[:3] = self._base().rotation @ v[:3]
             self._data.qvel[3:6] = v[3:6]
-        self._data.qacc_warmstart[:] = 0.0
-        self.forward()
 
     def forward(self) -> None:
         """Recompute accelerations and contact forces in the present state, without stepping."""
@@ -473,18 +480,40 @@ class Plant:
         mujoco.mj_fwdConstraint(self._model, self._data)
         self._stale = False
 
-    def _initial_base(self) -> pin.SE3:
-        """Place the base upright at the height where the lowest contact point is on the floor."""
-        if not (self._robot.floating_base and self._contacts):
-            return pin.SE3.Identity()
+    def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
+        """Read the shapes with which the robot touches the floor; says which contacts lack any."""
+        if not self._contacts:
+            return {}
+        soles: dict[int, list[Array]] = {}
+        tips: dict[int, Array] = {}
+        standing: dict[str, int] = {}
         data = self._robot.pinocchio.createData()
         pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
-        normal = self._floor_normal
-        height = math.inf
         for name, contact in self._contacts.items():
-            if contact.against is None:
-                joint, placement = contact_frame(self._robot, name, contact)
-                height = min(height, lowest(contact, data.oMi[joint] * placement, normal))
+            joint, placement = contact_frame(self._robot, name, contact)
+            if contact.against is None and not isinstance(contact, FixedContact):
+                standing[name] = joint
+                if isinstance(contact, SurfaceContact):
+                    soles.setdefault(joint, []).append(-placement.rotation[:, 2])
+                elif isinstance(contact, PointContact):
+                    tips[joint] = -data.oMi[joint].rotation.T @ normal
+        shapes = read_shapes(self._robot, soles, tips, folder)
+        bare = [name for name, joint in standing.items() if joint not in shapes]
+        if bare:
+            _log.warning(
+                "the links of the contacts %s have no collision element in the URDF: in the mock robot they touch with "
+                "the shapes of the configuration, right or wrong",
+                ", ".join(bare),
+            )
+        return shapes
+
+    def _initial_base(self, normal: Array) -> pin.SE3:
+        """Place the base upright at the height where the robot's lowest point is on the floor."""
+        if not (self._robot.floating_base and self._contacts):
+            return pin.SE3.Identity()
+        self._write(self._robot.configuration(self._robot.posture), np.zeros(self._robot.nv))
+        mujoco.mj_kinematics(self._model, self._data)
+        height = self._touch.height(self._data, self._touch.on_the_floor)
         if height == math.inf:
             return pin.SE3.Identity()
         return pin.SE3(np.eye(3), np.array([0.0, 0.0, -height / normal[2]]))

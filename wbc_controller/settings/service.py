@@ -221,6 +221,9 @@ class MockSettings(Section):
 
     step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Time step of the simulation, s.")
     floor_normal: Direction = Field([0.0, 0.0, 1.0], description="Normal of the floor, of any non-zero length.")
+    friction: Annotated[NonNegative, Field(le=2.0)] = Field(
+        0.7, description="Coulomb friction coefficient of the floor, whatever the contacts assume."
+    )
     push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="Duration of a push, s.")
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
         0.1, description="Age of the torques at which the robot damps its joints by itself, s."

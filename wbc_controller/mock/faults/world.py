@@ -12,13 +12,15 @@ from pydantic import Field
 
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.faults.fault import Effect, Fault, Site, known, number
-from wbc_controller.mock.mechanism import FLOOR, geom_names, position_and_wxyz
+from wbc_controller.mock.mechanism import FLOOR, position_and_wxyz
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
 
 _PLACE = "world and model"
 #: Duration of a kick, s.
 _KICK = 0.02
+#: How far a foot may be in the floor that comes back below it, m: at rest it is a little.
+_AT_REST = 1.0e-3
 
 
 class Payload(Fault):
@@ -75,16 +77,18 @@ class SlipperyFloor(Fault):
     """The floor is slippery."""
 
     place = _PLACE
-    friction: float = number(0.1, 0.0, 0.5, "", "coefficient under every foot")
+    friction: float = number(0.1, 0.0, 0.5, "", "coefficient of the floor")
 
     def begin(self, site: Site) -> Effect:
-        """Change the friction of the feet, which have precedence over that of the floor."""
-        model, feet = site.plant.model, _feet(site.plant)
-        before = model.geom_friction[feet].copy()
-        model.geom_friction[feet, 0] = self.friction
+        """Change the friction of the floor, which has precedence over that of the feet."""
+        if not _has_floor(site.plant):
+            return Effect()
+        friction = site.plant.model.geom(FLOOR).friction
+        before = float(friction[0])
+        friction[0] = self.friction
 
         def ended() -> bool:
-            model.geom_friction[feet] = before
+            friction[0] = before
             return True
 
         return Effect(ended=ended)
@@ -97,13 +101,15 @@ class SoftFloor(Fault):
     time_constant: float = number(0.05, 0.01, 0.2, "s", "with which feet come to rest in it")
 
     def begin(self, site: Site) -> Effect:
-        """Change the stiffness of the feet, which have precedence over that of the floor."""
-        model, feet = site.plant.model, _feet(site.plant)
-        before = model.geom_solref[feet].copy()
-        model.geom_solref[feet, 0] = self.time_constant
+        """Change the stiffness of the floor, which has precedence over that of the feet."""
+        if not _has_floor(site.plant):
+            return Effect()
+        stiffness = site.plant.model.geom(FLOOR).solref
+        before = float(stiffness[0])
+        stiffness[0] = self.time_constant
 
         def ended() -> bool:
-            model.geom_solref[feet] = before
+            stiffness[0] = before
             return True
 
         return Effect(ended=ended)
@@ -139,12 +145,12 @@ class FloorHole(Fault):
             return Effect()
         model = site.plant.model
         foot = names[site.one_of(self.contact, names)]
-        geoms = [model.geom(name).id for name in geom_names(foot, site.plant.contacts)]
+        geoms = site.plant.touch.geoms[foot]
         before = model.geom_conaffinity[geoms].copy()
         model.geom_conaffinity[geoms] = 0
 
         def ended() -> bool:
-            above = bool((_heights(site.plant, geoms) >= 0.0).all())
+            above = site.plant.touch.height(site.plant.data, geoms) >= -_AT_REST
             if above:
                 model.geom_conaffinity[geoms] = before
             return above
@@ -257,19 +263,6 @@ def _movable_floor(plant: Plant) -> Any:
     floor = plant.model.geom(FLOOR)
     plant.model.geom_sameframe[floor.id] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     return floor
-
-
-def _feet(plant: Plant) -> list[int]:
-    """Every geom with which the robot touches."""
-    return [plant.model.geom(name).id for contact in plant.contacts for name in geom_names(contact, plant.contacts)]
-
-
-def _heights(plant: Plant, geoms: list[int]) -> Array:
-    """Heights of geoms' centres above the floor, (n,) in m."""
-    floor = plant.model.geom(FLOOR)
-    normal = pin.Quaternion(floor.quat[[1, 2, 3, 0]]).toRotationMatrix()[:, 2]
-    heights: Array = (plant.data.geom_xpos[geoms] - floor.pos) @ normal
-    return heights
 
 
 KINDS: tuple[type[Fault], ...] = (
