@@ -70,6 +70,13 @@ def test_without_a_mistake_it_is_ok():
     assert found["tilt of soles"] == "against the floor: foot 0.0°"
 
 
+def test_a_sole_that_reaches_a_little_beyond_the_true_one_is_said():
+    found = checked({"contacts.foot.half_length": 0.1025})
+    assert found["contact shapes"] == (
+        "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: on it the foot rocks"
+    )
+
+
 IN_THE_CONFIGURATION = {
     "a joint's name": ({"robot.joints": ["hip", "kne", "ankle_pitch", "ankle_roll"]},
         ["robot.joints: 'kne' is not a joint of the URDF", "did you mean 'knee'"]),

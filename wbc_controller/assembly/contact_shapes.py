@@ -29,6 +29,11 @@ _TILT = 0.0873
 #: Largest reach of a support beyond the true one, m, and as a share of its smaller side: a robot that leans on a part
 #: of a sole that is not there falls. Edges of meshes are rounded by less.
 _OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
+#: Reach beyond the true support that is worth a word, m: 2.5 mm let G1's foot tip on its corner under a shove, with a
+#: spike of 90 % of a joint's torque limit in place of 54 %.
+_ROCKS = 0.001
+#: Thickness of the layer above the lowest point that the floor touches first, m: the mock robot's soles are as thick.
+_TREAD = 0.002
 #: Longest sole, m, over which a tilt that is allowed raises one end.
 _LONGEST = 0.3
 #: Largest distance of a point of contact from the footprint of its body, m: the simplified ball of a foot is up to this
@@ -141,8 +146,11 @@ def _compared(
         # One end of a tilted underside is off the plane.
         seen = on(plane, LAYER + _LONGEST * tan(tilt)) or seen
         _require_size(name, spec, seen)
+        flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or seen
+        over = float(flat.outside(np.array(spec.corners)).max())
         length, width = 1e3 * np.ptp(np.array(spec.corners), axis=0)
-        return f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _off(seen.height, tilt)
+        beyond = f", {1e3 * over:.1f} mm beyond its edge: on it the foot rocks" if over > _ROCKS else ""
+        return f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _off(seen.height, tilt) + beyond
     if not isinstance(contact, PointContact) or contact.wrench_in_world(qp.dynamics, np.eye(3)[2])[:3] @ normal < 0.5:
         return "on no floor, not compared"
     point = contact.points(qp.dynamics)[0]
@@ -191,7 +199,7 @@ def _require_height(name: str, kind: str, height: float, translation: str) -> No
 
 
 def _require_size(name: str, spec: SurfaceSettings, seen: Footprint) -> None:
-    """Refuse a support that reaches beyond the true one."""
+    """Refuse a support that reaches far beyond the true one."""
     corners = np.array(spec.corners)
     allowed = min(_OVERHANG, _OVERHANG_SHARE * float(seen.size.min()))
     over = float(seen.outside(corners).max())

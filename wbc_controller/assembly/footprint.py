@@ -95,16 +95,21 @@ def footprint(
         The footprint; None if no link of the body has a collision element.
     """
     shapes = [
-        outline(element, plane.rotation)
+        element
         for frame, own in elements.items()
         if model.pinocchio.frames[frame].parentJoint == joint
         for element in own
     ]
     if not shapes:
         return None
-    points = (np.vstack(shapes) - plane.translation) @ plane.rotation  # (n, 3) in the plane's frame
+
+    def seen(points: Sequence[Array]) -> Array:
+        return np.asarray((np.vstack(points) - plane.translation) @ plane.rotation)  # (n, 3) in the plane's frame
+
+    points = seen([outline(element, plane.rotation) for element in shapes])
+    touching = seen([_touching(element, plane.rotation) for element in shapes])
     height = float(points[:, 2].min())
-    low = points[points[:, 2] <= height + layer, :2]
+    low = touching[touching[:, 2] <= height + layer, :2]
     return Footprint(frozen(_convex(low)), height, _tilt(points, height))
 
 
@@ -122,15 +127,28 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
     geometry, placement = element.geometry, element.placement
     if isinstance(geometry, coal.Sphere | coal.Capsule):
         ball = geometry.radius * _sphere() @ (np.eye(3) if axes is None else axes).T
-        half = geometry.halfLength if isinstance(geometry, coal.Capsule) else 0.0
-        ends = [placement.act(np.array([0.0, 0.0, side * half])) for side in ((1.0, -1.0) if half else (1.0,))]
-        return np.vstack([ball + end for end in ends])
+        return np.vstack([ball + centre for centre in _centres(element)])
     if isinstance(geometry, coal.Cylinder):
         turn = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
         rim = geometry.radius * np.column_stack([np.cos(turn), np.sin(turn)])
         sides = [np.column_stack([rim, np.full(_AROUND, side * geometry.halfLength)]) for side in (1.0, -1.0)]
         return np.asarray(np.vstack(sides) @ placement.rotation.T + placement.translation)
     return enclosing_points(element)
+
+
+def _touching(element: pin.GeometryObject, axes: Array) -> Array:
+    """Points of an element's outline that may touch a plane with these axes, (n, 3): of a ball its lowest point alone."""
+    geometry = element.geometry
+    if not isinstance(geometry, coal.Sphere | coal.Capsule):
+        return outline(element, axes)
+    return np.asarray(_centres(element) - geometry.radius * axes[:, 2])
+
+
+def _centres(element: pin.GeometryObject) -> Array:
+    """Centres of a sphere, or of the two at the ends of a capsule, (n, 3) in m."""
+    half = element.geometry.halfLength if isinstance(element.geometry, coal.Capsule) else 0.0
+    ends = [np.array([0.0, 0.0, side * half]) for side in ((1.0, -1.0) if half else (1.0,))]
+    return np.array([element.placement.act(end) for end in ends])
 
 
 def _sphere() -> Array:
