@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import subprocess
 import threading
 import time
@@ -38,51 +39,74 @@ _HEARD = {
 
 
 class Lateness:
-    """How late this machine is: by a bare thread that naps, and by how long watched processes wait for a processor.
+    """How late this machine is: how late bare threads wake up, and how long watched processes wait for a processor.
 
     Attributes:
-        worst: largest lateness since `forget`, s: of a nap of the thread, or of the main thread of a watched process
-            within `_WINDOW`.
+        worst: largest lateness since `forget`, s: of a nap on any processor, or of any thread of this process or of a
+            watched one within `_WINDOW`.
     """
 
-    _NAP, _WINDOW = 0.001, 0.05
+    _NAP, _LOOK, _WINDOW = 0.001, 0.01, 0.05
 
     def __init__(self) -> None:
         self.worst = 0.0
-        self._waited: dict[int, deque[tuple[float, float]]] = {}
+        self._lock = threading.Lock()
+        self._processes = {os.getpid()}
+        self._waited: dict[Path, deque[tuple[float, float]]] = {}
         self._ended = False
-        self._thread = threading.Thread(target=self._run, name="lateness", daemon=True)
-        self._thread.start()
+        # A nap on each processor: on a virtual machine one of them may stand still alone.
+        naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
+        self._threads = [*naps, threading.Thread(target=self._look, name="lateness", daemon=True)]
+        for thread in self._threads:
+            thread.start()
 
     def watch(self, process: int) -> None:
-        """Watch the main thread of a process, too."""
-        self._waited[process] = deque()
+        """Watch the threads of a process, too."""
+        self._processes.add(process)
 
     def forget(self) -> None:
         """Begin anew."""
         self.worst = 0.0
 
     def end(self) -> None:
-        """End the thread."""
+        """End the threads."""
         self._ended = True
-        self._thread.join()
+        for thread in self._threads:
+            thread.join()
 
-    def _run(self) -> None:
+    def _nap(self, cpu: int) -> None:
+        os.sched_setaffinity(0, {cpu})  # of this thread
         while not self._ended:
             began = time.monotonic()
             time.sleep(self._NAP)
+            self._note(time.monotonic() - began - self._NAP)
+
+    def _look(self) -> None:
+        while not self._ended:
+            time.sleep(self._LOOK)
             now = time.monotonic()
-            self.worst = max(self.worst, now - began - self._NAP)
-            for process, waited in list(self._waited.items()):
-                try:  # time on the processor, time of waiting for one, ns
-                    total = 1.0e-9 * int(Path(f"/proc/{process}/schedstat").read_text().split()[1])
-                except (OSError, IndexError):  # it has ended
-                    self._waited.pop(process, None)
-                    continue
-                waited.append((now, total))
-                while now - waited[0][0] > self._WINDOW:
-                    waited.popleft()
-                self.worst = max(self.worst, total - waited[0][1])
+            for process in list(self._processes):
+                tasks = list(Path(f"/proc/{process}/task").glob("*/schedstat"))
+                if not tasks:
+                    self._processes.discard(process)
+                for task in tasks:
+                    self._look_at(task, now)
+
+    def _look_at(self, task: Path, now: float) -> None:
+        try:  # time on the processor, time of waiting for one, ns
+            total = 1.0e-9 * int(task.read_text().split()[1])
+        except (OSError, IndexError):  # it has ended
+            self._waited.pop(task, None)
+            return
+        waited = self._waited.setdefault(task, deque())
+        waited.append((now, total))
+        while now - waited[0][0] > self._WINDOW and len(waited) > 2:
+            waited.popleft()
+        self._note(total - waited[0][1])
+
+    def _note(self, late: float) -> None:
+        with self._lock:
+            self.worst = max(self.worst, late)
 
 
 class Rig(Processes):
