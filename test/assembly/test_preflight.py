@@ -47,7 +47,7 @@ def test_the_centre_of_mass_outside_the_support(robot_of, changed):
     rear = {"enabled": False}
     sentence = refusal(changed(settings, {"contacts": {"rear_left_foot": rear, "rear_right_foot": rear}}))
     assert sentence.startswith("the robot cannot stand still in robot.posture on front_left_foot, front_right_foot: ")
-    assert "the centre of mass is 229 mm outside the support" in sentence
+    assert "the centre of mass is 227 mm outside the support" in sentence
 
 
 def test_one_foot_alone_of_a_humanoid(robot_of, changed):
@@ -240,10 +240,10 @@ def test_feet_of_go2_on_the_shank_or_of_another_radius(robot_of, changed):
     settings, _ = robot_of("go2")
     shanks = {name: {"frame": contact.frame.replace("foot", "calf")} for name, contact in settings.contacts.items()}
     sentence = refusal(changed(settings, {"contacts": shanks}))
-    assert re.match(r"contacts.front_left_foot: its lowest point \(radius = 0.022\) is \d+ mm above the low", sentence)
+    assert re.match(r"contacts.front_left_foot: its lowest point \(radius = 0.028\) is \d+ mm above the low", sentence)
     wide = {name: {"radius": 0.31} for name in settings.contacts}
     sentence = refusal(changed(settings, {"contacts": wide}))
-    assert "contacts.front_left_foot: its lowest point (radius = 0.31) is 287 mm below" in sentence
+    assert "contacts.front_left_foot: its lowest point (radius = 0.31) is 282 mm below" in sentence
 
 
 def test_the_start_of_a_controller_reads_no_meshes(robot_of, monkeypatch):

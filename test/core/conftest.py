@@ -37,6 +37,14 @@ class Bench:
         self.controller: WholeBodyQP = make_qp(self.settings, self.model, lambda: 0.0)
         self.stance = stance(self.model, self.controller, list(self.controller.contacts))
 
+    def on_soles(self, **sole: float) -> "Bench":
+        """The same robot, whose controller takes its soles for smaller or larger ones."""
+        other = copy.copy(self)
+        contacts = {name: contact.model_copy(update=sole) for name, contact in self.settings.contacts.items()}
+        other.settings = self.settings.model_copy(update={"contacts": contacts})
+        other.controller = make_qp(other.settings, self.model, lambda: 0.0)
+        return other
+
     def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
         """The same robot with other tasks."""
         other = copy.copy(self)

@@ -292,7 +292,7 @@ def test_only_what_has_to_be_relaxed_is(bench, robot):
 @pytest.mark.usefixtures("keep_contacts")
 def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pursued(bench):
     """DAQP calls its soft program infeasible, which has a solution, with all weights as they are."""
-    talos = bench("talos")
+    talos = bench("talos").on_soles(half_length=0.1)
     solution = talos.controller.solve(*talos.random_problem(3926))
     assert solution.relaxed == ("torque_rate", "joint_motion")
     assert max(solution.residuals.values()) < 1.0e-8

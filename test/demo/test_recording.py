@@ -101,6 +101,6 @@ def test_a_malformed_file_gives_one_clear_error(recording, tmp_path):
 def test_supports_of_surfaces_and_points():
     foot = supports_of(load_settings(find_configuration("g1")).contacts)["left_foot"]
     np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
-    np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.055, 0.0])
+    np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
     paw = supports_of(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
     np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])

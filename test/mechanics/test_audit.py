@@ -34,7 +34,8 @@ def squatting():
                 settings.contacts[name].frame,
                 np.concatenate([force, np.zeros(3)]),
                 "LOCAL_WORLD_ALIGNED",
-                np.array([0.0, 0.0, -settings.contacts[name].radius]),
+                plant.foot_placement(name).rotation @ settings.contacts[name].translation
+                - [0.0, 0.0, settings.contacts[name].radius],
             )
             for name, force in plant.contact_wrenches().items()
         ]

@@ -189,7 +189,7 @@ def test_the_base_is_held_until_it_is_let_go(make):
     for _ in range(200):
         robot.step_period()
     assert robot.plant.held
-    assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=1e-3)
+    assert robot.plant.state()[0][2] == pytest.approx(0.3348, abs=1e-3)
     peer.hold(False)
     for _ in range(500):
         robot.step_period()

@@ -44,7 +44,7 @@ def test_a_push_that_talos_stands_overturns_it_where_its_soles_are_not_as_large_
 
 
 def test_on_a_floor_with_less_friction_than_configured_a_push_makes_it_slide():
-    assert not stands(wbc.Simulation(talos().replace({"mock.friction": 0.1})), PUSH)
+    assert not stands(wbc.Simulation(talos().replace({"mock.friction": 0.07})), PUSH)
 
 
 def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
