@@ -243,7 +243,7 @@ def test_feet_of_go2_on_the_shank_or_of_another_radius(robot_of, changed):
     assert re.match(r"contacts.front_left_foot: its lowest point \(radius = 0.028\) is \d+ mm above the low", sentence)
     wide = {name: {"radius": 0.31} for name in settings.contacts}
     sentence = refusal(changed(settings, {"contacts": wide}))
-    assert "contacts.front_left_foot: its lowest point (radius = 0.31) is 282 mm below" in sentence
+    assert "contacts.front_left_foot: its lowest point (radius = 0.31) is 283 mm below" in sentence
 
 
 def test_the_start_of_a_controller_reads_no_meshes(robot_of, monkeypatch):
