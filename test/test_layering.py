@@ -92,6 +92,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "core/robot",
             "core/contacts",
             "core/references",
+            "core/whole_body_qp",
             "settings",
             "assembly",
             "control",

@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import click
 
+from wbc_controller.assembly.finding import Finding
 from wbc_controller.bench.commands import bench
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.fuzz.commands import fuzz
@@ -195,15 +196,41 @@ def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -
 
 @main.command()
 @click.argument("config", shell_complete=complete_config)
-def check(config: str) -> None:
-    """Check a configuration before the robot moves, and say what was found."""
+@click.option("--html", "page", type=click.Path(path_type=Path, dir_okay=False),
+              help="Write a page, too: the robot as it stands, its contacts beside the URDF's shapes.")  # fmt: skip
+def check(config: str, page: Path | None) -> None:
+    """Check a configuration before the robot moves, and say what was found.
+
+    A page that --html asks for is written where the check fails, too, with the robot and the sentence.
+    """
     from wbc_controller.assembly.preflight import check as find
 
-    findings = find(config)
+    try:
+        findings = find(config)
+    except ConfigurationError as error:
+        if page is not None:
+            _draw(config, [], str(error), page)
+        raise
     click.echo(f"{find_configuration(config)}")
     for finding in findings:
         click.echo(f"  {finding.subject:16} {finding.text}")
+    if page is not None:
+        _draw(config, findings, "", page)
     click.echo("ok")
+
+
+def _draw(config: str, findings: Sequence[Finding], failure: str, page: Path) -> None:
+    from wbc_controller.demo.check_page import write_check_page
+    from wbc_controller.settings.config import load
+
+    try:
+        write_check_page(load(config), findings, failure, page)
+    except ConfigurationError as error:
+        if not failure:
+            raise
+        click.echo(f"{page}: not written, as there is nothing to draw: {error}", err=True)
+    else:
+        click.echo(f"page: {page}", err=bool(failure))
 
 
 @main.command()

@@ -109,6 +109,40 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
     return findings
 
 
+def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
+    """Where the URDF's shapes touch the plane of each contact with the world, in the configuration of the dynamics.
+
+    Args:
+        settings: the robot's settings.
+        qp: its quadratic program.
+
+    Returns:
+        Corners of the convex underside in the world, (n, 3) in m, by contact; without contacts whose body has no
+        shapes, or shapes that cannot be read.
+    """
+    model, path, found = qp.model, settings.robot.urdf, {}
+    try:
+        elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
+    except ConfigurationError:  # `compare_with_shapes` says so
+        return {}
+    for name, contact in qp.contacts.items():
+        if not isinstance(contact, UnilateralContact) or contact.internal:
+            continue
+        frame = model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
+        body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
+        plane = (
+            contact.placement(qp.dynamics)
+            if isinstance(contact, SurfaceContact)
+            else pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
+        )
+        joint = int(model.pinocchio.frames[frame].parentJoint)
+        seen = footprint(model, elements, joint, body.actInv(plane), _TREAD)
+        if seen is not None:
+            corners = np.column_stack([seen.polygon, np.full(len(seen.polygon), seen.height)])
+            found[name] = np.asarray(corners @ plane.rotation.T + plane.translation)
+    return found
+
+
 def _compared(
     settings: Settings,
     qp: WholeBodyQP,

@@ -137,7 +137,7 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
 
 
 def _touching(element: pin.GeometryObject, axes: Array) -> Array:
-    """Points of an element's outline that may touch a plane with these axes, (n, 3): of a ball its lowest point alone."""
+    """Points of an element's outline that may touch a plane with these axes, (n, 3): of a ball the lowest one alone."""
     geometry = element.geometry
     if not isinstance(geometry, coal.Sphere | coal.Capsule):
         return outline(element, axes)

@@ -50,14 +50,14 @@ def write_report(recording: Recording, model: RobotModel, path: Path) -> None:
         "facts": _facts(recording),
         "results": _results(recording),
         "plots": "\n".join(_figure(plot) for plot in plots),
-        "replay_data": _json(replay_data(recording, model, build_parts(model))),
-        "plot_data": _json({plot.key: json.loads(plot.figure.to_json()) for plot in plots}),
-        "style": _resource("report.css"),
+        "replay_data": json_in_page(replay_data(recording, model, build_parts(model))),
+        "plot_data": json_in_page({plot.key: json.loads(plot.figure.to_json()) for plot in plots}),
+        "style": resource("report.css"),
         "plotly": get_plotlyjs(),
-        "replay": _resource("replay.js"),
-        "page": _resource("page.js"),
+        "replay": resource("replay.js"),
+        "page": resource("page.js"),
     }
-    template = _resource("report.html")
+    template = resource("report.html")
     # In one pass, so that text like a placeholder within a piece is not replaced.
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match.group(1)], template)
     path.write_text(page, encoding="utf-8")
@@ -246,7 +246,7 @@ def _figure(plot: Plot) -> str:
     )
 
 
-def _json(value: Any) -> str:
+def json_in_page(value: Any) -> str:
     """Write JSON that cannot end the script element around it."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
@@ -255,5 +255,6 @@ def _base64(values: npt.ArrayLike, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
-def _resource(name: str) -> str:
+def resource(name: str) -> str:
+    """A file of the folder ``page``."""
     return (importlib.resources.files("wbc_controller.demo") / "page" / name).read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.errors import InputRefused, WbcError, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, valid_choices
 from wbc_controller.mock.grips import closures_of, grips_of, place, wrench
 from wbc_controller.mock.hoist import RAMP, Hoist
 from wbc_controller.mock.mechanism import (
@@ -78,8 +78,7 @@ class Plant:
             settings: the configuration that the model was built from.
 
         Raises:
-            ConfigurationError: if MuJoCo cannot use the URDF, a mesh cannot be read, or a contact names an unknown
-                frame.
+            ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
         """
         self._robot = model
         period = 1.0 / settings.control.rate
@@ -497,13 +496,17 @@ class Plant:
                     soles.setdefault(joint, []).append(-placement.rotation[:, 2])
                 elif isinstance(contact, PointContact):
                     tips[joint] = -data.oMi[joint].rotation.T @ normal
-        shapes = read_shapes(self._robot, soles, tips, folder)
+        try:
+            shapes, why = read_shapes(self._robot, soles, tips, folder), "have no collision element in the URDF"
+        except ConfigurationError as error:  # the controller, too, can do without the meshes
+            shapes, why = {}, f"have no shapes ({error})"
         bare = [name for name, joint in standing.items() if joint not in shapes]
         if bare:
             _log.warning(
-                "the links of the contacts %s have no collision element in the URDF: in the mock robot they touch with "
-                "the shapes of the configuration, right or wrong",
+                "the links of the contacts %s %s: in the mock robot they touch with the shapes of the configuration, "
+                "right or wrong",
                 ", ".join(bare),
+                why,
             )
         return shapes
 

@@ -69,18 +69,7 @@
   for (const input of box.querySelectorAll(".key input")) {
     input.addEventListener("change", () => { view.show[input.name] = input.checked; state.dirty = true; });
   }
-  canvas.addEventListener("pointerdown", event => canvas.setPointerCapture(event.pointerId));
-  canvas.addEventListener("pointermove", event => {
-    if (!canvas.hasPointerCapture(event.pointerId)) return;
-    view.azimuth -= 0.008 * event.movementX;
-    view.elevation = Math.min(1.5, Math.max(0.02, view.elevation + 0.006 * event.movementY));
-    state.dirty = true;
-  });
-  canvas.addEventListener("wheel", event => {
-    event.preventDefault();
-    view.zoom = Math.min(4, Math.max(0.4, view.zoom * Math.exp(-0.0012 * event.deltaY)));
-    state.dirty = true;
-  }, { passive: false });
+  view.steer(() => { state.dirty = true; });
   canvas.addEventListener("keydown", event => {
     if (event.key === " ") setPlaying(!state.playing);
     else if (event.key === "ArrowLeft" || event.key === "ArrowRight") seek(state.time + (event.key === "ArrowLeft" ? -0.1 : 0.1));

@@ -161,6 +161,23 @@ const Replay = (() => {
       this.focus = null;
     }
 
+    /** Let the pointer turn and the wheel zoom; `changed` is called after each change. */
+    steer(changed) {
+      const canvas = this.canvas;
+      canvas.addEventListener("pointerdown", event => canvas.setPointerCapture(event.pointerId));
+      canvas.addEventListener("pointermove", event => {
+        if (!canvas.hasPointerCapture(event.pointerId)) return;
+        this.azimuth -= 0.008 * event.movementX;
+        this.elevation = Math.min(1.5, Math.max(0.02, this.elevation + 0.006 * event.movementY));
+        changed();
+      });
+      canvas.addEventListener("wheel", event => {
+        event.preventDefault();
+        this.zoom = Math.min(4, Math.max(0.4, this.zoom * Math.exp(-0.0012 * event.deltaY)));
+        changed();
+      }, { passive: false });
+    }
+
     /** Place the camera. It follows the robot's walk, not its sway. */
     aim(com, width, height) {
       const scene = this.scene;
