@@ -182,9 +182,7 @@ class Formulation:
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
         bounds = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
-        if bounds is not layout.motion_bounds:  # the same objects where the bounds do not depend on the state
-            problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
-            layout.motion_bounds = bounds
+        problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
 
     def _fill_row_limits(self, layout: Layout) -> None:
         problem = layout.problem
