@@ -29,7 +29,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "core/arrays": ((), ("numpy", "scipy")),
     "core/robot": (("core/arrays",), ("numpy", "scipy", "pinocchio")),
     "core/contacts": (("core/robot",), ("numpy", "scipy", "pinocchio")),
-    "core/limits": (("core/robot", "core/arrays"), ("numpy", "pinocchio", "coal")),
+    "core/limits": (("core/robot", "core/arrays", "kernels"), ("numpy", "pinocchio", "coal")),
     "core/tasks": (("core/robot", "core/contacts", "core/arrays"), ("numpy", "pinocchio")),
     "core/references": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "pinocchio")),
     "core/program": (
@@ -56,7 +56,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
-    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire"), ("numpy",)),
+    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire", "kernels"), ("numpy",)),
     "service": (
         (
             "core/robot",

@@ -47,9 +47,7 @@ def _position_bound(
     return bound
 
 
-@compiled(
-    ANY_VECTOR, ANY_VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT
-)
+@compiled(ANY_VECTOR, ANY_VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT)
 def acceleration_bounds(
     q: Array, v: Array, limits: Array, fastest: Array, most: float, period: float, ahead: float, stopping: float,
     return_time: float, rounding: float, lower: Array, upper: Array,
