@@ -23,14 +23,14 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 INTEGER, FLAG, NUMBER = types.int64, types.boolean, types.float64
-#: Arrays that are only read: rows without gaps, Pinocchio's columns without gaps, and any.
+#: Arrays that are only read: without gaps, row by row, and any.
 VECTOR = types.Array(types.float64, 1, "C", readonly=True)
 ROWS = types.Array(types.float64, 2, "C", readonly=True)
-COLUMNS = types.Array(types.float64, 2, "F", readonly=True)
 ANY_VECTOR = types.Array(types.float64, 1, "A", readonly=True)
 ANY_MATRIX = types.Array(types.float64, 2, "A", readonly=True)
 INDICES = types.Array(types.int64, 1, "C", readonly=True)
 SIGNS = types.Array(types.int8, 1, "C", readonly=True)
+SIGN_ROWS = types.Array(types.int8, 2, "C", readonly=True)
 #: Arrays that are written.
 VECTOR_OUT = types.Array(types.float64, 1, "C")
 ROWS_OUT = types.Array(types.float64, 2, "C")
