@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from quadratic_programs import squares_problem
 
@@ -47,6 +47,7 @@ def plainly_condensed(problem, sides):
     return x[:-1], multipliers, squares.constant + 0.5 * p @ beta
 
 
+@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     first=st.integers(0, 6),

@@ -1,7 +1,7 @@
 """Held against the same equations in NumPy; `test/diagnostics/test_audit.py` holds both against `mechanics`."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import audit as kernel
@@ -9,6 +9,7 @@ from wbc_controller.kernels import audit as kernel
 NV, NA, GAP, SHARE = 9, 5, 0.002, 0.1
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), floating=st.booleans(), springs=st.booleans())
 def test_it_is_what_numpy_makes_of_the_same_equations(seed, floating, springs):
     rng = np.random.default_rng(seed)

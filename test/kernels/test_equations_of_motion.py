@@ -1,7 +1,7 @@
 """Held against the same equations in NumPy."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import equations_of_motion as kernel
@@ -9,6 +9,7 @@ from wbc_controller.kernels import equations_of_motion as kernel
 NV, NF, FREE, NA = 11, 4, 5, 6
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), selects=st.booleans())
 def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects):
     rng = np.random.default_rng(seed)
@@ -32,6 +33,7 @@ def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects):
         np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-9)
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.0, 1.0))
 def test_torques_change_by_a_share_of_their_limits_within_what_is_available(seed, share):
     rng = np.random.default_rng(seed)

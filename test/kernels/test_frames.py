@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.assembly.robot import make_model
@@ -36,6 +36,7 @@ def near(found, expected):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
 @given(seed=seeds)
 def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
     dynamics, rng = moved(robot, seed)
@@ -62,6 +63,7 @@ def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
 @given(seed=seeds, between_links=st.booleans())
 def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links):
     dynamics, _ = moved(robot, seed)
@@ -81,6 +83,7 @@ def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links)
     near(contact.drift(dynamics), drift)
 
 
+@settings(deadline=None)
 @given(seed=seeds, angle=st.one_of(st.floats(0.0, 3.141592), st.floats(0.0, 1e-6), st.floats(3.1415, 3.14159265)))
 def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     rng = np.random.default_rng(seed)

@@ -1,7 +1,7 @@
 """Held against the same equations in NumPy."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.core.limits import JointMotionLimit
@@ -34,6 +34,7 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     )
 
 
+@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     most=st.floats(10.0, 1000.0),
