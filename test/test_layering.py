@@ -42,7 +42,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "core/whole_body_qp": (("core/robot", "core/contacts", "core/tasks", "core/program", "core/solvers"), ()),
     # Of core the supervisor needs the robot's limits, and ramps; never the program whose answers it checks.
-    "safety": (("core/robot", "core/limits", "core/references", "core/arrays"), ("numpy", "scipy", "pinocchio")),
+    "safety": (
+        ("core/robot", "core/limits", "core/references", "core/arrays", "kernels"),
+        ("numpy", "scipy", "pinocchio"),
+    ),
     "estimation": (("core/robot", "core/contacts", "core/arrays"), ("numpy", "scipy", "pinocchio")),
     "bridges": (("core/robot", "core/tasks"), ("numpy", "pinocchio")),
     "views": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "scipy", "pinocchio", "plotly", "rich")),

@@ -14,7 +14,7 @@ from wbc_controller.kernels.compiled import (
 from wbc_controller.records import Array
 
 
-@compiled(ANY_MATRIX, VECTOR, VECTOR, VECTOR, NUMBER, ANY_VECTOR, ANY_VECTOR, ANY_MATRIX, ANY_VECTOR, VECTOR_OUT)
+@compiled(ANY_MATRIX, ANY_VECTOR, VECTOR, VECTOR, NUMBER, ANY_VECTOR, ANY_VECTOR, ANY_MATRIX, ANY_VECTOR, VECTOR_OUT)
 def mechanical_state(
     M: Array, v: Array, v_dot: Array, gravity: Array, mass: float, com: Array, com_velocity: Array, com_jacobian: Array,
     com_drift: Array, out: Array,
@@ -73,7 +73,7 @@ def joint_powers(tau: Array, S: Array, passive: Array, moved: Array, gap: float)
     return supplied, throughput
 
 
-@compiled(NUMBER, NUMBER, ANY_MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
+@compiled(NUMBER, NUMBER, ANY_MATRIX, ANY_VECTOR, ANY_VECTOR, VECTOR, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
 def filter_residuals(
     share: float, gap: float, M: Array, v_before: Array, v_after: Array, v_dot: Array, before: Array, after: Array,
     force: Array, torques: Array,
