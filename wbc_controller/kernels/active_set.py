@@ -260,7 +260,8 @@ def condensed(
     _products(N, z, value[:first])
     for j in range(first):
         value[j] = -value[j]
-    value[first:n] = z[: width - 1]
+    for j in range(width - 1):  # what copies a slice takes seconds to compile
+        value[first + j] = z[j]
     least, most = _residuals(rows, bounds, value, off, room)
     if not most <= feasible:
         return INACCURATE, 0.0, least, most

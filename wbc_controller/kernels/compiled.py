@@ -38,6 +38,7 @@ ANY_VECTOR_OUT = types.Array(types.float64, 1, "A")
 ANY_MATRIX_OUT = types.Array(types.float64, 2, "A")
 
 _pending: list[tuple[Any, tuple[types.Type, ...]]] = []
+_nowhere_kept: list[str] = []  # why functions cannot be kept for the next start
 
 
 def compiled(*arguments: types.Type) -> Callable[[_Function], _Function]:
@@ -51,7 +52,7 @@ def compiled(*arguments: types.Type) -> Callable[[_Function], _Function]:
         try:
             dispatcher = numba.njit(cache=True, error_model="numpy")(function)
         except RuntimeError as error:  # no folder to keep it in can be written
-            _log.warning("%s: it is compiled at every start; NUMBA_CACHE_DIR can name a folder to keep it in", error)
+            _nowhere_kept.append(str(error))
             dispatcher = numba.njit(error_model="numpy")(function)
         _pending.append((dispatcher, arguments))
         return dispatcher  # type: ignore[no-any-return]
@@ -65,14 +66,18 @@ part: Callable[[_Function], _Function] = numba.njit(error_model="numpy")
 
 def compile_all() -> None:
     """Compile the registered functions, or load what was compiled before; say so if it takes long."""
-    started, missing = time.monotonic(), False
+    started, missing = time.monotonic(), bool(_nowhere_kept)
+    if _nowhere_kept:
+        _log.warning("compiled at every start: %s; NUMBA_CACHE_DIR can name a folder", _nowhere_kept[0])
     for count, (dispatcher, arguments) in enumerate(_pending, 1):
         dispatcher.compile(arguments)
         dispatcher.disable_compile()
         if sum(dispatcher.stats.cache_misses.values()):
-            missing = True
             name = dispatcher.py_func.__name__
-            _log.warning("compiled %s, %d of %d: this takes some seconds, once", name, count, len(_pending))
+            if not missing:
+                _log.warning("the controller's arithmetic is compiled for this processor, once: some seconds")
+            missing = True
+            _log.warning("compiled %s, %d of %d", name, count, len(_pending))
     if missing:
         _log.warning("compiled all in %.1f s", time.monotonic() - started)
     _pending.clear()
