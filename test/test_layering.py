@@ -46,7 +46,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("core/robot", "core/limits", "core/references", "core/arrays", "kernels"),
         ("numpy", "scipy", "pinocchio"),
     ),
-    "estimation": (("core/robot", "core/contacts", "core/arrays"), ("numpy", "scipy", "pinocchio")),
+    "estimation": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
     "bridges": (("core/robot", "core/tasks"), ("numpy", "pinocchio")),
     "views": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "scipy", "pinocchio", "plotly", "rich")),
     "assembly": (

@@ -7,9 +7,17 @@ them there are, is said by the classes above. Each file is complete in itself (`
 Importing this package compiles them all, or loads what was compiled before.
 """
 
-from wbc_controller.kernels import active_set, audit, equations_of_motion, frames, joint_motion, supervision
+from wbc_controller.kernels import (
+    active_set,
+    audit,
+    equations_of_motion,
+    frames,
+    invariant_filter,
+    joint_motion,
+    supervision,
+)
 from wbc_controller.kernels.compiled import compile_all
 
 compile_all()
 
-__all__ = ["active_set", "audit", "equations_of_motion", "frames", "joint_motion", "supervision"]
+__all__ = ["active_set", "audit", "equations_of_motion", "frames", "invariant_filter", "joint_motion", "supervision"]

@@ -72,7 +72,11 @@ class _FrameTask(MotionTask):
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
 
     def fill(self, dynamics: Dynamics, reference: Reference, rows: Array, right: Array) -> Array:
-        """Write the rows of the least-squares problem J v̇ = b in place; gives the task error, (k,)."""
+        """Write the rows of the least-squares problem J v̇ = b in place; gives the task error, (k,).
+
+        The program uses this alone: a subclass with another `error`, `velocity`, `jacobian` or `drift` overrides it
+        too.
+        """
         frame, error = self._frame_id, np.empty(len(self.rows))
         frame_task(
             dynamics.frames, dynamics.links, dynamics.joint_jacobians, dynamics.moves,
