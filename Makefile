@@ -45,7 +45,7 @@ $(BIN)/python:
 
 # The locked requirements first, by hash; then this package itself, in place.
 $(VENV)/%.installed: requirements/%.txt setup.py | $(BIN)/python
-	@echo "Installing the locked requirements into $(VENV): about 310 MB to download the first time."
+	@echo "Installing the locked requirements into $(VENV): about 375 MB to download the first time."
 	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes --requirement $<
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -25,21 +25,28 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "records": ((), ("numpy",)),
     "settings": ((), ("pydantic", "yaml")),
     "mechanics": ((), ("numpy", "scipy", "pinocchio")),
+    "kernels": ((), ("numpy", "numba")),
     "core/arrays": ((), ("numpy", "scipy")),
-    "core/robot": (("core/arrays",), ("numpy", "scipy", "pinocchio")),
-    "core/contacts": (("core/robot",), ("numpy", "scipy", "pinocchio")),
-    "core/limits": (("core/robot", "core/arrays"), ("numpy", "pinocchio", "coal")),
-    "core/tasks": (("core/robot", "core/contacts", "core/arrays"), ("numpy", "pinocchio")),
+    "core/robot": (("core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
+    "core/contacts": (("core/robot", "kernels"), ("numpy", "scipy", "pinocchio")),
+    "core/limits": (("core/robot", "kernels"), ("numpy", "pinocchio", "coal")),
+    "core/tasks": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "pinocchio")),
     "core/references": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "pinocchio")),
-    "core/program": (("core/robot", "core/contacts", "core/limits", "core/tasks", "core/arrays"), ("numpy", "scipy")),
+    "core/program": (
+        ("core/robot", "core/contacts", "core/limits", "core/tasks", "core/arrays", "kernels"),
+        ("numpy", "scipy"),
+    ),
     "core/solvers": (
-        ("core/program",),
+        ("core/program", "kernels"),
         ("numpy", "scipy", "qpsolvers", "daqp", "osqp", "proxsuite"),
     ),
     "core/whole_body_qp": (("core/robot", "core/contacts", "core/tasks", "core/program", "core/solvers"), ()),
     # Of core the supervisor needs the robot's limits, and ramps; never the program whose answers it checks.
-    "safety": (("core/robot", "core/limits", "core/references", "core/arrays"), ("numpy", "scipy", "pinocchio")),
-    "estimation": (("core/robot", "core/contacts", "core/arrays"), ("numpy", "scipy", "pinocchio")),
+    "safety": (
+        ("core/robot", "core/limits", "core/references", "core/arrays", "kernels"),
+        ("numpy", "scipy", "pinocchio"),
+    ),
+    "estimation": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
     "bridges": (("core/robot", "core/tasks"), ("numpy", "pinocchio")),
     "views": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "scipy", "pinocchio", "plotly", "rich")),
     "assembly": (
@@ -52,7 +59,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
-    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire"), ("numpy",)),
+    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire", "kernels"), ("numpy",)),
     "service": (
         (
             "core/robot",

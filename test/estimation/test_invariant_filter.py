@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from plain_filter import PlainFilter, exp3, left_jacobian3
 from scipy.linalg import expm, logm
 
-from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, exp3, hats, left_jacobian3
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hats
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 NOISE = ImuNoise(0.01, 0.1, 1e-3, 1e-2, 0.05)
@@ -139,7 +140,7 @@ def test_the_covariance_goes_with_the_error(direction):
         filter.add("a", np.array([0.1, -0.2, -0.9]), np.zeros((3, 3)))
     delta = np.zeros(18)
     delta[direction] = size
-    wrong._apply(delta)
+    PlainFilter._apply(wrong, delta)
     wrong.P = np.outer(delta, delta)
     for turning, force, *_ in list(measurements())[:50]:
         truth.propagate(turning, force, PERIOD)

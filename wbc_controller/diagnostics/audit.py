@@ -10,6 +10,7 @@ snapshot of a cycle holds already: M, the centre of mass and its velocity.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +18,8 @@ import numpy as np
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
+from wbc_controller.kernels.audit import filter_residuals, joint_powers, mechanical_state
+from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
@@ -53,19 +55,18 @@ class _Cycle:
     Attributes:
         state: latched state.
         energy: T + V, J (equation (29)).
-        momentum: linear momentum in the world, (3,) in N·s (equation (28)).
+        mechanical: linear momentum in the world, in N·s (equation (28)), and the sum of all external forces in the
+            solution, in N, world axes, (6,).
         tau: torques sent, (na,) in N·m.
         solution: solution whose torques were sent; None if others were: it then predicts nothing.
-        force: sum of all external forces in that solution, (3,) in N, world axes; without one it has no meaning.
         powers: power of each known external wrench of that solution, W.
     """
 
     state: RobotState
     energy: float
-    momentum: Array
+    mechanical: Array
     tau: Array
     solution: Solution | None
-    force: Array
     powers: list[float]
 
 
@@ -84,13 +85,14 @@ class ModelAudit:
         self._mass = model.mass
         self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = model.mass * model.gravity
+        self._none = np.zeros(0)
         self._before: _Cycle | None = None
         self._forget()
 
     def _forget(self) -> None:
         self._energy = self._throughput = 0.0
         self._force = np.zeros(3)
-        self._torques = np.zeros(self._model.nj)
+        self._torques = np.zeros(self._model.nv)
         self._since: dict[str, float] = {}
 
     def look(
@@ -121,12 +123,13 @@ class ModelAudit:
             self._forget()
             return None
         self._filter(before, after, dynamics, gap)
+        torques = freeze(self._model.joint_forces(self._torques))
         return AuditReport(
             energy=self._energy,
             throughput=self._throughput,
             force=frozen(self._force),
-            joint_torques=frozen(self._torques),
-            warnings=tuple(self._warnings(state.stamp * 1.0e-9)),
+            joint_torques=torques,
+            warnings=self._warnings(state.stamp * 1.0e-9, torques),
         )
 
     def _cycle(
@@ -134,45 +137,46 @@ class ModelAudit:
     ) -> _Cycle | None:
         if solution is None or command is None:
             return None
-        energy = 0.5 * float(state.v @ (dynamics.M @ state.v)) - float(self._gravity @ dynamics.com)
-        momentum = self._mass * dynamics.com_velocity
-        if not np.array_equal(solution.tau, command.tau):
-            return _Cycle(state, energy, momentum, command.tau, None, momentum, [])
-        # The solution obeys the equations of motion: gravity, contacts and known wrenches together give this force.
-        force = self._mass * (dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift)
-        return _Cycle(state, energy, momentum, command.tau, solution, force, _powers(solution, dynamics))
+        # The solution obeys the equations of motion: gravity, contacts and known wrenches together give m c̈.
+        mechanical = np.empty(6)
+        energy = mechanical_state(
+            dynamics.M, state.v, solution.v_dot, self._gravity, self._mass,
+            dynamics.com, dynamics.com_velocity, dynamics.com_jacobian, dynamics.com_drift, mechanical,
+        )  # fmt: skip
+        sent = (solution.tau == command.tau).all()
+        powers = _powers(solution, dynamics) if sent else []
+        return _Cycle(state, energy, mechanical, command.tau, solution if sent else None, powers)
 
     def _filter(self, before: _Cycle, after: _Cycle, dynamics: Dynamics, gap: float) -> None:
         model, predicted = self._model, before.solution
         share = gap / (self._limits.time_constant + gap)
-        force = model.actuation.generalized_force(before.tau)
+        passive = self._none
         if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
-            force += 0.5 * sum(model.passive_force(end.state.q, end.state.v) for end in (before, after))
+            start, end = (model.passive_force(each.state.q, each.state.v) for each in (before, after))
+            passive = 0.5 * (start + end)
         # Contact forces do no work: a contact does not move along the axes that it holds. The work of constant torques
         # is exact, that of constant wrenches is to second order in the time between the states.
-        powers = force * model.difference(before.state.q, after.state.q) / gap
-        supplied, throughput = float(powers.sum()), float(np.abs(powers).sum())
+        moved = model.difference(before.state.q, after.state.q)
+        supplied, throughput = joint_powers(before.tau, model.actuation.S, passive, moved, gap)
         if predicted is not None:
-            for start, end in zip(before.powers, _powers(predicted, dynamics), strict=True):
-                supplied += 0.5 * (start + end)
-                throughput += 0.5 * abs(start + end)
+            for first, last in zip(before.powers, _powers(predicted, dynamics), strict=True):
+                supplied += 0.5 * (first + last)
+                throughput += 0.5 * abs(first + last)
         self._energy += share * ((after.energy - before.energy) / gap - supplied - self._energy)
         self._throughput += share * (throughput - self._throughput)
-        if predicted is None:
-            return
-        if model.floating_base:
-            self._force += share * ((after.momentum - before.momentum) / gap - before.force - self._force)
-        unexpected = dynamics.M @ ((after.state.v - before.state.v) / gap - predicted.v_dot)
-        self._torques += share * (model.joint_forces(unexpected) - self._torques)
+        if predicted is not None:
+            filter_residuals(
+                share, gap, dynamics.M, before.state.v, after.state.v, predicted.v_dot,
+                before.mechanical, after.mechanical, self._force if model.floating_base else self._none, self._torques,
+            )  # fmt: skip
 
-    def _warnings(self, now: float) -> list[str]:
-        limits = self._limits
-        size = float(np.linalg.norm(self._force))
-        over = np.abs(self._torques) / limits.torques
-        worst = int(np.argmax(over))
+    def _warnings(self, now: float, torques: Array) -> tuple[str, ...]:
+        limits, size = self._limits, math.hypot(*self._force.tolist())
+        over = np.abs(torques) / limits.torques
+        worst = int(over.argmax())
         found: tuple[tuple[str, bool, Callable[[], str]], ...] = (
             ("UNMODELLED_FORCE", size > limits.force, lambda: self._say_force(size)),
-            ("UNMODELLED_TORQUE", bool(over[worst] > 1.0), lambda: self._say_torque(worst)),
+            ("UNMODELLED_TORQUE", over.item(worst) > 1.0, lambda: self._say_torque(worst, torques.item(worst))),
             (
                 "ENERGY_RESIDUAL",
                 abs(self._energy) > limits.energy * max(self._throughput, limits.power),
@@ -185,7 +189,7 @@ class ModelAudit:
                 self._since.pop(name, None)
             elif now - self._since.setdefault(name, now) >= limits.patience:
                 warnings.append(f"{name}: {sentence()}")
-        return warnings
+        return tuple(warnings)
 
     def _say_force(self, size: float) -> str:
         direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in self._force)
@@ -194,9 +198,9 @@ class ModelAudit:
             "weight: a push, a wrong mass, or a contact that is not as assumed"
         )
 
-    def _say_torque(self, joint: int) -> str:
+    def _say_torque(self, joint: int, torque: float) -> str:
         return (
-            f"{self._torques[joint]:.3g} N·m at {self._model.joints[joint]}: a torque that does not arrive as sent, "
+            f"{torque:.3g} N·m at {self._model.joints[joint]}: a torque that does not arrive as sent, "
             "friction, or a wrong inertia"
         )
 

@@ -15,21 +15,16 @@ filter converges from far off, and never takes yaw and position, which nothing o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
+from wbc_controller.kernels import invariant_filter as kernel
 from wbc_controller.records import Array
 
-#: Rows of the covariance that are always there: rotation, velocity, position.
-_ROTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 #: First row of the covariance of the first contact point.
 _POINTS = 9
-#: Angle below which series take the place of quotients, rad.
-_SMALL = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +83,9 @@ class InvariantFilter:
             P: covariance, (15, 15).
         """
         self.noise = noise
+        self._densities = np.array(
+            [noise.gyroscope, noise.accelerometer, noise.gyroscope_bias, noise.accelerometer_bias, noise.contact]
+        )
         self._gravity = np.array(gravity)
         self.rotation = np.array(rotation)
         self.columns = np.column_stack([velocity, position])
@@ -121,30 +119,13 @@ class InvariantFilter:
             specific_force: measured by the accelerometer, (3,) in m/s².
             dt: s.
         """
-        R, noise, end = self.rotation, self.noise, 9 + 3 * len(self.names)
-        turned = exp3((angular_velocity - self.gyroscope_bias) * dt)
-        acceleration = R @ (specific_force - self.accelerometer_bias) + self._gravity
-        # The covariance first: its matrices are those of the state before (as in the authors' own code).
-        Phi = np.eye(len(self.P))
-        Phi[_VELOCITY, _ROTATION] = hat(self._gravity) * dt
-        Phi[_POSITION, _VELOCITY] = dt * np.eye(3)
-        Phi[_ROTATION, end : end + 3] = -dt * R
-        Phi[_VELOCITY, end + 3 : end + 6] = -dt * R
-        # Ad_X: R on the diagonal, and (x ×) R beside it for each column x of X .
-        lever = hats(self.columns.T) @ R
-        Phi[3:end, end : end + 3] -= dt * lever.reshape(-1, 3)
-        adjoint = np.zeros((len(self.P), len(self.P) - 3))
-        adjoint[_ROTATION, :3] = R * noise.gyroscope
-        adjoint[3:end, :3] = lever.reshape(-1, 3) * noise.gyroscope
-        adjoint[_VELOCITY, 3:6] = R * noise.accelerometer
-        for i in range(len(self.names)):
-            adjoint[_POINTS + 3 * i : _POINTS + 3 * i + 3, 6 + 3 * i : 9 + 3 * i] = R * noise.contact
-        adjoint[end:, -6:] = np.diag(np.repeat([noise.gyroscope_bias, noise.accelerometer_bias], 3))
-        driven = Phi @ adjoint
-        self.P = Phi @ self.P @ Phi.T + dt * (driven @ driven.T)
-        self.columns[:, 1] += self.velocity * dt + 0.5 * dt**2 * acceleration
-        self.columns[:, 0] += acceleration * dt
-        self.rotation = R @ turned
+        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
+        self.rotation, self.columns, self.P = (np.empty(part.shape) for part in (before[0], before[1], before[4]))
+        # The covariance goes with the state before, as in the authors' own code.
+        kernel.propagate(
+            *before, self._gravity, angular_velocity, specific_force, dt, self._densities,
+            self.rotation, self.columns, self.P,
+        )  # fmt: skip
 
     def innovation(self, names: Sequence[str], places: Array, covariance: Array) -> tuple[Array, Array]:
         """What kinematics contradict the estimate by, and how much of that is expected.
@@ -157,18 +138,9 @@ class InvariantFilter:
         Returns:
             R y + p - d of all points, (3 k,) in m, and its covariance, (3 k, 3 k).
         """
-        at, k, R = [self.names.index(name) for name in names], len(names), self.rotation
-        z = (R @ places.T + self.position[:, None] - self.columns[:, 2:][:, at]).T.reshape(-1)
-        # H P Hᵀ + R covariance Rᵀ, block by block
-        rows = self._rows(names)
-        S = self.P[rows][:, rows]
-        beside = np.tile(self.P[rows, _POSITION], k)
-        S -= beside
-        S -= beside.T
-        S += np.tile(self.P[_POSITION, _POSITION], (k, k))
-        turned = R @ covariance.reshape(k, 3, 3 * k)
-        turned = (turned.reshape(3 * k, k, 3) @ R.T).reshape(3 * k, 3 * k)
-        return z, S + turned
+        z, S = np.empty(3 * len(names)), np.empty((3 * len(names), 3 * len(names)))
+        kernel.innovation(self.rotation, self.columns, self.P, self._places(names), places, covariance, z, S)
+        return z, S
 
     def correct(self, names: Sequence[str], z: Array, S: Array) -> None:
         """Correct the state by kinematics: X ← exp(K z) X.
@@ -180,14 +152,11 @@ class InvariantFilter:
         """
         if not names:
             return
-        # H = [0 0 -I … I …]: P Hᵀ are differences of columns of P.
-        PHt = self.P[:, self._rows(names)] - np.tile(self.P[:, _POSITION], len(names))
-        _, solved, info = dposv(S, PHt.T)
-        if info != 0:
+        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
+        after = tuple(np.empty(part.shape) for part in before)
+        if not kernel.correct(*before, self._places(names), z, S, *after):
             raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
-        self._apply(z @ solved)
-        self.P = self.P - PHt @ solved
-        self.P = 0.5 * (self.P + self.P.T)
+        self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
 
     def add(self, name: str, place: Array, covariance: Array) -> None:
         """Begin a contact point where the kinematics see it.
@@ -212,17 +181,9 @@ class InvariantFilter:
         gone = np.arange(_POINTS + 3 * i, _POINTS + 3 * i + 3)
         self.P = np.delete(np.delete(self.P, gone, axis=0), gone, axis=1)
 
-    def _rows(self, names: Sequence[str]) -> np.ndarray:
-        return np.concatenate([_POINTS + 3 * self.names.index(name) + np.arange(3) for name in names])
-
-    def _apply(self, delta: Array) -> None:
-        """X ← exp(δ) X, θ ← θ + δ_θ."""
-        turn, end = delta[:3], 9 + 3 * len(self.names)
-        R, V = exp3(turn), left_jacobian3(turn)
-        self.rotation = R @ self.rotation
-        self.columns = R @ self.columns + V @ delta[3:end].reshape(-1, 3).T
-        self.gyroscope_bias = self.gyroscope_bias + delta[end : end + 3]
-        self.accelerometer_bias = self.accelerometer_bias + delta[end + 3 :]
+    def _places(self, names: Sequence[str]) -> np.ndarray:
+        """Which of the points d have these names, (k,)."""
+        return np.array([self.names.index(name) for name in names], dtype=np.int64)
 
 
 def hat(w: Array) -> Array:
@@ -238,29 +199,3 @@ def hats(vectors: Array) -> Array:
     found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -z, y, -x
     found[:, 1, 0], found[:, 2, 0], found[:, 2, 1] = z, -y, x
     return found
-
-
-def exp3(w: Array) -> Array:
-    """Exponential map of SO(3), (3, 3): the rotation by |w| about w."""
-    a, b, _ = _coefficients(w)
-    W = hat(w)
-    return np.eye(3) + a * W + b * (W @ W)
-
-
-def left_jacobian3(w: Array) -> Array:
-    """Left Jacobian of SO(3), (3, 3)."""
-    _, b, c = _coefficients(w)
-    W = hat(w)
-    return np.eye(3) + b * W + c * (W @ W)
-
-
-def _coefficients(w: Array) -> tuple[float, float, float]:
-    """The series sin θ / θ, (1 - cos θ) / θ² and (θ - sin θ) / θ³."""
-    angle = math.sqrt(float(w @ w))
-    if angle < _SMALL:
-        return 1.0, 0.5, 1.0 / 6.0
-    return (
-        math.sin(angle) / angle,
-        (1.0 - math.cos(angle)) / angle**2,
-        (angle - math.sin(angle)) / angle**3,
-    )

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from wbc_controller.core.arrays import all_true, largest, sum_of_squares
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.kernels.supervision import mismatch, within
 from wbc_controller.records import Array, Fault, RobotState
 
 #: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
@@ -91,9 +92,7 @@ class StateWatch:
         if model.floating_base:
             self._fastest[:3], self._fastest[3:6] = limits.base_speed, limits.base_turn
             self._tolerance[:3], self._tolerance[3:6] = limits.base_mismatch, limits.base_turn_mismatch
-        # Σ (xᵢ / limitᵢ)² <= 1 says in two calls that no value is over its limit; only otherwise each is looked at.
-        self._per_fastest, self._per_tolerance = 1.0 / self._fastest, 1.0 / self._tolerance
-        self._per_speed_limit = 1.0 / self._speed_limits
+        self._magnitudes = np.full(model.nq, limits.magnitude)
         self._state: RobotState | None = None
         self._mismatch = np.zeros(model.nv)  # change of the positions less the integrated velocities, with MEMORY
         self._untold = np.zeros(model.nv)  # integrated velocities while the position stays, with MEMORY
@@ -115,13 +114,13 @@ class StateWatch:
 
     def damped(self, joint_velocity: Array) -> Array:
         """Joint velocities, (nj,), with those that are not plausible set to zero: they are no reason for a torque."""
-        if sum_of_squares(joint_velocity * self._per_speed_limit) <= 1.0:
+        if within(joint_velocity, self._speed_limits):
             return joint_velocity
         return np.where(np.abs(joint_velocity) <= self._speed_limits, joint_velocity, 0.0)
 
     def _absurd(self, state: RobotState) -> Fault | None:
         limits = self._limits
-        if sum_of_squares(state.q) <= limits.magnitude**2 and sum_of_squares(state.v * self._per_fastest) <= 1.0:
+        if within(state.q, self._magnitudes) and within(state.v, self._fastest):
             return None
         magnitudes = np.abs(state.q)
         if not (largest(magnitudes) <= limits.magnitude):
@@ -130,10 +129,7 @@ class StateWatch:
                 f"the configuration's value {i} is {state.q[i]:.3g} (limit {limits.magnitude:g} rad or m, "
                 "safety.max_magnitude)"
             )
-        good = np.abs(state.v) <= self._fastest
-        if all_true(good):
-            return None
-        i = int((~good).argmax())
+        i = int((~(np.abs(state.v) <= self._fastest)).argmax())
         key = "max_joint_speed" if i in self._names.joints else "max_base_speed" if i < 3 else "max_base_turn"
         return _fault(
             f"{self._names.of(i)} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
@@ -151,24 +147,25 @@ class StateWatch:
             return None
         dt = 1.0e-9 * (state.stamp - before.stamp)
         change = pin.difference(self._pinocchio, before.q, state.q)
-        moved = change[self._v_places]
         known = 0.0 <= dt <= GAP
         if known:
-            told, keep = (0.5 * dt) * (before.v + state.v), 1.0 - dt / MEMORY
-            self._mismatch = keep * self._mismatch + (change - told)
+            keep = 1.0 - dt / MEMORY
+            good, still = mismatch(change, before.v, state.v, dt, keep, self._mismatch, self._tolerance)
         else:  # what was between is not known: no further than the largest velocities lead
             reach = abs(dt) * self._fastest
             self._mismatch = change - np.clip(change, -reach, reach)
+            good, still = within(self._mismatch, self._tolerance), 1
         fault = None
-        if not (sum_of_squares(self._mismatch * self._per_tolerance) <= 1.0):
+        if not good:
             fault = self._beyond(_JUMP, self._mismatch, self._tolerance)
-        if np.count_nonzero(moved) == len(moved):
+        if still == 0 or change[self._v_places].all():
             self._joint_values.since = state.stamp
             if self._some_untold:
                 self._untold, self._some_untold = np.zeros(len(change)), False
         else:
             if known:
                 self._some_untold = True
+                told = (0.5 * dt) * (before.v + state.v)
                 self._untold = np.where(change == 0.0, keep * self._untold + told, 0.0)
                 fault = fault or self._beyond(_STUCK, self._untold, self._stuck)
             fault = fault or self._joint_values.frozen(before, state, self._limits.frozen_time)

@@ -21,11 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.arrays import all_finite, all_true, clipped
+from wbc_controller.core.arrays import all_finite, all_true
 from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.references.trajectories import Ramp
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
+from wbc_controller.kernels.supervision import ahead, limited
 from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
 from wbc_controller.safety.checks import no_solution_for_too_long, relaxed_for_too_long, torques_usable
 from wbc_controller.safety.damping import stable_damping
@@ -364,14 +365,14 @@ class Supervisor:
         solution: Solution | None,
         joint_velocity: Array | None = None,
     ) -> JointCommand:
-        step = self._allowed
-        tau = clipped(tau, self._tau - step, self._tau + step)
         lower, upper = self._available(joint_velocity) or self._effort_limits
-        tau = freeze(clipped(tau, lower, upper))  # last: the available torque takes precedence over the rate limit
-        self._tau = tau
+        sent = np.empty(len(tau))
+        limited(tau, self._tau, self._allowed, lower, upper, sent)
+        self._tau = freeze(sent)
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:
-            period = self._period
-            v_desired = freeze(state.v[self._v_index] + period * solution.v_dot[self._v_index])
-            q_desired = freeze(state.q[self._q_index] + period * v_desired)
-        return JointCommand(state.stamp if state is not None else 0, tau, q_desired, v_desired)
+            q_desired, v_desired = np.empty(self._model.nj), np.empty(self._model.nj)
+            places = self._model.q_index, self._model.v_index
+            ahead(state.q, state.v, solution.v_dot, *places, self._period, q_desired, v_desired)
+            freeze(q_desired), freeze(v_desired)
+        return JointCommand(state.stamp if state is not None else 0, sent, q_desired, v_desired)

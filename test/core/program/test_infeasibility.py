@@ -102,7 +102,12 @@ def pulled_apart(robot, name):
     contact = first_contact(robot)
     twin = copy.copy(contact)
     twin.name = "twin"
-    twin.drift = lambda dynamics: contact.drift(dynamics) + 0.5 * np.eye(contact.size)[0]
+
+    def drifting(dynamics, J, acceleration):
+        contact.fill(dynamics, J, acceleration)
+        acceleration[0] -= 0.5
+
+    twin.fill = drifting
     robot.controller.formulation.contacts = {contact.name: contact, "twin": twin}
     robot.settings = robot.settings.model_copy(update={"contacts": {contact.name: None, "twin": None}})
     return failure(robot), {f"contact_motion:{contact.name}", "contact_motion:twin"}

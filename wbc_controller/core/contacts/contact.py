@@ -83,6 +83,11 @@ class Contact(ABC):
                 forces.
         """
 
+    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
+        """Write J, (k, nv), and the required J v̇ at J v = 0, (k,), in place."""
+        J[:] = self.jacobian(dynamics)
+        acceleration[:] = self.acceleration_at_rest(dynamics)
+
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
         """The required J v̇ at J v = 0, (k,): the acceleration that keeps the contact at rest."""
         return -self.drift(dynamics)

@@ -11,7 +11,11 @@ import pinocchio as pin
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.kernels.frames import contact_rows
 from wbc_controller.records import Array
+
+#: All components of a twist.
+_ALL = np.arange(6)
 
 
 def placement_of(translation: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> pin.SE3:
@@ -95,9 +99,9 @@ class Mount:
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement
-        # (6, 6): transforms a twist from the link's frame to the contact frame
-        self._to_contact: Array = placement.inverse().toActionMatrix()
-        self._same = bool(np.array_equal(self._to_contact, np.eye(6)))  # often true, and saves a product
+        self._numbers = np.concatenate([placement.rotation.T.ravel(), placement.translation])
+        frames = model.pinocchio.frames
+        self._other_link = 0 if self._other is None else int(frames[self._other].parentJoint)
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of C in the world."""
@@ -112,29 +116,21 @@ class Mount:
         """The pose in C of an anchor, (7,): position in m and quaternion of an earlier `pose` of C."""
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
-    def _from_other(self, dynamics: Dynamics, other: int) -> Array:
-        """X, (6, 6): transforms a twist of B to C."""
-        change: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
-        return change
+    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
+        """Write the Jacobian of ν, (6, nv), and -ν̇ at v̇ = 0, (6,), in place."""
+        contact_rows(
+            dynamics.frames, dynamics.links, dynamics.joint_jacobians, dynamics.moves,
+            self._id, dynamics.frame_links.item(self._id), self._other_link, self._numbers, _ALL, J, acceleration,
+        )  # fmt: skip
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of ν, (6, nv)."""
-        J = dynamics.jacobian(self._id, pin.LOCAL)
-        if not self._same:
-            J = np.asarray(self._to_contact @ J)
-        if self._other is not None:
-            J = J - self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
+        J = np.empty((6, dynamics.model.nv))
+        self.fill(dynamics, J, np.empty(6))
         return J
 
     def drift(self, dynamics: Dynamics) -> Array:
         """ν̇ at v̇ = 0, (6,)."""
-        drift = dynamics.drift_local(self._id)
-        if not self._same:
-            drift = np.asarray(self._to_contact @ drift)
-        if self._other is not None:
-            X = self._from_other(dynamics, self._other)
-            carried = X @ dynamics.velocity(self._other, pin.LOCAL)
-            relative = self._to_contact @ dynamics.velocity(self._id, pin.LOCAL) - carried
-            drift = drift - X @ dynamics.drift_local(self._other)
-            drift += pin.Motion(relative).cross(pin.Motion(carried)).vector
-        return drift
+        acceleration = np.empty(6)
+        self.fill(dynamics, np.empty((6, dynamics.model.nv)), acceleration)
+        return -acceleration

@@ -72,6 +72,13 @@ class SurfaceContact(UnilateralContact):
         """e, in the axes of the contact frame, (6,)."""
         return opening(self._mount.seen(dynamics, anchor))
 
+    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
+        """Write J, (6, nv), and the required J v̇ at J v = 0, (6,), in place.
+
+        The program uses this alone: a subclass with another `jacobian` or `drift` overrides it too.
+        """
+        self._mount.fill(dynamics, J, acceleration)
+
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact frame's relative twist, in its own axes, (6, nv)."""
         return self._mount.jacobian(dynamics)

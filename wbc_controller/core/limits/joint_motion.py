@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.core.arrays import clipped
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.records import Array, Tuning, frozen
+from wbc_controller.kernels.joint_motion import acceleration_bounds
+from wbc_controller.records import Array, Tuning
 
 #: Time constant with which a joint beyond its position limit returns, s: slow, as the robot may start there.
 RETURN_TIME = 0.1
@@ -64,15 +64,15 @@ class JointMotionLimit:
         """Make a limit; each lower limit is below its upper limit."""
         self.position_lower: Array | None = None
         self.position_upper: Array | None = None
-        self._limits: Array | None = None
         if position is not None:
-            self.position_lower, self.position_upper = lower, upper = position
-            self._limits = np.stack([upper, -lower])  # both as upper limits, of q and of -q
+            self.position_lower, self.position_upper = position
         self.velocity = velocity
         self.acceleration = acceleration
         self.horizon = horizon
-        self._widest = (frozen([]), frozen([]))
-        self._widest_of = (0, 0.0)
+        # As upper limits of q and of -q, (2, nj) or, where positions are not limited, (2, 0); and the speeds likewise.
+        lower, upper = (np.zeros(0), np.zeros(0)) if position is None else position
+        self._limits = np.stack([upper, -lower])
+        self._fastest = np.zeros(0) if velocity is None else velocity
 
     @classmethod
     def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
@@ -109,27 +109,12 @@ class JointMotionLimit:
             q: joint positions, (nj,) in rad.
             v: joint velocities, (nj,) in rad/s.
             period: time for which an acceleration is held, s.
-
-        Returns:
-            The two bounds; the same pair of arrays in every cycle if neither positions nor velocities are limited.
         """
-        most = self.acceleration
-        if self.velocity is None:
-            if self._widest_of != (len(q), most):
-                self._widest_of = (len(q), most)
-                self._widest = (frozen(np.full(len(q), -most)), frozen(np.full(len(q), most)))
-            if self._limits is None:
-                return self._widest
-            lower, upper = self._widest
-        else:
-            lower = clipped((-self.velocity - v) / period, -most, most)
-            upper = clipped((self.velocity - v) / period, -most, most)
-        if self._limits is None:
-            return lower, upper
-        position_lower, position_upper = self._position_bounds(q, v, period)
-        # Intersect the two intervals; where they are disjoint, the position bounds take precedence.
-        lower = clipped(lower, position_lower, position_upper)
-        upper = np.maximum(np.minimum(upper, position_upper), position_lower)
+        lower, upper = np.empty(len(q)), np.empty(len(q))
+        acceleration_bounds(
+            q, v, self._limits, self._fastest, self.acceleration, period, max(period, self.horizon),
+            STOPPING, RETURN_TIME, _ROUNDING, lower, upper,
+        )  # fmt: skip
         return lower, upper
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
@@ -147,7 +132,7 @@ class JointMotionLimit:
         Returns:
             Lower and upper bounds, (2, nj) in rad/s², nowhere tighter than `bounds`; -inf and inf where there is none.
         """
-        if self._limits is None:
+        if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
         lower, upper = limits
         speed = np.multiply(_SIDES, v)
@@ -155,39 +140,6 @@ class JointMotionLimit:
         held = np.maximum(_braking(speed, room), np.stack([bounds[1], -bounds[0]]))
         above, below = np.where((speed > 0.0) & (held < self.acceleration), held, np.inf)
         return np.stack([-below, above])
-
-    def _position_bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
-        """Bounds of q̈ from the position limits, clipped to ±q̈_max."""
-        most = self.acceleration
-        speed = np.multiply(_SIDES, v)  # (2, nj), towards the upper and towards the lower limit
-        room = self._limits - np.multiply(_SIDES, q)
-        ahead = max(period, self.horizon)
-        left = room - (0.5 * ahead) * speed
-        reach = most * ahead
-        end = np.sqrt(reach**2 + (2.0 * most) * np.maximum(left, 0.0)) - reach
-        bound = (end - speed) / ahead
-        short = left < -_ROUNDING
-        if short.any():  # rare: a joint that was not viable
-            outside = room < _ROUNDING
-            turning = -(speed**2) / np.where(outside, 1.0, 2.0 * room)
-            fastest = np.inf if self.velocity is None else self.velocity
-            spring = 4.0 / RETURN_TIME**2
-            back = spring * np.maximum(room, -RETURN_TIME * fastest) - np.where(
-                speed > 0.0, speed / period, spring * RETURN_TIME * speed
-            )
-            bound = np.where(short, np.where(outside, back, turning), bound)
-        late = bound < -most  # not viable
-        bound = clipped(bound, -most, most)
-        if late.any():
-            harder = np.maximum(_braking(speed, room + STOPPING), -speed / period)
-            bound = np.where(late & (harder < -most), harder, bound)
-        upper, lower = bound
-        lower = -lower
-        crossed = lower > upper  # not viable: keep the limit that q̇ points to
-        if crossed.any():
-            up = speed[0] > 0.0
-            lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
-        return lower, upper
 
 
 def _braking(speed: Array, room: Array) -> Array:

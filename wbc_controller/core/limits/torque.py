@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.arrays import clipped
+from wbc_controller.kernels.equations_of_motion import rate_bounds
 from wbc_controller.records import Array, frozen
 
 
@@ -81,6 +81,6 @@ class TorqueLimit:
         lower, upper = self.available(v)
         if before is None:
             return lower, upper
-        step = (self.rate * period) * self.effort_limits
-        held = clipped(before, lower, upper)
-        return np.maximum(lower, held - step), np.minimum(upper, held + step)
+        least, most = np.empty(len(lower)), np.empty(len(lower))
+        rate_bounds(lower, upper, before, self.effort_limits, self.rate * period, least, most)
+        return least, most

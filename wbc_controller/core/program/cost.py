@@ -124,7 +124,7 @@ class LevelCost:
             self._weigh(plan)
         errors = self.errors = {}
         for task, rows, right in plan.rows:
-            rows[...], right[...], errors[task.name] = task.equation(dynamics, wanted[task.name])
+            errors[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
         if plan.momentum is not None:  # ḣ_G, for a base that moves
             rows, right = plan.momentum
             rows[...] = dynamics.centroidal_matrix

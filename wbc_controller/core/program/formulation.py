@@ -15,6 +15,7 @@ from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
+from wbc_controller.kernels.equations_of_motion import fill_rows
 from wbc_controller.records import Array, References, RobotState, Tuning
 
 
@@ -145,11 +146,12 @@ class Formulation:
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         dynamics, actuation = self.dynamics, self.model.actuation
-        layout.dynamics_motion[:] = actuation.split(dynamics.M)
-        np.multiply(actuation.split(layout.J.T), -FORCE_UNIT, out=layout.dynamics_forces)
-        bias = actuation.split(self.bias(references))
-        np.negative(bias[: actuation.free], out=layout.minus_free_bias)
-        layout.torque_bias = bias[actuation.free :]
+        layout.torque_bias = np.empty(len(layout.torque_lower))
+        fill_rows(
+            *actuation.projection, actuation.free, dynamics.M, self.bias(references), layout.J, dynamics.v,
+            layout.damping, FORCE_UNIT, layout.contact_motion, layout.dynamics_motion, layout.dynamics_forces,
+            layout.minus_free_bias, layout.torque_bias,
+        )  # fmt: skip
         lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
         np.subtract(lower, layout.torque_bias, out=layout.torque_lower)
         np.subtract(upper, layout.torque_bias, out=layout.torque_upper)
@@ -167,24 +169,19 @@ class Formulation:
         dynamics = self.dynamics
         for place in layout.places:
             contact = place.contact
-            place.J[:] = contact.jacobian(dynamics)
-            place.acceleration[:] = contact.acceleration_at_rest(dynamics)
+            contact.fill(dynamics, place.J, place.acceleration)
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
             if bounds is not place.bounds:
                 np.divide(bounds[0], FORCE_UNIT, out=place.lower)
                 np.divide(bounds[1], FORCE_UNIT, out=place.upper)
                 place.bounds = bounds
-        motion = layout.contact_motion
-        motion -= layout.damping * layout.J.dot(dynamics.v)
         if layout.anchored:
-            motion += pull(layout, dynamics, references.anchors)
+            layout.contact_motion += pull(layout, dynamics, references.anchors)
 
     def _fill_joint_motion(self, layout: Layout) -> None:
         problem, dynamics, model = layout.problem, self.dynamics, self.model
         bounds = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
-        if bounds is not layout.motion_bounds:  # the same objects where the bounds do not depend on the state
-            problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
-            layout.motion_bounds = bounds
+        problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
 
     def _fill_row_limits(self, layout: Layout) -> None:
         problem = layout.problem

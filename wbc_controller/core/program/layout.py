@@ -126,8 +126,6 @@ class Layout:
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
-        #: The arrays from which the bounds of the joint accelerations in the problem were last filled.
-        self.motion_bounds: tuple[Array, Array] | None = None
         self.labels = self._labels(model)
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:

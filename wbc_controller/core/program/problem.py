@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wbc_controller.core.arrays import largest, smallest, sum_of_squares
+from wbc_controller.core.arrays import sum_of_squares
+from wbc_controller.kernels import active_set as kernel
 from wbc_controller.records import Array
 
 
@@ -128,6 +129,7 @@ class QuadraticProgram:
         upper: upper bounds of C x, view of `bounds`, (m_in,).
         x_lower: lower bounds of x, view of `bounds`, (n,).
         x_upper: upper bounds of x, view of `bounds`, (n,).
+        constraints: [A, b] and below it [C, 0], view of `memory`, (m_eq + m_in, n + 1).
     """
 
     cost: Quadratic
@@ -142,20 +144,17 @@ class QuadraticProgram:
     upper: Array = field(init=False)
     x_lower: Array = field(init=False)
     x_upper: Array = field(init=False)
-    _constraints: Array = field(init=False)
-    _lower: Array = field(init=False)
-    _upper: Array = field(init=False)
+    constraints: Array = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.n = int(self.memory.shape[1]) - 1
-        self._lower, self._upper = self.bounds
         self.x_lower, self.x_upper = self.bounds[:, :n]
         self.lower, self.upper = self.bounds[:, n:]
         rows = self.memory[self.room :]
         equalities = len(rows) - len(self.lower)
         self.A, self.b = rows[:equalities, :n], rows[:equalities, n]
         self.C = rows[equalities:, :n]
-        self._constraints = rows[:, :n]
+        self.constraints = rows
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0) -> QuadraticProgram:
@@ -190,18 +189,10 @@ class QuadraticProgram:
 
     def residuals(self, x: Array) -> Residuals:
         """Residuals of the constraints at x."""
-        n, m = self.n, len(self.b)
-        products = self._constraints.dot(x)
-        value = np.empty(n + len(products) - m)
-        value[:n], value[n:] = x, products[m:]
-        above, below = value - self._lower, self._upper - value
-        equalities = np.abs(products[:m] - self.b)
-        least, other = smallest(above), smallest(below)  # NaN if any value is NaN
-        if not (least <= other or least != least):
-            least = other
-        off = largest(equalities) if m else 0.0
-        violation = max(0.0, -least, off) if least == least and off == off else math.nan  # max loses a NaN
-        return Residuals(value, equalities, above, below, least, violation)
+        found = Residuals.of(self)
+        found.value[: self.n] = x
+        found.measured(*kernel.residuals(self.constraints, self.bounds, found.value, found.equalities, found.room))
+        return found
 
     def rows(self, places: np.ndarray) -> Array:
         """Rows of [I; C], (k, n)."""
@@ -222,18 +213,28 @@ class Residuals:
     Attributes:
         value: x, then C x, (n + m_in,).
         equalities: |A x - b|, (m_eq,).
-        above: distance of x and C x from their lower bounds, (n + m_in,); negative where violated.
-        below: distance of x and C x from their upper bounds, (n + m_in,); negative where violated.
-        least_room: the smallest value of `above` and `below`.
+        room: distance of x and C x from their lower and upper bounds, (2, n + m_in); negative where violated.
+        least_room: the smallest value of `room`.
         violation: largest violation of a constraint, 0 where all hold; NaN if x or the problem contains NaN.
     """
 
     value: Array
     equalities: Array
-    above: Array
-    below: Array
-    least_room: float
-    violation: float
+    room: Array
+    least_room: float = math.nan
+    violation: float = math.nan
+
+    @classmethod
+    def of(cls, problem: QuadraticProgram) -> Residuals:
+        """Arrays for the residuals of a problem, not filled."""
+        count = problem.bounds.shape[1]
+        return cls(np.empty(count), np.empty(len(problem.b)), np.empty((2, count)))
+
+    def measured(self, least_room: float, off: float) -> None:
+        """Take the smallest room, and the largest of `equalities`."""
+        self.least_room = least_room
+        # max loses a NaN
+        self.violation = max(0.0, -least_room, off) if least_room == least_room and off == off else math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,7 +179,6 @@ def _motion(formulation: Formulation, layout: Layout) -> Relaxable:
 
 def soften(layout: Layout, groups: Sequence[Relaxable]) -> Soft:
     """Leave only the hard bounds of groups in the problem, and give what is asked for in place of the others."""
-    layout.motion_bounds = None  # they have to be filled in again
     soft = groups[0].soft
     for group in groups:
         layout.problem.bounds[:, group.places] = group.hard

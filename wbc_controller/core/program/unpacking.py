@@ -127,7 +127,7 @@ def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, mul
     value = residuals.value
     if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
         return {}
-    room = np.array([residuals.above, residuals.below])
+    room = residuals.room
     bounds = np.abs([value - room[0], value + room[1]])
     sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
     found: dict[str, float] = {}

@@ -29,6 +29,8 @@ class Actuation(Drive):
             M, and nothing to h; None if no transmission has rotor inertia.
         C: coupling rows of the joints that follow others, (nm, nv).
         free: number of rows of N.
+        projection: [N; T] row by row: the begin of each row and the end of the last, (free + na + 1,), in its columns
+            and values that are not zero.
         direct: whether every actuator is the motor of one joint, and no joint follows another.
     """
 
@@ -61,6 +63,9 @@ class Actuation(Drive):
         N[self.free - len(untouched) + np.arange(len(untouched)), untouched] = 1.0
         N[: self.free - len(untouched), entered] = null_space(B[:, entered]).T
         self._N_T = np.vstack([N, np.linalg.solve(B @ B.T, B)[:na]])
+        rows, columns = self._N_T.nonzero()
+        starts = np.searchsorted(rows, np.arange(len(self._N_T) + 1)).astype(np.int64)
+        self.projection = (starts, columns.astype(np.int64), self._N_T[rows, columns])
         self.direct = self.motors is not None and not len(coupling)
         self._rows = as_slice(v_index[self.motors]) if self.direct else None
         self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None

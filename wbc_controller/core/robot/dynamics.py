@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.kernels.frames import link_motions
 from wbc_controller.records import Array
 
 _WORLD = pin.Convention.WORLD
@@ -28,6 +30,13 @@ class Dynamics:
         com_drift: acceleration of the centre of mass at v̇ = 0, (3,) in m/s².
         centroidal_matrix: A_G, (6, nv), so that the momentum about the centre of mass, in world axes, is A_G v.
         centroidal_drift: rate of that momentum at v̇ = 0, (6,) in N and N·m.
+        joint_jacobians: columns of the joint twists at the world's origin, in world axes, (6, nv), linear rows first. A
+            link's twist is the sum over the joints between base and link of their columns times their velocities.
+        moves: 1 where a component of v moves a link, (links, nv); the first link is the world.
+        links: twist of each link at the world's origin, in world axes, and its spatial acceleration there at v̇ = 0,
+            (links, 12).
+        frames: placement of each frame in the world, (frames, 12): the columns of the rotation, then the translation.
+        frame_links: the link that each frame is fixed to, (frames,).
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -54,6 +63,16 @@ class Dynamics:
         self.centroidal_drift: Array = data.dhg.vector
         self._linear_drift = self.centroidal_drift[:3]
         self._placements: list[pin.SE3] = list(data.oMf)
+        self.frames = _table([placement.rotation for placement in data.oMf], 12)
+        self.frame_links = np.array([frame.parentJoint for frame in model.pinocchio.frames], dtype=np.int64)
+        self.joint_jacobians: Array = _matrix(data.J)
+        self.moves = np.zeros((model.pinocchio.njoints, model.nv), dtype=np.int8)
+        for link, supports in enumerate(model.pinocchio.supports):
+            for joint in (model.pinocchio.joints[i] for i in list(supports)[1:]):
+                self.moves[link, joint.idx_v : joint.idx_v + joint.nv] = 1
+        self.links = np.zeros((model.pinocchio.njoints, 12))
+        self._joints = _table([placement.rotation for placement in data.oMi], 12)
+        self._joint_motions = _table([v.vector for v in data.v], 6), _table([a.vector for a in data.a], 6)
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
@@ -78,14 +97,7 @@ class Dynamics:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
         np.divide(self.centroidal_matrix, self._mass, out=self._per_mass)
         np.divide(self._linear_drift, self._mass, out=self.com_drift)
-
-    @property
-    def joint_jacobians(self) -> Array:
-        """Columns of the joint twists at the world's origin, in world axes, (6, nv), linear rows first.
-
-        A link's twist is the sum over the joints between base and link of their columns times their velocities.
-        """
-        return _matrix(self._data.J)
+        link_motions(self._joints, *self._joint_motions, self.links)
 
     @property
     def joint_jacobians_rate(self) -> Array:
@@ -133,6 +145,23 @@ class Dynamics:
         """
         J = self.jacobian(self.model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)
+
+
+def _table(parts: list[Array], size: int) -> Array:
+    """One read-only array, (n, size), over the memory of n parts that lie one after the other.
+
+    Args:
+        parts: the first numbers of each, in Pinocchio's memory.
+        size: of each part.
+
+    Raises:
+        RuntimeError: where they do not lie so: this release of Pinocchio keeps them in another way.
+    """
+    places = [part.__array_interface__["data"][0] for part in parts]
+    if any(after - before != 8 * size for before, after in zip(places, places[1:])):  # noqa: B905, RUF007
+        raise RuntimeError(f"Pinocchio {pin.__version__} does not keep {size} numbers in one piece")
+    flat = parts[0].reshape(-1, order="A")
+    return as_strided(flat, (len(parts), size), (8 * size, 8), writeable=False)
 
 
 def _matrix(J: Array) -> Array:

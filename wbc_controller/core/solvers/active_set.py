@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dgesv, dposv
+from scipy.linalg.lapack import dgesv
 
-from wbc_controller.core.program.problem import QuadraticProgram, Squares
+from wbc_controller.core.program.problem import QuadraticProgram, Residuals
 from wbc_controller.core.solvers.solver import Answer
+from wbc_controller.kernels import active_set as kernel
 from wbc_controller.records import Array
 
 #: Largest violation of a constraint, in the problem's units; the same as DAQP's tolerance.
@@ -47,8 +48,6 @@ class ActiveSet:
         self._n, self._m = n, equalities
         self._side = np.zeros(n + inequalities, dtype=np.int8)  # 1 at the upper bound, -1 at the lower one
         self._active = self._side.nonzero()[0]
-        self._none = np.zeros(len(self._side))
-        self._none.setflags(write=False)
         self._too_far: Array | None = None  # the d⁻¹ for which the condensed system was not accurate enough
 
     def learn(self, multipliers: Array) -> None:
@@ -58,90 +57,48 @@ class ActiveSet:
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
-        active = self._active
-        if self._m + len(active) > self._n:
+        if self._m + len(self._active) > self._n:
             return None
-        rows = self._rows(problem, active) if len(active) else None
         squares = problem.cost.squares
-        condensed = squares is not None and squares.inverse is not self._too_far and len(squares.stack) < self._n
-        found = self._condensed(squares, rows) if squares and condensed else self._full(problem, rows)
-        if found is None:
-            return None
-        x, minus_costs, cost = found
-        residuals = problem.residuals(x)
-        if not residuals.violation <= _FEASIBLE:
-            if squares and condensed and not residuals.equalities.max(initial=0.0) <= _FEASIBLE:
+        if squares is None or squares.inverse is self._too_far or len(squares.stack) >= self._n:
+            return self._full(problem)
+        found, multipliers = Residuals.of(problem), np.zeros(len(self._side))
+        flag, cost, least, off = kernel.condensed(
+            squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
+            problem.constraints, problem.bounds, self._active, self._side, _FEASIBLE, _LARGEST,
+            found.value, found.equalities, found.room, multipliers,
+        )  # fmt: skip
+        if flag == kernel.INACCURATE:
+            answer = self._full(problem)
+            if answer is not None:  # else the weights were not the reason
                 self._too_far = squares.inverse
-                answer = self.solve(problem)
-                if answer is None:  # the weights were not the reason
-                    self._too_far = None
-                return answer
+            return answer
+        if flag != kernel.SOLVED:
             return None
-        multipliers = self._none
-        if len(active):
-            if (self._side[active] * minus_costs > 0.0).any():
-                return None
-            multipliers = np.zeros(len(self._side))
-            multipliers[active] = -minus_costs
-        return Answer(x, "optimal", 1, multipliers, residuals, cost)
+        found.measured(least, off)
+        return Answer(found.value[: self._n], "optimal", 1, multipliers, found, cost)
 
-    def _rows(self, problem: QuadraticProgram, active: np.ndarray) -> Array:
-        """[W, w], (k, n + 1)."""
-        bounds = active[active < self._n]
-        rows = np.zeros((len(active), self._n + 1))
-        rows[np.arange(len(bounds)), bounds] = 1.0
-        rows[len(bounds) :, :-1] = problem.C[active[len(bounds) :] - self._n]
-        rows[:, -1] = problem.bounds[(self._side[active] > 0).astype(np.intp), active]
-        return rows
-
-    def _full(self, problem: QuadraticProgram, active: Array | None) -> tuple[Array, Array, float] | None:
-        """x, -λ and the cost from the full system; None if it is singular or nearly so."""
-        n, m = self._n, self._n + self._m
-        size = m if active is None else m + len(active)
+    def _full(self, problem: QuadraticProgram) -> Answer | None:
+        """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
+        active, n, m = self._active, self._n, self._n + self._m
+        size = m + len(active)
         K, right = np.zeros((size, size)), np.empty(size)
         K[:n, :n] = problem.H
         K[n:m, :n] = problem.A
         np.negative(problem.g, out=right[:n])
         right[n:m] = problem.b
-        if active is not None:
-            K[m:, :n], right[m:] = active[:, :-1], active[:, -1]
+        if len(active):
+            K[m:, :n] = problem.rows(active)
+            right[m:] = problem.bounds[(self._side[active] > 0).astype(np.intp), active]
         K[:n, n:] = K[n:, :n].T
         _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # K is symmetric: its transpose saves a copy
         if info != 0 or not answer.dot(answer) <= _LARGEST**2:
             return None
+        residuals = problem.residuals(answer[:n])
+        if not residuals.violation <= _FEASIBLE or (self._side[active] * answer[m:] < 0.0).any():
+            return None
+        multipliers = np.zeros(len(self._side))
+        multipliers[active] = answer[m:]
         # xᵀHx = -gᵀx - bᵀy - wᵀλ, the stationarity condition times xᵀ; and right is [-g; b; w].
-        return answer[:n], -answer[m:], problem.cost.constant - 0.5 * float(right @ answer)
-
-    def _condensed(self, squares: Squares, active: Array | None) -> tuple[Array, Array, float] | None:
-        """x, -λ and the cost from the condensed system; None if it is singular or nearly so.
-
-        The right-hand sides are one more column, for which x has -1. The columns of the base are kept, and become zero.
-        """
-        first = squares.first
-        B = squares.stack
-        if first:
-            head = B[-first:]
-            _, _, N, info = dgesv(head[:, :first], head)
-            if info != 0:
-                return None
-            B = B[:-first]
-        equations = len(B)
-        if active is not None:
-            B = np.concatenate((B, active))
-        if first:
-            B = B - B[:, :first].dot(N)
-        T = B * squares.inverse
-        beta = B.dot(squares.minus_target)  # β - B t
-        p = beta
-        if len(p):  # there are no rows for a fixed base with tasks on joints alone
-            K = T.dot(B.T)
-            K.reshape(-1)[: len(squares.slack) * (len(p) + 1) : len(p) + 1] += squares.slack
-            _, p, info = dposv(K.T, beta, overwrite_a=True)  # K is symmetric: its transpose saves a copy
-            if info != 0 or not p.dot(p) <= _LARGEST**2:
-                return None
-        x = p.dot(T)
-        x -= squares.minus_target
-        if first:
-            np.negative(N.dot(x), out=x[:first])
-        # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
-        return x[:-1], p[equations:], squares.constant + 0.5 * float(p.dot(beta))
+        cost = problem.cost.constant - 0.5 * float(right @ answer)
+        return Answer(answer[:n], "optimal", 1, multipliers, residuals, cost)

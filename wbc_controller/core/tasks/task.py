@@ -11,8 +11,10 @@ import numpy as np
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.kernels.frames import feedback
 from wbc_controller.records import Array, Reference, frozen
 
+_ZERO = np.zeros(0)
 #: A gain: one number, or one for each axis.
 Gains = float | Sequence[float]
 
@@ -150,8 +152,23 @@ class AccelerationTask(Task):
         still = frozen(np.zeros(self.size))
         return Reference(frozen(self.position(dynamics)), still, still)
 
+    def fill(self, dynamics: Dynamics, reference: Reference, rows: Array, right: Array) -> Array:
+        """Write the rows of the least-squares problem J v̇ = b in place.
+
+        Args:
+            dynamics: the snapshot.
+            reference: the task reference.
+            rows: for J, (k, nv).
+            right: for b, (k,).
+
+        Returns:
+            The task error, (k,).
+        """
+        rows[...], right[...], error = self.equation(dynamics, reference)
+        return error
+
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Rows of the least-squares problem J v̇ = b.
+        """Rows of the least-squares problem J v̇ = b, as new arrays.
 
         Args:
             dynamics: the snapshot.
@@ -245,9 +262,16 @@ class MotionTask(AccelerationTask):
         self.damping = (
             2.0 * np.sqrt(self.stiffness) if damping is None else gains(damping, len(mask), f"tasks.{name}.damping")
         )
-        self._followed: Reference | None = None
-        self._damping = self.damping
-        self._feed_forward: Array | None = None
+        self._gains_of: tuple[Array, Array] | None = None
+
+    @property
+    def gain_rows(self) -> Array:
+        """K and D of each axis, (2, size)."""
+        if self._gains_of is None or self._gains_of[0] is not self.stiffness or self._gains_of[1] is not self.damping:
+            self._gains_of = self.stiffness, self.damping
+            self._gain_rows = np.empty((2, self.size))
+            self._gain_rows[0], self._gain_rows[1] = self._gains_of
+        return self._gain_rows
 
     def _stiffness_of_rows(self) -> Array:
         return self.stiffness
@@ -258,23 +282,12 @@ class MotionTask(AccelerationTask):
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """ẍ* - J̇v and the task error, both (size,)."""
-        error = self.error(dynamics, reference.position)
-        if reference is not self._followed or self.damping is not self._damping:
-            self._follow(reference)
-        right = self.stiffness * error
-        right -= self.damping * self.velocity(dynamics)
-        if self._feed_forward is not None:
-            right += self._feed_forward
-        if self.has_drift:
-            right -= self.drift(dynamics)
+        error, right = self.error(dynamics, reference.position), np.empty(self.size)
+        feedback(
+            error, self.velocity(dynamics), self.drift(dynamics) if self.has_drift else _ZERO, self.gain_rows,
+            reference.velocity, reference.acceleration, right,
+        )  # fmt: skip
         return right, error
-
-    def _follow(self, reference: Reference) -> None:
-        """Compute ẍ_ref + D ẋ_ref, and cache it if the reference is read-only."""
-        changes = reference.velocity.flags.writeable or reference.acceleration.flags.writeable
-        self._followed, self._damping = None if changes else reference, self.damping
-        feed_forward = reference.acceleration + self.damping * reference.velocity
-        self._feed_forward = None if feed_forward.dot(feed_forward) == 0.0 else feed_forward
 
 
 class RateTask(AccelerationTask):

@@ -1,0 +1,63 @@
+"""Held against the same equations in NumPy, as matrices."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plain_filter import PlainFilter, exp3
+
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
+
+NAMES = "abcdefgh"
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), points=st.integers(0, 8), kept=st.floats(0.0, 1.0))
+def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
+    rng = np.random.default_rng(seed)
+    root, w = rng.normal(size=(15, 15)), rng.normal(size=3)
+    begin = {
+        "rotation": exp3(w), "velocity": rng.normal(size=3), "position": rng.normal(size=3),
+        "gyroscope_bias": 0.1 * rng.normal(size=3), "accelerometer_bias": 0.1 * rng.normal(size=3),
+        "P": 0.01 * root @ root.T,
+    }  # fmt: skip
+    noise = ImuNoise(*rng.uniform(0.01, 1.0, 5))
+    found, plain = (kind(noise, np.array([0.0, 0.0, -9.81]), **begin) for kind in (InvariantFilter, PlainFilter))
+    noisy = rng.normal(size=(3 * points, 3 * points))
+    covariance, places = 1e-2 * (noisy @ noisy.T + np.eye(3 * points)), rng.normal(size=(points, 3))
+    for i, name in enumerate(NAMES[:points]):
+        own = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+        found.add(name, places[i], own)
+        plain.add(name, places[i], own)
+    at = np.flatnonzero(rng.random(points) < kept)
+    rows = (3 * at[:, None] + np.arange(3)).ravel()
+    names, moved = [NAMES[i] for i in at], places[at] + 0.1 * rng.normal(size=(len(at), 3))
+    for _ in range(3):
+        turning, force = rng.normal(size=(2, 3)) * rng.choice([1e-9, 1.0, 10.0])
+        for filter in (found, plain):
+            filter.propagate(turning, force, 0.01)
+        if names:
+            z, S = found.innovation(names, moved, covariance[np.ix_(rows, rows)])
+            expected = plain.innovation(names, moved, covariance[np.ix_(rows, rows)])
+            np.testing.assert_allclose(z, expected[0], atol=1e-10 * (1.0 + np.abs(expected[0]).max()))
+            np.testing.assert_allclose(S, expected[1], atol=1e-10 * np.abs(expected[1]).max())
+            found.correct(names, z, S)
+            plain.correct(names, z, S)
+        for part in ("rotation", "columns", "gyroscope_bias", "accelerometer_bias", "P"):
+            wanted = getattr(plain, part)
+            np.testing.assert_allclose(getattr(found, part), wanted, atol=1e-9 * (1.0 + np.abs(wanted).max()))
+    if names:
+        np.testing.assert_array_equal(found.P, found.P.T)
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan])
+def test_what_no_covariance_is_corrects_nothing(value):
+    filter = InvariantFilter(
+        ImuNoise(0.1, 0.1, 0.1, 0.1, 0.1), np.array([0.0, 0.0, -9.81]), rotation=np.eye(3), velocity=np.zeros(3),
+        position=np.zeros(3), gyroscope_bias=np.zeros(3), accelerometer_bias=np.zeros(3), P=np.eye(15),
+    )  # fmt: skip
+    filter.add("a", np.zeros(3), np.eye(3))
+    before = filter.P.copy()
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        filter.correct(["a"], np.ones(3), np.diag([1.0, value, 1.0]))
+    np.testing.assert_array_equal(filter.P, before)

@@ -1,0 +1,275 @@
+"""The condensed system of a quadratic program with a known active set, and the residuals of its constraints."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from wbc_controller.kernels.compiled import (
+    INDICES,
+    INTEGER,
+    NUMBER,
+    ROWS,
+    ROWS_OUT,
+    SIGNS,
+    VECTOR,
+    VECTOR_OUT,
+    compiled,
+    part,
+)
+from wbc_controller.records import Array
+
+#: What came of `condensed`: the minimizer; none, as the active set is another one; equations met too badly.
+SOLVED, ANOTHER_SET, INACCURATE = 0, 1, 2
+
+
+@part
+def _eliminate(head: Array, first: int, N: Array) -> bool:
+    """N = H⁻¹ T for head = [H, T] with H (first, first): Gauss elimination with row pivoting; False if singular."""
+    width = N.shape[1]
+    H = head[:, :first].copy()
+    for i in range(first):
+        for j in range(width):
+            N[i, j] = head[i, first + j]
+    for column in range(first):
+        pivot = column
+        for i in range(column + 1, first):
+            if abs(H[i, column]) > abs(H[pivot, column]):
+                pivot = i
+        if not abs(H[pivot, column]) > 0.0:
+            return False
+        if pivot != column:
+            for j in range(first):
+                H[pivot, j], H[column, j] = H[column, j], H[pivot, j]
+            for j in range(width):
+                N[pivot, j], N[column, j] = N[column, j], N[pivot, j]
+        for i in range(column + 1, first):
+            share = H[i, column] / H[column, column]
+            for j in range(column + 1, first):
+                H[i, j] -= share * H[column, j]
+            for j in range(width):
+                N[i, j] -= share * N[column, j]
+    for i in range(first - 1, -1, -1):
+        for k in range(i + 1, first):
+            share = H[i, k]
+            for j in range(width):
+                N[i, j] -= share * N[k, j]
+        for j in range(width):
+            N[i, j] /= H[i, i]
+    return True
+
+
+@part
+def _gram(transposed: Array, inverse: Array, K: Array) -> None:
+    """The upper triangle of K += B D⁻¹ Bᵀ from Bᵀ (n, m) and D⁻¹ (n,)."""
+    n, m = transposed.shape
+    k = 0
+    while k + 4 <= n:  # four products for each access to K
+        d0, d1, d2, d3 = inverse[k], inverse[k + 1], inverse[k + 2], inverse[k + 3]
+        b0, b1, b2, b3 = transposed[k], transposed[k + 1], transposed[k + 2], transposed[k + 3]
+        for i in range(m):
+            s0, s1, s2, s3 = d0 * b0[i], d1 * b1[i], d2 * b2[i], d3 * b3[i]
+            for j in range(i, m):
+                K[i, j] += (s0 * b0[j] + s1 * b1[j]) + (s2 * b2[j] + s3 * b3[j])
+        k += 4
+    for l in range(k, n):  # noqa: E741
+        for i in range(m):
+            s = inverse[l] * transposed[l, i]
+            for j in range(i, m):
+                K[i, j] += s * transposed[l, j]
+
+
+@part
+def _solve_definite(K: Array, p: Array) -> bool:
+    """Solve K p = β, with K = UᵀU by Cholesky from its upper triangle, and p in place of β; False if not definite."""
+    m = len(p)
+    for i in range(m):
+        if not K[i, i] > 0.0:  # NaN too
+            return False
+        root = math.sqrt(K[i, i])
+        for j in range(i, m):
+            K[i, j] /= root
+        p[i] /= root
+        for k in range(i + 1, m):
+            share = K[i, k]
+            for j in range(k, m):
+                K[k, j] -= share * K[i, j]
+            p[k] -= share * p[i]
+    for i in range(m - 1, -1, -1):
+        total = p[i]
+        for j in range(i + 1, m):
+            total -= K[i, j] * p[j]
+        p[i] = total / K[i, i]
+    return True
+
+
+@part
+def _products(rows: Array, x: Array, out: Array) -> None:
+    """Compute out = rows[:, :n] x for x (n,); four rows at a time, as one sum waits for its last addition."""
+    count, n = len(rows), len(x)
+    i = 0
+    while i + 4 <= count:
+        r0, r1, r2, r3 = rows[i], rows[i + 1], rows[i + 2], rows[i + 3]
+        s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+        for j in range(n):
+            s0 += r0[j] * x[j]
+            s1 += r1[j] * x[j]
+            s2 += r2[j] * x[j]
+            s3 += r3[j] * x[j]
+        out[i], out[i + 1], out[i + 2], out[i + 3] = s0, s1, s2, s3
+        i += 4
+    for l in range(i, count):  # noqa: E741
+        s = 0.0
+        for j in range(n):
+            s += rows[l, j] * x[j]
+        out[l] = s
+
+
+@part
+def _residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array) -> tuple[float, float]:
+    m, n = len(off), rows.shape[1] - 1
+    x = value[:n]
+    _products(rows[:m], x, off)
+    _products(rows[m:], x, value[n:])
+    most, least = 0.0, math.inf
+    for i in range(m):
+        off[i] = abs(off[i] - rows[i, n])
+        if off[i] > most or off[i] != off[i]:
+            most = off[i]
+    for side in range(2):
+        sign = 1.0 - 2.0 * side
+        for i in range(len(value)):
+            left = sign * (value[i] - bounds[side, i])
+            room[side, i] = left
+            if left < least or left != left:
+                least = left
+    return least, most
+
+
+@compiled(ROWS, ROWS, VECTOR_OUT, VECTOR_OUT, ROWS_OUT)
+def residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array) -> tuple[float, float]:
+    """Residuals of constraints A x = b, lower <= [x; C x] <= upper at a point x.
+
+    Args:
+        rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
+        bounds: lower and upper bounds, (2, n + m_in).
+        value: x, and after it room for C x, (n + m_in,).
+        off: for |A x - b|, (m_eq,).
+        room: for the distances from the lower and from the upper bounds, (2, n + m_in).
+
+    Returns:
+        The smallest room and the largest |A x - b|; NaN where one of them is.
+    """
+    return _residuals(rows, bounds, value, off, room)
+
+
+@compiled(
+    ROWS, VECTOR, INTEGER, VECTOR, VECTOR, NUMBER, ROWS, ROWS, INDICES, SIGNS, NUMBER, NUMBER,
+    VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT,
+)  # fmt: skip
+def condensed(
+    stack: Array, slack: Array, first: int, inverse: Array, minus_target: Array, constant: float,
+    rows: Array, bounds: Array, active: np.ndarray, sides: np.ndarray, feasible: float, largest: float,
+    value: Array, off: Array, room: Array, multipliers: Array,
+) -> tuple[int, float, float, float]:  # fmt: skip
+    """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
+
+    With the base accelerations eliminated by the last equality constraints, x_k = s - N z,
+
+        z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t.
+
+    The right-hand sides are one more column of B, for which z has -1 and minus_target 1.
+
+    Args:
+        stack: [R, r] and below it [A, b], (k + m_eq, n + 1).
+        slack: 1 / w of the rows R, (k,).
+        first: number of columns that the last rows of A determine.
+        inverse: d⁻¹, (n + 1,).
+        minus_target: -t, (n + 1,).
+        constant: the cost where all squares are zero.
+        rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
+        bounds: lower and upper bounds of [x; C x], (2, n + m_in).
+        active: indices of the active ones among them, ascending, (j,).
+        sides: 1 at the upper bound, -1 at the lower one, for each of them, (n + m_in,).
+        feasible: largest violation of a constraint.
+        largest: largest norm of p: beyond it the system is nearly singular.
+        value: for [x; C x], (n + m_in,).
+        off: for |A x - b|, (m_eq,).
+        room: for the distances from the bounds, (2, n + m_in).
+        multipliers: for those of the active constraints; zeros, (n + m_in,).
+
+    Returns:
+        What came of it, the cost, the smallest room, and the largest |A x - b|.
+    """
+    n, count = stack.shape[1] - 1, len(stack) - first
+    m, width, end = count + len(active), n + 1 - first, len(off)
+    N = np.empty((first, width))
+    if first and not _eliminate(stack[count:], first, N):
+        return ANOTHER_SET, 0.0, 0.0, 0.0
+    B = np.zeros((m, width))  # of z and the right-hand sides
+    for i in range(m):
+        if i < count:
+            whole = stack[i]
+            for j in range(width):
+                B[i, j] = whole[first + j]
+        else:
+            place = active[i - count]
+            bound = bounds[1 if sides[place] > 0 else 0, place]
+            if place < n:
+                if place < first:
+                    for j in range(width):
+                        B[i, j] = -N[place, j]
+                else:
+                    B[i, place - first] = 1.0
+                B[i, width - 1] += bound
+                continue
+            whole = rows[end + place - n]
+            for j in range(width - 1):
+                B[i, j] = whole[first + j]
+            B[i, width - 1] = bound
+        for k in range(first):
+            share = whole[k]
+            for j in range(width):
+                B[i, j] -= share * N[k, j]
+    transposed = B.T.copy()
+    weights, offset = inverse[first:], minus_target[first:]
+    p = np.zeros(m)
+    for k in range(width):
+        for i in range(m):
+            p[i] += offset[k] * transposed[k, i]
+    beta = p.copy()
+    K = np.zeros((m, m))
+    _gram(transposed, weights, K)
+    for i in range(len(slack)):
+        K[i, i] += slack[i]
+    if not _solve_definite(K, p):
+        return ANOTHER_SET, 0.0, 0.0, 0.0
+    cost, size = 0.0, 0.0
+    for i in range(m):
+        cost += p[i] * beta[i]
+        size += p[i] * p[i]
+    if not size <= largest * largest:
+        return ANOTHER_SET, 0.0, 0.0, 0.0
+    z = np.zeros(width)
+    for i in range(m):
+        for j in range(width):
+            z[j] += p[i] * B[i, j]
+    for j in range(width):
+        z[j] = weights[j] * z[j] - offset[j]
+    _products(N, z, value[:first])
+    for j in range(first):
+        value[j] = -value[j]
+    for j in range(width - 1):  # what copies a slice takes seconds to compile
+        value[first + j] = z[j]
+    least, most = _residuals(rows, bounds, value, off, room)
+    if not most <= feasible:
+        return INACCURATE, 0.0, least, most
+    if not -least <= feasible:
+        return ANOTHER_SET, 0.0, least, most
+    for i in range(len(active)):
+        if sides[active[i]] * p[count + i] > 0.0:
+            return ANOTHER_SET, 0.0, least, most
+        multipliers[active[i]] = -p[count + i]
+    # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
+    return SOLVED, constant + 0.5 * cost, least, most

@@ -1,0 +1,268 @@
+"""Motion of links and frames: twists, their rates at v̇ = 0, Jacobians, and the rows of tasks and contacts on them.
+
+A twist is [linear, angular]. At the world's origin and in world axes it is the same for all that is fixed to the link;
+at a point p its linear part is v₀ + ω × p. So it is with the spatial acceleration, whose linear part at p lacks
+ω × v(p) to be that of the point, and with the columns of a Jacobian: Pinocchio's, where the joint moves the link.
+
+A placement is (12,): the columns of its rotation, and the translation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from wbc_controller.kernels.compiled import (
+    ANY_MATRIX,
+    ANY_MATRIX_OUT,
+    ANY_VECTOR,
+    ANY_VECTOR_OUT,
+    INDICES,
+    INTEGER,
+    ROWS,
+    ROWS_OUT,
+    SIGN_ROWS,
+    VECTOR,
+    VECTOR_OUT,
+    compiled,
+    part,
+)
+from wbc_controller.records import Array
+
+
+@part
+def _turn(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """R (x, y, z) for the rotation of a placement."""
+    return (
+        R[0] * x + R[3] * y + R[6] * z,
+        R[1] * x + R[4] * y + R[7] * z,
+        R[2] * x + R[5] * y + R[8] * z,
+    )
+
+
+@part
+def _turn_back(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Rᵀ (x, y, z)."""
+    return (
+        R[0] * x + R[1] * y + R[2] * z,
+        R[3] * x + R[4] * y + R[5] * z,
+        R[6] * x + R[7] * y + R[8] * z,
+    )
+
+
+@part
+def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return b * z - c * y, c * x - a * z, a * y - b * x
+
+
+@compiled(ROWS, ROWS, ROWS, ROWS_OUT)
+def link_motions(joints: Array, v: Array, a: Array, out: Array) -> None:
+    """Twist and spatial acceleration of each joint's link at the world's origin, in world axes.
+
+    Args:
+        joints: placements in the world, (n, 12).
+        v: twists in the links' own axes, (n, 6).
+        a: spatial accelerations likewise, (n, 6).
+        out: for the twists and accelerations, (n, 12).
+    """
+    for i in range(len(joints)):
+        R = joints[i]
+        for half in range(2):
+            local = v[i] if half == 0 else a[i]
+            x, y, z = _turn(R, local[0], local[1], local[2])
+            wx, wy, wz = _turn(R, local[3], local[4], local[5])
+            cx, cy, cz = _cross(wx, wy, wz, R[9], R[10], R[11])
+            to = out[i, 6 * half :]
+            to[0], to[1], to[2], to[3], to[4], to[5] = x - cx, y - cy, z - cz, wx, wy, wz
+
+
+@part
+def _place(frame: Array, mount: Array, out: Array) -> None:
+    """The placement of something that is mounted on a frame."""
+    for column in range(3):
+        x, y, z = _turn(frame, mount[3 * column], mount[3 * column + 1], mount[3 * column + 2])
+        out[3 * column], out[3 * column + 1], out[3 * column + 2] = x, y, z
+    x, y, z = _turn(frame, mount[9], mount[10], mount[11])
+    out[9], out[10], out[11] = frame[9] + x, frame[10] + y, frame[11] + z
+
+
+@part
+def _seen(C: Array, motion: Array, out: Array) -> None:
+    """A motion at the world's origin as seen at the origin of a placement, along its axes: both (6,)."""
+    cx, cy, cz = _cross(motion[3], motion[4], motion[5], C[9], C[10], C[11])
+    out[0], out[1], out[2] = _turn_back(C, motion[0] + cx, motion[1] + cy, motion[2] + cz)
+    out[3], out[4], out[5] = _turn_back(C, motion[3], motion[4], motion[5])
+
+
+@compiled(ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, INTEGER, VECTOR, INDICES, ANY_MATRIX_OUT, ANY_VECTOR_OUT)
+def contact_rows(
+    frames: Array, links: Array, J: Array, moves: np.ndarray, frame: int, parent: int, other: int, mount: Array,
+    rows: np.ndarray, out: Array, acceleration: Array,
+) -> None:  # fmt: skip
+    """Rows of the twist ν of a contact frame C as seen from another link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
+
+    With X the transform of a twist of B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B) (`contacts.mount`).
+
+    Args:
+        frames: placements in the world, (k, 12).
+        links: motions at the world's origin, (n, 12), of `link_motions`.
+        J: joint Jacobians, (6, nv).
+        moves: 1 where a joint moves a link, (n, nv).
+        frame: index of the frame that C is mounted on.
+        parent: index of its link.
+        other: index of the link of B; 0 for the world.
+        mount: placement of C in the frame, (12,).
+        rows: components of ν that are wanted, (r,).
+        out: for J, (r, nv).
+        acceleration: for -ν̇ at v̇ = 0, (r,).
+    """
+    C, column, nu, carried, nu_dot = np.empty(12), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    _place(frames[frame], mount, C)
+    for j in range(J.shape[1]):
+        sign = moves[parent, j] - moves[other, j]
+        if sign == 0:
+            for i in range(len(rows)):
+                out[i, j] = 0.0
+            continue
+        _seen(C, J[:, j], column)
+        for i in range(len(rows)):
+            out[i, j] = sign * column[rows[i]]
+    _seen(C, links[other, :6], carried)
+    _seen(C, links[parent, :6], nu)
+    _seen(C, links[other, 6:], column)
+    _seen(C, links[parent, 6:], nu_dot)
+    for i in range(6):
+        nu[i] -= carried[i]
+        nu_dot[i] -= column[i]
+    a, b, c = nu[3], nu[4], nu[5]
+    x, y, z = _cross(a, b, c, carried[0], carried[1], carried[2])
+    u, v, w = _cross(nu[0], nu[1], nu[2], carried[3], carried[4], carried[5])
+    nu_dot[0], nu_dot[1], nu_dot[2] = nu_dot[0] + x + u, nu_dot[1] + y + v, nu_dot[2] + z + w
+    x, y, z = _cross(a, b, c, carried[3], carried[4], carried[5])
+    nu_dot[3], nu_dot[4], nu_dot[5] = nu_dot[3] + x, nu_dot[4] + y, nu_dot[5] + z
+    for i in range(len(rows)):
+        acceleration[i] = -nu_dot[rows[i]]
+
+
+@part
+def _quaternion(R: Array, out: Array) -> None:
+    """The quaternion (x, y, z, w) of a placement's rotation, by its largest component (Shepperd)."""
+    trace = R[0] + R[4] + R[8]
+    if trace > 0.0:
+        s = 2.0 * math.sqrt(1.0 + trace)
+        out[0], out[1], out[2], out[3] = (R[5] - R[7]) / s, (R[6] - R[2]) / s, (R[1] - R[3]) / s, 0.25 * s
+        return
+    i = 0
+    for k in range(1, 3):
+        if R[4 * k] > R[4 * i]:
+            i = k
+    j, k = (i + 1) % 3, (i + 2) % 3
+    s = 2.0 * math.sqrt(1.0 + R[4 * i] - R[4 * j] - R[4 * k])
+    out[i] = 0.25 * s
+    out[j] = (R[3 * i + j] + R[3 * j + i]) / s
+    out[k] = (R[3 * i + k] + R[3 * k + i]) / s
+    out[3] = (R[3 * j + k] - R[3 * k + j]) / s
+
+
+@part
+def _rotation_error(R: Array, reference: Array, out: Array) -> None:
+    """R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,), from the rotation of a placement to a quaternion (x, y, z, w)."""
+    q = np.empty(4)
+    _quaternion(R, q)
+    x, y, z, w = reference[0], reference[1], reference[2], reference[3]
+    # reference · conjugate of q, of any length
+    cx, cy, cz = _cross(x, y, z, q[0], q[1], q[2])
+    ex, ey, ez = q[3] * x - w * q[0] - cx, q[3] * y - w * q[1] - cy, q[3] * z - w * q[2] - cz
+    ew = w * q[3] + x * q[0] + y * q[1] + z * q[2]
+    if ew < 0.0:
+        ex, ey, ez, ew = -ex, -ey, -ez, -ew
+    sine = math.sqrt(ex * ex + ey * ey + ez * ez)
+    # The half angle over its sine; below this size their ratio is that of the tangent to rounding.
+    share = 2.0 * math.atan2(sine, ew) / sine if sine > 1.0e-9 * ew else 2.0 / ew
+    out[0], out[1], out[2] = share * ex, share * ey, share * ez
+
+
+@compiled(
+    ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, INTEGER, INDICES, ROWS,
+    ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_MATRIX_OUT, ANY_VECTOR_OUT, VECTOR_OUT,
+)  # fmt: skip
+def frame_task(
+    frames: Array, links: Array, J: Array, moves: np.ndarray, frame: int, parent: int, first: int, rows: np.ndarray,
+    gains: Array, position: Array, velocity: Array, acceleration: Array, out: Array, right: Array, error: Array,
+) -> None:  # fmt: skip
+    """Rows of a task on a frame's position, orientation or both, in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
+
+    Args:
+        frames: placements in the world, (k, 12).
+        links: motions at the world's origin, (n, 12), of `link_motions`.
+        J: joint Jacobians, (6, nv).
+        moves: 1 where a joint moves a link, (n, nv).
+        frame: index of the frame.
+        parent: index of its link.
+        first: first component of the frame's twist that the task is on: 0, or 3 for an orientation.
+        rows: components of the task that its mask selects, (r,).
+        gains: K and D, (2, size) in 1/s² and 1/s.
+        position: reference: position in m, quaternion, or both.
+        velocity: ẋ_ref, (size,).
+        acceleration: ẍ_ref, (size,).
+        out: for J, (r, nv).
+        right: for the right-hand sides, (r,).
+        error: for the task error, (r,) in m and rad.
+    """
+    at, size = frames[frame], gains.shape[1]
+    px, py, pz = at[9], at[10], at[11]
+    for j in range(J.shape[1]):
+        if moves[parent, j] == 0:
+            for i in range(len(rows)):
+                out[i, j] = 0.0
+            continue
+        cx, cy, cz = _cross(J[3, j], J[4, j], J[5, j], px, py, pz)
+        for i in range(len(rows)):
+            row = first + rows[i]
+            out[i, j] = J[row, j] + (cx if row == 0 else cy if row == 1 else cz if row == 2 else 0.0)
+    twist, drift, wanted = np.empty(6), np.empty(6), np.empty(6)
+    link = links[parent]
+    cx, cy, cz = _cross(link[3], link[4], link[5], px, py, pz)
+    twist[0], twist[1], twist[2] = link[0] + cx, link[1] + cy, link[2] + cz
+    twist[3], twist[4], twist[5] = link[3], link[4], link[5]
+    cx, cy, cz = _cross(link[9], link[10], link[11], px, py, pz)
+    ux, uy, uz = _cross(link[3], link[4], link[5], twist[0], twist[1], twist[2])
+    drift[0], drift[1], drift[2] = link[6] + cx + ux, link[7] + cy + uy, link[8] + cz + uz
+    drift[3], drift[4], drift[5] = link[9], link[10], link[11]
+    if first == 0:
+        wanted[0], wanted[1], wanted[2] = position[0] - px, position[1] - py, position[2] - pz
+    if first + size > 3:
+        _rotation_error(at, position[len(position) - 4 :], wanted[3:])
+    for i in range(len(rows)):
+        axis = rows[i]
+        row = first + axis
+        error[i] = wanted[row]
+        right[i] = (
+            gains[0, axis] * wanted[row]
+            + gains[1, axis] * (velocity[axis] - twist[row])
+            + acceleration[axis]
+            - drift[row]
+        )
+
+
+@compiled(ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ROWS, ANY_VECTOR, ANY_VECTOR, VECTOR_OUT)
+def feedback(
+    error: Array, velocity: Array, drift: Array, gains: Array, velocity_wanted: Array, acceleration_wanted: Array,
+    right: Array,
+) -> None:  # fmt: skip
+    """The law of `MotionTask`: ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
+
+    Args:
+        error: e, (size,).
+        velocity: ẋ, (size,).
+        drift: J̇v, (size,); (0,) where it is zero.
+        gains: K and D, (2, size).
+        velocity_wanted: ẋ_ref, (size,).
+        acceleration_wanted: ẍ_ref, (size,).
+        right: for the result, (size,).
+    """
+    for i in range(len(error)):
+        right[i] = gains[0, i] * error[i] + gains[1, i] * (velocity_wanted[i] - velocity[i]) + acceleration_wanted[i]
+        if len(drift):
+            right[i] -= drift[i]
