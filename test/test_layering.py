@@ -47,7 +47,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pinocchio", "coal"),
     ),
     "control": (
-        (*CORE, "core/whole_body_qp", "safety", "settings", "views", "assembly"),
+        (*CORE, "core/whole_body_qp", "safety", "estimation", "settings", "views", "assembly"),
         ("numpy", "pydantic", "pinocchio"),
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
@@ -106,6 +106,19 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "campaign": (
         ("core/robot", "safety", "settings", "assembly", "control", "wire", "transports", "service", "mock"),
         ("numpy", "scipy", "pinocchio", "pydantic", "rich", "plotly", "joblib", "distributed", "ray"),
+    ),
+    "accuracy": (
+        (
+            "estimation",
+            "settings",
+            "assembly",
+            "control",
+            "service",
+            "mock",
+            "transports",
+            "campaign",
+        ),
+        ("numpy", "pinocchio"),
     ),
     "node": (("ros2",), ()),
     "live": (("settings",), ()),

@@ -146,6 +146,8 @@ class ModelAudit:
         model, predicted = self._model, before.solution
         share = gap / (self._limits.time_constant + gap)
         force = model.actuation.generalized_force(before.tau)
+        if predicted is not None and predicted.disturbance is not None:
+            force = force + predicted.disturbance.forces
         if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
             force += 0.5 * sum(model.passive_force(end.state.q, end.state.v) for end in (before, after))
         # Contact forces do no work: a contact does not move along the axes that it holds. The work of constant torques
