@@ -107,6 +107,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("core/robot", "safety", "settings", "assembly", "control", "wire", "transports", "service", "mock"),
         ("numpy", "scipy", "pinocchio", "pydantic", "rich", "plotly", "joblib", "distributed", "ray"),
     ),
+    "identification": (
+        ("core/robot", "core/contacts", "settings", "assembly", "views"),
+        ("numpy", "scipy", "pinocchio", "yaml"),
+    ),
     "accuracy": (
         (
             "estimation",
@@ -162,6 +166,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "bench",
             "fuzz",
             "user",
+            "identification",
         ),
         ("click",),
     ),

@@ -294,6 +294,7 @@ class CycleReport:
         shared: node names of all publishers of an input, where there are several, by the topic's name.
         taken: number of requests since the last cycle that were obeyed, refused or turned away.
         weights: weight of each task, ramps applied; empty where no program was solved.
+        state: the latched state, where one has arrived.
     """
 
     cycle: int
@@ -312,3 +313,4 @@ class CycleReport:
     shared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     taken: int = 0
     weights: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    state: RobotState | None = None

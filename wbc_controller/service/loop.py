@@ -195,6 +195,7 @@ class ControlLoop:
             shared=self._ownership.shared,
             taken=latched.taken,
             weights=result.references.weights if result.references is not None else {},
+            state=latched.state,
         )
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
