@@ -54,7 +54,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pinocchio", "coal"),
     ),
     "control": (
-        (*CORE, "core/whole_body_qp", "safety", "settings", "views", "assembly"),
+        (*CORE, "core/whole_body_qp", "safety", "estimation", "settings", "views", "assembly"),
         ("numpy", "pydantic", "pinocchio"),
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
@@ -115,6 +115,23 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("core/robot", "safety", "settings", "assembly", "control", "wire", "transports", "service", "mock"),
         ("numpy", "scipy", "pinocchio", "pydantic", "rich", "plotly", "joblib", "distributed", "ray"),
     ),
+    "identification": (
+        ("core/robot", "core/contacts", "settings", "assembly", "views"),
+        ("numpy", "scipy", "pinocchio", "yaml"),
+    ),
+    "accuracy": (
+        (
+            "estimation",
+            "settings",
+            "assembly",
+            "control",
+            "service",
+            "mock",
+            "transports",
+            "campaign",
+        ),
+        ("numpy", "pinocchio"),
+    ),
     "node": (("ros2",), ()),
     "live": (("settings",), ()),
     "bench": (
@@ -157,6 +174,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "bench",
             "fuzz",
             "user",
+            "identification",
         ),
         ("click",),
     ),

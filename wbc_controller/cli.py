@@ -234,6 +234,18 @@ def _draw(config: str, findings: Sequence[Finding], failure: str, page: Path) ->
 
 
 @main.command()
+@click.argument("config", shell_complete=complete_config)
+@click.argument("recording", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+def identify(config: str, recording: Path) -> None:
+    """Fit masses, armature and joint frictions to a RECORDING of `wbc run --record`, with their standard errors."""
+    from wbc_controller.identification.command import identify as fit
+    from wbc_controller.identification.command import report
+
+    with _naming(config):
+        click.echo(report(*fit(_load(config), recording)), nl=False)
+
+
+@main.command()
 @click.argument("urdf", metavar="ROBOT.urdf")
 @click.option("--srdf", metavar="FILE", help="Its SRDF, for a posture: half_sitting, standing, …")
 @click.option("--base", type=click.Choice(["floating", "fixed"]), help="Of the robot; floating if it has feet.")

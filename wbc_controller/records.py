@@ -91,6 +91,21 @@ class Tuning:
 
 
 @dataclass(frozen=True, slots=True)
+class Disturbance:
+    """What acts on the robot beside its model, as generalized forces.
+
+    Attributes:
+        forces: all that is taken into account, (nv,) in N and N·m: known friction, and the estimate.
+        estimate: the part that is estimated, (nv,).
+        at_bound: names of the joints, and ``base``, at which the estimate is as large as it may be.
+    """
+
+    forces: Array
+    estimate: Array
+    at_bound: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class References:
     """Everything that commands can set, sampled at the time of one cycle.
 
@@ -102,6 +117,7 @@ class References:
         tuning: gains and limits, ramps applied; None keeps those that the controller was made with.
         anchors: anchor of each contact with a stiffness, (7,): its position in m and quaternion when it was activated,
             relative to the world or to the link that it touches.
+        disturbance: what acts beside the model; None where nothing is known.
     """
 
     tasks: Mapping[str, Reference]
@@ -110,6 +126,7 @@ class References:
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
     tuning: Tuning | None = None
     anchors: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    disturbance: Disturbance | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +167,7 @@ class Solution:
         levels: the quadratic programs that were solved, highest priority first.
         stage_seconds: time spent in each stage of the computation, in s.
         external_wrenches: the known external wrenches that the solution accounts for, as in `References`.
+        disturbance: what acts beside the model, likewise.
     """
 
     v_dot: Array
@@ -163,6 +181,7 @@ class Solution:
     relaxed: tuple[str, ...] = ()
     stage_seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    disturbance: Disturbance | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,6 +294,7 @@ class CycleReport:
         shared: node names of all publishers of an input, where there are several, by the topic's name.
         taken: number of requests since the last cycle that were obeyed, refused or turned away.
         weights: weight of each task, ramps applied; empty where no program was solved.
+        state: the latched state, where one has arrived.
     """
 
     cycle: int
@@ -293,3 +313,4 @@ class CycleReport:
     shared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     taken: int = 0
     weights: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    state: RobotState | None = None

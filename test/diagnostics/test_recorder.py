@@ -20,7 +20,12 @@ def cycle(
     i: int, *, size: int = 30, mode: Mode = Mode.ACTIVE, audit: object = None, **stages: float
 ) -> SimpleNamespace:
     command = SimpleNamespace(stamp=i, tau=np.full(size, float(i)))
-    return SimpleNamespace(command=command, mode=mode, stage_seconds={"total": 0.001, **stages}, audit=audit)
+    state = SimpleNamespace(q=np.full(size + 7, float(i)), v=np.full(size + 6, float(i)))
+    solution = SimpleNamespace(forces={"foot": np.full(6, float(i))}) if i % 2 else None
+    return SimpleNamespace(
+        command=command, mode=mode, stage_seconds={"total": 0.001, **stages}, audit=audit, state=state,
+        solution=solution,
+    )  # fmt: skip
 
 
 def read(path):
@@ -39,6 +44,9 @@ def test_the_last_cycles_are_kept_in_their_order(tmp_path, count):
     assert content["stamp"].tolist() == kept
     assert content["tau"].shape == (len(kept), 30)
     assert content["tau"][:, 3].tolist() == kept
+    assert content["q"][:, 36].tolist() == content["v"][:, 35].tolist() == kept
+    if count > 1:  # without a solution there is no force
+        np.testing.assert_array_equal(content["force/foot"][:, 5], [i if i % 2 else np.nan for i in kept])
     assert content["mode"].tolist() == ["damping" if i % 2 else "active" for i in kept]
     assert content["seconds/total"].tolist() == [0.001] * len(kept)
     assert np.isnan(content["audit"][:, :4]).all()

@@ -7,7 +7,7 @@ import pytest
 
 from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.diagnostics.status import StatusSummary
-from wbc_controller.records import CycleReport, Fault, Infeasibility, LevelReport, Mode, Solution
+from wbc_controller.records import CycleReport, Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
 from wbc_controller.wire.messages import nanoseconds
 
 
@@ -174,6 +174,19 @@ def test_what_a_summary_holds():
     assert values["level/0"] == "com: cost 0.5, 7 iterations, 50 us"
     assert values["cost/torque:knee:upper"] == "0.25 1/(N·m)"
     assert values["refused/0"] == "x: no"
+
+
+def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
+    _, model = robot_of("go2")
+    forces = np.arange(18.0)
+    summary = StatusSummary("/r1/wbc_controller", "r1", model=model)
+    summary.add(report(solution=solution(disturbance=Disturbance(2.0 * forces, forces, ("base", "FL_calf_joint")))))
+    (status,) = summary.message(9).status
+    values = {value.key: value.value for value in status.values}
+    assert values["disturbance/base"] == "0.000 1.000 2.000 N, 3.000 4.000 5.000 N·m"
+    assert values[f"disturbance/{model.joints[2]}"] == f"{model.v_index[2]:.4f} N·m"
+    assert "at their bound (estimation.disturbance_share) at base, FL_calf_joint" in status.message
+    assert status.level == 1
 
 
 def test_each_summary_starts_over():

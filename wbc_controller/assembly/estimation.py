@@ -1,4 +1,4 @@
-"""The base estimator of a robot, from its settings."""
+"""What is estimated of a robot, from its settings: its base, and the forces beside its model."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import numpy as np
 
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
+from wbc_controller.estimation.beside_the_model import BesideTheModel
+from wbc_controller.estimation.disturbance import DisturbanceEstimate, DisturbanceLimits
+from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.invariant_filter import ImuNoise
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.settings import Settings
@@ -18,6 +21,36 @@ from wbc_controller.settings import Settings
 def imu_frame(settings: Settings, model: RobotModel) -> str:
     """Frame of the robot's IMU."""
     return settings.estimation.imu_frame or model.base_link
+
+
+def disturbance_limits(settings: Settings) -> DisturbanceLimits:
+    """How fast what the model lacks is estimated."""
+    known = settings.estimation
+    asked = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
+    return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
+
+
+def make_beside_the_model(settings: Settings, model: RobotModel) -> BesideTheModel:
+    """Make what says which forces act beside the model: known friction, and the estimate.
+
+    Raises:
+        ConfigurationError: where a joint with friction is unknown.
+    """
+    friction = settings.robot.friction
+    for joint in friction:
+        if joint not in model.joints:
+            raise ConfigurationError(f"robot.friction.{joint}: {valid_choices(joint, model.joints)}")
+    known = (
+        FrictionCompensation(
+            model,
+            {joint: each.dry for joint, each in friction.items()},
+            {joint: each.viscous for joint, each in friction.items()},
+        )
+        if friction
+        else None
+    )
+    estimate = DisturbanceEstimate(model, disturbance_limits(settings))
+    return BesideTheModel(estimate, known, 1.0 / settings.control.rate)
 
 
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator | None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.assembly.estimation import make_beside_the_model
 from wbc_controller.assembly.preflight import check_qp
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.robot import make_model
@@ -56,6 +57,7 @@ class ControlCycle:
         qp: the quadratic program.
         board: the references that the commands have set.
         supervisor: makes the commands, and holds the modes.
+        beside: what acts beside the model.
         live: the settings with all changes since.
         holding: names of the contacts that were active in the last cycle; where none was solved, of those that are
             when the controller is activated.
@@ -92,6 +94,7 @@ class ControlCycle:
         try:
             model = make_model(settings, self.config.urdf) if model is None else model
             self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
+            self.beside = make_beside_the_model(settings, model)
             self.live = LiveSettings(settings, partial(live_part, qp=self.qp))
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
@@ -195,6 +198,9 @@ class ControlCycle:
         computed = self._timer()
         was_active = self.mode is Mode.ACTIVE
         command = self.supervisor.step(now, state, joint_velocity, problem, outcome)
+        if state is not None:
+            solved = outcome if isinstance(outcome, Solution) else None
+            self.beside.sent(state, solved, command.tau if command is not None else None)
         if left and outcome is None:
             words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
@@ -296,6 +302,7 @@ class ControlCycle:
         if newest is not self._parts:
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
             self.supervisor.limits = newest.supervisor
+            self.beside.estimate.limits = newest.disturbance
             self._parts = newest
 
     def _compute(
@@ -313,6 +320,7 @@ class ControlCycle:
             if starts:
                 self.qp.dynamics.update(state.q, state.v)
                 self.board.reset(self.qp.dynamics, seconds(state))
+                self.beside.restart()
             for each in changes:
                 try:
                     self.board.apply(each, self.qp.dynamics, seconds(state))
@@ -322,6 +330,9 @@ class ControlCycle:
             if self._streamed:
                 references = replace(references, tasks={**references.tasks, **self._streamed})
                 self._streamed = {}
+            disturbance = self.beside.look(state, self.qp.dynamics, self.qp.contact_jacobian)
+            if disturbance is not None:
+                references = replace(references, disturbance=disturbance)
             return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
         except NoSolution as failure:
             return failure, references

@@ -10,11 +10,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from wbc_controller.assembly.estimation import disturbance_limits
 from wbc_controller.assembly.references import make_board_plan
 from wbc_controller.assembly.safety import make_supervisor_limits
 from wbc_controller.core.references.board import BoardPlan
 from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.disturbance import DisturbanceLimits
 from wbc_controller.safety.supervisor import SupervisorLimits
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
@@ -31,11 +33,13 @@ class LivePart:
         board: how references, gains and limits move.
         supervisor: what the supervisor holds.
         state_timeout: oldest state that torques may be computed from, s.
+        disturbance: how fast what the model lacks is estimated.
     """
 
     board: BoardPlan
     supervisor: SupervisorLimits
     state_timeout: float
+    disturbance: DisturbanceLimits
 
 
 class LiveSettings:
@@ -145,4 +149,6 @@ def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
         ConfigurationError: where settings and model do not fit.
     """
     supervisor = make_supervisor_limits(settings, qp.model)
-    return LivePart(make_board_plan(settings, qp), supervisor, settings.safety.state_timeout)
+    return LivePart(
+        make_board_plan(settings, qp), supervisor, settings.safety.state_timeout, disturbance_limits(settings)
+    )

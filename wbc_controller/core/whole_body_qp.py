@@ -115,6 +115,14 @@ class WholeBodyQP:
         """The contacts, by name."""
         return self.formulation.contacts
 
+    def contact_jacobian(self, names: tuple[str, ...]) -> Array:
+        """Stacked Jacobians of contacts in the last cycle, (k, nv), where that cycle's solution has their forces.
+
+        Args:
+            names: of all contacts with a force in it, in their order.
+        """
+        return self.formulation.layout(names).J
+
     def forget(self) -> None:
         """Discard all warm starts: the next solution is that of a new program."""
         self._solvers.clear()

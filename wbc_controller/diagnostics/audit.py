@@ -150,14 +150,16 @@ class ModelAudit:
     def _filter(self, before: _Cycle, after: _Cycle, dynamics: Dynamics, gap: float) -> None:
         model, predicted = self._model, before.solution
         share = gap / (self._limits.time_constant + gap)
-        passive = self._none
+        beside = self._none
+        if predicted is not None and predicted.disturbance is not None:
+            beside = predicted.disturbance.forces
         if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
             start, end = (model.passive_force(each.state.q, each.state.v) for each in (before, after))
-            passive = 0.5 * (start + end)
+            beside = beside + 0.5 * (start + end)
         # Contact forces do no work: a contact does not move along the axes that it holds. The work of constant torques
         # is exact, that of constant wrenches is to second order in the time between the states.
         moved = model.difference(before.state.q, after.state.q)
-        supplied, throughput = joint_powers(before.tau, model.actuation.S, passive, moved, gap)
+        supplied, throughput = joint_powers(before.tau, model.actuation.S, beside, moved, gap)
         if predicted is not None:
             for first, last in zip(before.powers, _powers(predicted, dynamics), strict=True):
                 supplied += 0.5 * (first + last)

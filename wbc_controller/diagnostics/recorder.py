@@ -1,4 +1,4 @@
-"""Records torques, modes, times and audits of the last cycles, and saves them to a file at the end."""
+"""Records states, torques, forces, modes, times and audits of the last cycles, and saves them to a file at the end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.records import CycleReport
 
 #: Columns of ``audit``.
 AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
-#: Cycles that are kept: 10 minutes at 500 Hz, about 150 MB with 30 actuators.
+#: Cycles that are kept: 10 minutes at 500 Hz, about 400 MB with 30 actuators.
 MOST_CYCLES = 300_000
 
 
@@ -79,6 +79,10 @@ class CycleRecorder:
                 )
             ),
         }
+        if report.state is not None:
+            row |= {"q": report.state.q, "v": report.state.v}
+        if report.solution is not None:
+            row |= {f"force/{contact}": force for contact, force in report.solution.forces.items()}
         row |= {f"seconds/{stage}": np.float64(seconds) for stage, seconds in report.stage_seconds.items()}
         i = self.count % self._most
         for name in self._columns.keys() - row.keys():
@@ -97,8 +101,10 @@ class CycleRecorder:
 
         It holds stamp (n,) in ns, tau (n, na) in N·m, mode (n,), seconds/<stage> (n,) in s, and audit (n, 5) with the
         columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in N, largest unexplained
-        joint torque in N·m, and the number of warnings. Without an audit the residuals are NaN, as is the time of a
-        stage in a cycle without it. Without cycles it is empty.
+        joint torque in N·m, and the number of warnings; q (n, nq) and v (n, nv), the states that were answered; and
+        force/<contact> (n, k) in N and N·m, its force in the solution. Without an audit the residuals are NaN, as is
+        all that a cycle had not: a state, the force of a contact that was not active, the time of a stage. Without
+        cycles it is empty.
 
         Raises:
             WbcError: if the file cannot be written; none is left then.

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.records import CycleReport, Mode
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.records import CycleReport, Disturbance, Mode
 from wbc_controller.wire.messages import diagnostics
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -25,14 +26,16 @@ _LEVELS = {
 class StatusSummary:
     """Collects the reports since the last message, and summarises them."""
 
-    def __init__(self, node: str, hardware: str, scheduling: str = "") -> None:
+    def __init__(self, node: str, hardware: str, scheduling: str = "", model: RobotModel | None = None) -> None:
         """Make a summary.
 
         Args:
             node: name of the node with its namespace, since two robots in one graph share the topic.
             hardware: name of the robot.
             scheduling: how the process is scheduled; empty where that is not known.
+            model: of the robot, to say at which joints forces act beside it; None to say nothing of them.
         """
+        self._model = model
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
         self._scheduling = {"scheduling": scheduling} if scheduling else {}
         self._reports: list[CycleReport] = []
@@ -54,6 +57,14 @@ class StatusSummary:
         values, warnings = _values(reports)
         warnings += short
         last = reports[-1]
+        beside = last.solution.disturbance if last.solution is not None else None
+        if beside is not None and self._model is not None:
+            values |= _beside(beside, self._model)
+            if beside.at_bound:
+                warnings.append(
+                    "forces that the model lacks are at their bound (estimation.disturbance_share) at "
+                    f"{', '.join(beside.at_bound)}: a wrong mass, torques that do not arrive as sent, or a steady push"
+                )
         level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
         if last.fault is not None:
             level = max(level, _WARN)
@@ -63,6 +74,17 @@ class StatusSummary:
         text = "; ".join([last.mode.value, *warnings])
         values["requests_taken"] = str(self._taken)
         return diagnostics(wall, level, self._name, text, self._hardware, self._scheduling | values)
+
+
+def _beside(beside: Disturbance, model: RobotModel) -> dict[str, str]:
+    """What is estimated to act beside the model, by joint, and at the base in its own axes."""
+    values = {}
+    if model.floating_base:
+        force, moment = (" ".join(f"{part:.3f}" for part in beside.estimate[i : i + 3]) for i in (0, 3))
+        values["disturbance/base"] = f"{force} N, {moment} N·m"
+    for joint, torque, unit in zip(model.joints, beside.estimate[model.v_index].tolist(), model.units, strict=True):
+        values[f"disturbance/{joint}"] = f"{torque:.4f} {'N' if unit == 'm' else 'N·m'}"
+    return values
 
 
 def _per(constraint: str) -> str:

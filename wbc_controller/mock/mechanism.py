@@ -66,6 +66,21 @@ def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tup
     return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
 
 
+def rub(model: Any, dof: Any, friction: float, step: float) -> None:
+    """Give joints of a compiled model dry friction that holds them where it can.
+
+    Args:
+        model: MuJoCo's model, changed in place.
+        dof: index of a joint's velocity, or several.
+        friction: N·m.
+        step: time step of the simulation, s.
+    """
+    model.dof_frictionloss[dof] = friction
+    # MuJoCo's own friction is soft: a joint that rests would creep.
+    model.dof_solref[dof] = STIFF_STEPS * step, 1.0
+    model.dof_solimp[dof, :2] = IMPEDANCE
+
+
 def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
     """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
     frame = model.pinocchio.frames[model.frame_id(name, "frame")]

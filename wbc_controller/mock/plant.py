@@ -28,6 +28,7 @@ from wbc_controller.mock.mechanism import (
     compile_mechanism,
     contact_frame,
     frame_on_joint,
+    rub,
 )
 from wbc_controller.mock.shapes import Shape, read_shapes
 from wbc_controller.mock.touch import Touch
@@ -98,6 +99,9 @@ class Plant:
         )
         self._data = mujoco.MjData(self._model)
         self._qpos, self._dof = self._addresses(model.joints)
+        if settings.mock.joint_friction > 0.0:
+            rub(self._model, self._dof, settings.mock.joint_friction, self.step_seconds)
+        self._model.dof_damping[self._dof] += settings.mock.joint_viscosity
         self._following = self._addresses(model.followers.names) if model.followers is not None else None
         self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self._contacts.items()}
         self._touch = Touch(self._model, self._contacts, {name: foot.id for name, foot in self._feet.items()})

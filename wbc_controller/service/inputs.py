@@ -204,6 +204,11 @@ class Inputs:
             self._estimator.restart()
             self._base = None
 
+    @property
+    def estimator(self) -> BaseEstimator | None:
+        """The estimator of the base, where its state is estimated here."""
+        return self._estimator
+
     def _tracker(self) -> StampTracker:
         if self._clock_tolerance is None:
             return StampTracker()

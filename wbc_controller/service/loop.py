@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from wbc_controller.control.controller import Controller
 from wbc_controller.control.result import CycleResult
 from wbc_controller.diagnostics.audit import ModelAudit
+from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.records import CycleReport, Fault, Mode, RobotState
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.service.clock import Clock
@@ -80,6 +81,11 @@ class ControlLoop:
         self._activate_when_fresh = False
         self._waits_for: tuple[str, ...] = ()
         self._said: dict[str, float] = {}
+
+    @property
+    def estimator(self) -> BaseEstimator | None:
+        """The estimator of the base, where its state is estimated here."""
+        return self._inputs.estimator
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
@@ -189,6 +195,7 @@ class ControlLoop:
             shared=self._ownership.shared,
             taken=latched.taken,
             weights=result.references.weights if result.references is not None else {},
+            state=latched.state,
         )
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:

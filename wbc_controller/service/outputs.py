@@ -81,7 +81,7 @@ class Outputs:
             for name, contact in contacts.items()
         }
         self._state_said: tuple[object, object] | None = None
-        self._summary = StatusSummary(node, model.name, scheduling)
+        self._summary = StatusSummary(node, model.name, scheduling, model)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
         self._contested_said: tuple[str, ...] = ()

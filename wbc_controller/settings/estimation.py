@@ -10,7 +10,9 @@ from wbc_controller.settings.values import NonNegative, Positive, Section
 
 
 class EstimationSettings(Section):
-    """The state of a floating base: measured elsewhere, or estimated from an IMU, the joints and the contacts."""
+    """What is estimated: the floating base, from an IMU, the joints and the contacts; and forces beside the model."""
+
+    live = ("disturbance", "disturbance_time", "disturbance_share")
 
     base_state: Literal["odom", "imu"] = Field(
         "odom",
@@ -52,4 +54,15 @@ class EstimationSettings(Section):
     )
     stillness: Annotated[Positive, Field(le=10.0)] = Field(
         0.05, description="Largest standard deviation of the angular velocity in that time, rad/s."
+    )
+    disturbance: Literal["never", "imu", "always"] = Field(
+        "imu",
+        description="Whether generalized forces that the model lacks (friction, wrong torques and masses) are "
+        "estimated and taken into account. imu: where base_state is imu.",
+    )
+    disturbance_time: Annotated[Positive, Field(ge=0.02, le=60.0)] = Field(
+        0.5, description="Time constant with which they are estimated, s."
+    )
+    disturbance_share: Annotated[Positive, Field(le=1.0)] = Field(
+        0.2, description="Their largest size, as a share of the joints' torques and of the robot's weight."
     )

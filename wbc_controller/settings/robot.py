@@ -48,6 +48,13 @@ class JointLimitSettings(Section):
         return self
 
 
+class FrictionSettings(Section):
+    """Friction of one joint."""
+
+    dry: NonNegative = Field(0.0, le=1.0e4, description="Dry (Coulomb) friction, N·m; of a prismatic joint, N.")
+    viscous: NonNegative = Field(0.0, le=1.0e4, description="Viscous friction, N·m·s/rad or N·s/m.")
+
+
 class RobotSettings(Section):
     """The robot: its model, its joints, their actuators, and the nominal posture."""
 
@@ -86,6 +93,10 @@ class RobotSettings(Section):
         default_factory=dict,
         description="Limits of single joints that replace those of the URDF, by joint: for the controller, the guard "
         "and the mock robot.",
+    )
+    friction: dict[str, FrictionSettings] = Field(
+        default_factory=dict,
+        description="Friction of single joints, which the controller makes up for, by joint; `wbc identify` finds it.",
     )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
     effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(

@@ -229,6 +229,12 @@ class MockSettings(Section):
         0.1, description="Age of the torques at which the robot damps its joints by itself, s."
     )
     damping: Damping = Field(2.0, description="Joint damping while no torques arrive, N·m·s/rad.")
+    joint_friction: NonNegative = Field(
+        0.0, le=1.0e3, description="Dry friction of each of its joints, which the controller's model lacks, N·m."
+    )
+    joint_viscosity: NonNegative = Field(
+        0.0, le=1.0e3, description="Viscous friction of each of its joints, likewise, N·m·s/rad."
+    )
     sensors: SensorQuality = Field(
         "ideal",
         description="Quality of its IMU, encoders and motors: ideal ones tell the truth, the others have the noise, "

@@ -157,10 +157,11 @@ class Formulation:
         np.subtract(upper, layout.torque_bias, out=layout.torque_upper)
 
     def bias(self, references: References) -> Array:
-        """Bias forces h less the generalized forces of the known external wrenches (equation (22); S4), (nv,)."""
-        if not references.external_wrenches:
+        """Bias forces h less the generalized forces of what is known beside the model (equation (22); S4), (nv,)."""
+        disturbance = references.disturbance
+        if not references.external_wrenches and disturbance is None:
             return self.dynamics.h
-        h = np.array(self.dynamics.h)
+        h = np.array(self.dynamics.h) if disturbance is None else self.dynamics.h - disturbance.forces
         for frame, wrench in references.external_wrenches.items():
             h -= self.dynamics.external_force(frame, wrench)
         return h

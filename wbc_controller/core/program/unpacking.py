@@ -12,7 +12,7 @@ import numpy as np
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
 from wbc_controller.core.program.problem import Residuals
-from wbc_controller.records import Array, References, freeze, frozen_mapping
+from wbc_controller.records import Array, Disturbance, References, freeze, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
@@ -60,6 +60,7 @@ class Unpacked(TypedDict):
     task_errors: Mapping[str, float]
     binding: Mapping[str, float]
     external_wrenches: Mapping[str, Array]
+    disturbance: Disturbance | None
 
 
 def unpack(
@@ -96,6 +97,7 @@ def unpack(
         "task_errors": _Read(_norms, errors),
         "binding": _Read(_binding, layout.labels, residuals, multipliers),
         "external_wrenches": frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
+        "disturbance": references.disturbance,
     }
 
 

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from wbc_controller.mock.faults.fault import ActuatorFault, Effect, Fault, JointFault, Site, number
-from wbc_controller.mock.mechanism import IMPEDANCE, STIFF_STEPS
+from wbc_controller.mock.mechanism import rub
 from wbc_controller.records import Array
 
 _PLACE = "actuators"
@@ -131,9 +131,7 @@ class JointFriction(JointFault):
         model = site.plant.model
         friction, stiffness, impedance = model.dof_frictionloss, model.dof_solref, model.dof_solimp
         before = float(friction[dof]), stiffness[dof].copy(), impedance[dof].copy()
-        friction[dof] = self.share * (abs(float(limits[joint])) or _NO_LIMIT)
-        # MuJoCo's own friction is soft: a joint that rests would creep.
-        stiffness[dof], impedance[dof, :2] = (STIFF_STEPS * site.plant.step_seconds, 1.0), IMPEDANCE
+        rub(model, dof, self.share * (abs(float(limits[joint])) or _NO_LIMIT), site.plant.step_seconds)
 
         def ended() -> bool:
             friction[dof], stiffness[dof], impedance[dof] = before

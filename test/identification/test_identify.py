@@ -1,0 +1,103 @@
+"""What is found from a recording, against the mock robot that made it."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from wbc_controller import Simulation
+from wbc_controller.diagnostics.recorder import CycleRecorder
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.identification.command import identify, report
+from wbc_controller.identification.equations import Equations
+from wbc_controller.identification.fit import fit
+from wbc_controller.mock.faults.fault import Site
+from wbc_controller.mock.faults.world import MassError
+from wbc_controller.settings.config import load
+
+HEAVIER, DRY, VISCOUS, SECONDS = 0.15, 0.8, 0.3, 6
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Go2, heavier and with more friction than its model, moves for some seconds."""
+    config = load("go2").replace({"mock.joint_friction": DRY, "mock.joint_viscosity": VISCOUS})
+    simulation = Simulation(config, preflight=False)
+    controller = simulation.controller
+    rng, recorder = np.random.default_rng(0), CycleRecorder()
+    MassError(share=HEAVIER).begin(Site(controller.model, simulation.plant, controller.period, np.inf, rng))
+
+    def record(_):
+        r = simulation.result
+        recorder.add(SimpleNamespace(command=r.command, mode=r.mode, state=r.state, solution=r.solution, audit=None,
+                                     stage_seconds={}))  # fmt: skip
+
+    origin = controller.dynamics.com.copy()
+    for _ in range(SECONDS * 3):
+        controller.set("com", origin + rng.uniform(-1.0, 1.0, 3) * [0.04, 0.04, 0.03] - [0.0, 0.0, 0.03], duration=0.3)
+        controller.set(
+            "base", pin.Quaternion(pin.exp3(rng.uniform(-1.0, 1.0, 3) * [0.25, 0.15, 0.2])).coeffs(), duration=0.3
+        )
+        simulation.run(0.3, record)
+    path = tmp_path_factory.mktemp("recording") / "go2.npz"
+    recorder.save(path)
+    return path
+
+
+def test_masses_and_frictions_of_the_mock_robot_are_found_within_5_percent(recording):
+    found, model = identify(load("go2").settings, recording)
+    text = report(found, model)
+    print(text)
+    values = dict(zip(found.names, found.values, strict=True))
+    told = {name for i, name in enumerate(found.names) if found.determined(i)}
+    assert {"mass base", *(f"dry {joint}" for joint in model.joints if "hip" not in joint)} <= told
+    assert values["mass base"] == pytest.approx(1.0 + HEAVIER, rel=0.05)
+    for joint in model.joints:
+        assert values[f"dry {joint}"] == pytest.approx(DRY, rel=0.05), joint
+    for name in told:
+        true = {"mass": 1.0 + HEAVIER, "armature": 0.01, "dry": DRY, "viscous": VISCOUS}[name.partition(" ")[0]]
+        assert values[name] == pytest.approx(true, rel=0.05), name
+    friction = yaml.safe_load(text[text.index("robot:") :])["robot"]["friction"]
+    assert friction["FL_calf_joint"]["dry"] == pytest.approx(DRY, rel=0.05)
+    load("go2").replace({"robot.friction": friction})  # it is one that can be used
+
+
+def test_what_the_equations_do_not_show_stays_as_the_model_has_it_and_nothing_is_negative():
+    rng = np.random.default_rng(0)
+    A = np.zeros((200, 3))
+    A[:, 1:] = rng.normal(size=(200, 2))
+    b = A @ [0.0, 2.0, -0.5] + 0.01 * rng.normal(size=200)
+    names = ("mass unseen", "dry knee", "viscous knee")
+    found = fit(Equations(A, b, names, np.array([1.0, 0.0, 0.0]), np.arange(200) // 10))
+    assert found.values[0] == pytest.approx(1.0)
+    assert found.values[2] == pytest.approx(0.0, abs=1e-6)
+    assert [found.determined(i) for i in range(3)] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda columns: columns.pop("q"), "the recording lacks q"),
+        (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values in each cycle; this robot has 12"),
+        (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "have regular states, an active"),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(recording, tmp_path, change, said):
+    with np.load(recording) as file:
+        columns = {name: file[name][:200] for name in file.files}
+    change(columns)
+    np.savez(tmp_path / "bad.npz", **columns)
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
+        identify(load("go2").settings, tmp_path / "bad.npz")
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path):
+    (tmp_path / "text.npz").write_text("nothing")
+    for name in ("text.npz", "none.npz"):
+        with pytest.raises(ConfigurationError, match=f"recording .*{name}: "):
+            identify(load("go2").settings, tmp_path / name)

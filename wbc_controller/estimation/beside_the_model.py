@@ -1,0 +1,92 @@
+"""The generalized forces that act beside those of the model: known friction, and what is estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.estimation.disturbance import DisturbanceEstimate
+from wbc_controller.estimation.friction import FrictionCompensation
+from wbc_controller.records import Array, Disturbance, RobotState, Solution, frozen
+
+#: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
+_LARGEST_GAP = 3.5
+
+
+class BesideTheModel:
+    """Compares each state with what was predicted for it, and says what acts beside the model.
+
+    Attributes:
+        estimate: of what is not known.
+    """
+
+    def __init__(self, estimate: DisturbanceEstimate, friction: FrictionCompensation | None, period: float) -> None:
+        """Begin with nothing.
+
+        Args:
+            estimate: of what is not known.
+            friction: what is known; None where nothing is.
+            period: of the control, s.
+        """
+        self.estimate = estimate
+        self._friction = friction
+        self._largest_gap = _LARGEST_GAP * period
+        self._before: tuple[RobotState, Solution | None] | None = None
+
+    def restart(self) -> None:
+        """Forget all."""
+        self.estimate.restart()
+        if self._friction is not None:
+            self._friction.restart()
+        self._before = None
+
+    def look(
+        self, state: RobotState, dynamics: Dynamics, jacobian: Callable[[tuple[str, ...]], Array]
+    ) -> Disturbance | None:
+        """Compare a state with what was predicted for it.
+
+        Args:
+            state: the latched state.
+            dynamics: the snapshot of the state before.
+            jacobian: gives the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
+
+        Returns:
+            What acts beside the model; None where nothing does.
+        """
+        if self._friction is None and self.estimate.rests:
+            return None
+        before, self._before = self._before, None
+        gap = 1.0e-9 * (state.stamp - before[0].stamp) if before is not None else 0.0
+        if before is not None and 0.0 < gap <= self._largest_gap:
+            last, solution = before
+            wanted = gap * solution.v_dot if solution is not None else None
+            contacts = tuple(solution.forces) if solution is not None else ()
+            J = jacobian(contacts)
+            if self._friction is not None:
+                self._friction.look(dynamics.M, J, contacts, state.v, gap, wanted)
+            if not self.estimate.rests:
+                missed = state.v - last.v - wanted if wanted is not None else None
+                self.estimate.look(dynamics.M, J, contacts, gap, missed)
+        elif before is not None and gap <= 0.0:  # the same state again
+            self._before = before
+        estimated, friction = self.estimate.forces, self._friction
+        forces = estimated if friction is None else frozen(estimated + friction.forces)
+        return Disturbance(forces, estimated, self.estimate.at_bound)
+
+    def sent(self, state: RobotState, solution: Solution | None, tau: Array | None) -> None:
+        """Remember what a cycle has found.
+
+        Args:
+            state: its latched state.
+            solution: its solution, where it has one.
+            tau: torques that were sent, (na,) in N·m; None where none were.
+        """
+        if self._before is not None and self._before[0].stamp == state.stamp:
+            return  # the torques that were sent first have acted for longer
+        # Torques that were limited afterwards, or come on a ramp, predict nothing; nor does one that misses its bounds.
+        arrived = (
+            solution is not None and tau is not None and not solution.relaxed and np.array_equal(tau, solution.tau)
+        )
+        self._before = state, solution if arrived else None

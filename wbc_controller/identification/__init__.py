@@ -1,0 +1,1 @@
+"""Frictions, masses and armature of a robot from a recording: `wbc identify`."""
