@@ -17,6 +17,7 @@ from wbc_controller.assembly.preflight import check_qp
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.live_settings import LiveSettings, live_part
+from wbc_controller.control.memory import Taped, give_back, taken
 from wbc_controller.control.result import CycleResult
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.limits import RowLimit
@@ -57,6 +58,7 @@ class ControlCycle:
         board: the references that the commands have set.
         supervisor: makes the commands, and holds the modes.
         live: the settings with all changes since.
+        tape: where it is a list, what each cycle was given, and what it gave, is appended; whoever records empties it.
         holding: names of the contacts that were active in the last cycle; where none was solved, of those that are
             when the controller is activated.
     """
@@ -110,6 +112,7 @@ class ControlCycle:
         self._explained = -np.inf
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # of what stands around the cycle
+        self.tape: list[Taped] | None = None
 
     @property
     def model(self) -> RobotModel:
@@ -181,6 +184,7 @@ class ControlCycle:
         """
         started = self._timer()
         problem, self._defect = problem or self._defect, None
+        changes = tuple(changes)
         refused: list[str] = []
         starts = self._take_requests(requests, now, problem, refused)
         left: list[tuple[Change, ...]] = []
@@ -210,9 +214,41 @@ class ControlCycle:
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
             stages |= {f"compute/{name}": seconds for name, seconds in solution.stage_seconds.items()}
-        return CycleResult(
+        result = CycleResult(
             self.qp, now, self.mode, self.fault, command, solution, state, references, tuple(refused), stages
         )
+        if self.tape is not None:
+            self.tape.append(Taped(now, state, joint_velocity, problem, tuple(requests), changes, self._parts, result))
+        return result
+
+    def memory(self) -> dict[str, Any] | None:
+        """All that the next cycles depend on, beside what they are given.
+
+        Returns:
+            None where the solver keeps its warm start to itself, so that no later start gives the same bits.
+        """
+        qp = self.qp.memory()
+        if qp is None:
+            return None
+        return {"qp": qp, "board": taken(self.board), "supervisor": taken(self.supervisor)}
+
+    def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
+        """Go on from what `memory` gave.
+
+        Args:
+            memory: of a controller of the same configuration.
+            settings: those that were in force then.
+
+        Raises:
+            ConfigurationError: where the settings do not fit the model.
+        """
+        self.live.adopt(settings)
+        self._parts = self.live.newest
+        self.board = ReferenceBoard(self._parts.board)
+        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        give_back(self.board, memory["board"])
+        give_back(self.supervisor, memory["supervisor"])
+        self.qp.recall(memory["qp"])
 
     def _at_activation(self) -> tuple[str, ...]:
         """Names of the contacts that are active when the controller is activated."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.linalg.lapack import dgesv, dposv
 
@@ -40,21 +43,34 @@ class ActiveSet:
     where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
     and is positive definite. If weights differ so much (by 1e11 and more) that it loses too many digits, it is not used
     until the weights change.
+
+    Attributes:
+        side: of each bound of x and row of C, 1 if it is active at its upper bound, -1 at the lower one, else 0.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         """Start with an empty active set."""
         self._n, self._m = n, equalities
-        self._side = np.zeros(n + inequalities, dtype=np.int8)  # 1 at the upper bound, -1 at the lower one
-        self._active = self._side.nonzero()[0]
-        self._none = np.zeros(len(self._side))
+        self.side = np.zeros(n + inequalities, dtype=np.int8)
+        self._active = self.side.nonzero()[0]
+        self._none = np.zeros(len(self.side))
         self._none.setflags(write=False)
         self._too_far: Array | None = None  # the d⁻¹ for which the condensed system was not accurate enough
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
-        self._side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
-        self._active = self._side.nonzero()[0]
+        self.side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
+        self._active = self.side.nonzero()[0]
+
+    def memory(self) -> dict[str, Any]:
+        """What it remembers: the active set, and whether the weights differ too much for the condensed system."""
+        return {"side": self.side, "too_far": None if self._too_far is None else np.array(self._too_far)}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` gave."""
+        self.side = np.array(memory["side"], dtype=np.int8)
+        self._active = self.side.nonzero()[0]
+        self._too_far = memory["too_far"]
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
@@ -63,7 +79,7 @@ class ActiveSet:
             return None
         rows = self._rows(problem, active) if len(active) else None
         squares = problem.cost.squares
-        condensed = squares is not None and squares.inverse is not self._too_far and len(squares.stack) < self._n
+        condensed = squares is not None and len(squares.stack) < self._n and not self._is_too_far(squares.inverse)
         found = self._condensed(squares, rows) if squares and condensed else self._full(problem, rows)
         if found is None:
             return None
@@ -79,11 +95,15 @@ class ActiveSet:
             return None
         multipliers = self._none
         if len(active):
-            if (self._side[active] * minus_costs > 0.0).any():
+            if (self.side[active] * minus_costs > 0.0).any():
                 return None
-            multipliers = np.zeros(len(self._side))
+            multipliers = np.zeros(len(self.side))
             multipliers[active] = -minus_costs
         return Answer(x, "optimal", 1, multipliers, residuals, cost)
+
+    def _is_too_far(self, inverse: Array) -> bool:
+        """Whether these are the weights for which the condensed system was not accurate enough."""
+        return self._too_far is not None and np.array_equal(inverse, self._too_far)
 
     def _rows(self, problem: QuadraticProgram, active: np.ndarray) -> Array:
         """[W, w], (k, n + 1)."""
@@ -91,7 +111,7 @@ class ActiveSet:
         rows = np.zeros((len(active), self._n + 1))
         rows[np.arange(len(bounds)), bounds] = 1.0
         rows[len(bounds) :, :-1] = problem.C[active[len(bounds) :] - self._n]
-        rows[:, -1] = problem.bounds[(self._side[active] > 0).astype(np.intp), active]
+        rows[:, -1] = problem.bounds[(self.side[active] > 0).astype(np.intp), active]
         return rows
 
     def _full(self, problem: QuadraticProgram, active: Array | None) -> tuple[Array, Array, float] | None:
