@@ -52,6 +52,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
+    "recording": (
+        ("core/references", "core/whole_body_qp", "settings", "assembly", "control", "wire", "transports"),
+        ("numpy", "yaml", "backports", "compression"),
+    ),
     "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire"), ("numpy",)),
     "service": (
         (
@@ -65,6 +69,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "control",
             "wire",
             "transports",
+            "recording",
             "diagnostics",
         ),
         ("numpy",),
@@ -97,11 +102,15 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "control",
             "wire",
             "transports",
-            "diagnostics",
+            "recording",
             "service",
             "mock",
         ),
         ("numpy", "scipy", "pinocchio", "coal", "rich", "plotly"),
+    ),
+    "replay": (
+        ("core/robot", "core/references", "core/tasks", "settings", "control", "views", "recording", "demo"),
+        ("numpy", "click"),
     ),
     "campaign": (
         ("core/robot", "safety", "settings", "assembly", "control", "wire", "transports", "service", "mock"),
@@ -145,6 +154,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "mock",
             "ros2",
             "demo",
+            "replay",
             "campaign",
             "bench",
             "fuzz",

@@ -221,16 +221,14 @@ class ControlCycle:
             self.tape.append(Taped(now, state, joint_velocity, problem, tuple(requests), changes, self._parts, result))
         return result
 
-    def memory(self) -> dict[str, Any] | None:
+    def memory(self) -> dict[str, Any]:
         """All that the next cycles depend on, beside what they are given.
 
         Returns:
-            None where the solver keeps its warm start to itself, so that no later start gives the same bits.
+            By part; that of ``qp`` is None where the solver keeps its warm start to itself, so that who goes on from
+            here does not come to the same bits.
         """
-        qp = self.qp.memory()
-        if qp is None:
-            return None
-        return {"qp": qp, "board": taken(self.board), "supervisor": taken(self.supervisor)}
+        return {"qp": self.qp.memory(), "board": taken(self.board), "supervisor": taken(self.supervisor)}
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
         """Go on from what `memory` gave.
@@ -248,7 +246,8 @@ class ControlCycle:
         self.supervisor = Supervisor(self.model, self._parts.supervisor)
         give_back(self.board, memory["board"])
         give_back(self.supervisor, memory["supervisor"])
-        self.qp.recall(memory["qp"])
+        if memory["qp"] is not None:
+            self.qp.recall(memory["qp"])
 
     def _at_activation(self) -> tuple[str, ...]:
         """Names of the contacts that are active when the controller is activated."""

@@ -56,7 +56,7 @@ def from_json(text: str) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    if value is None or isinstance(value, bool | int | str) and not isinstance(value, enum.Enum):
+    if value is None or (isinstance(value, bool | int | str) and not isinstance(value, enum.Enum)):
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
@@ -68,6 +68,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Trajectory):
         return {"$trajectory": [_plain(knot) for knot in value.knots]}
     if isinstance(value, Mapping):
+        if all(isinstance(key, str) and key[:1] != "$" for key in value):
+            return {key: _plain(each) for key, each in value.items()}
         return {"$map": [[_plain(key), _plain(each)] for key, each in value.items()]}
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value]
@@ -96,5 +98,7 @@ def _value(plain: Any) -> Any:
     if "$map" in plain:
         return {_value(key): _value(each) for key, each in plain["$map"]}
     fields = {key: _value(each) for key, each in plain.items() if key != "$record"}
+    if "$record" not in plain:
+        return fields
     lists = {key: tuple(each) for key, each in fields.items() if isinstance(each, list)}
     return _RECORDS[plain["$record"]](**{**fields, **lists})

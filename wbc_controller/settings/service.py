@@ -178,6 +178,21 @@ class SafetySettings(Section):
         return self
 
 
+class RecorderSettings(Section):
+    """The flight recorder: what it keeps in memory, and writes to a file on a fault or on request."""
+
+    seconds: NonNegative = Field(
+        10.0,
+        le=600.0,
+        description="How much is kept, s; 0 for nothing, so that only `wbc run --record` writes a file.",
+    )
+    folder: str = Field(
+        "",
+        description="Folder of the files; empty for `wbc_controller` in `$XDG_STATE_HOME`, by default ~/.local/state.",
+    )
+    files: int = Field(10, ge=1, le=1000, description="Most files of one robot in the folder; the oldest are removed.")
+
+
 class GuardSettings(Section):
     """The guard, a separate process that damps the robot when the controller's commands stop."""
 

@@ -53,7 +53,7 @@ class Hierarchy:
         self._solvers: dict[tuple[int, int, int], Solver] = {}
 
     def memory(self) -> list[tuple[tuple[int, int, int], dict[str, Any] | None]]:
-        """What the solver of each level remembers, as in `Solver.memory`, with its index and the size of its problem."""
+        """What the solver of each level remembers, by its index and the size of its problem, as in `Solver.memory`."""
         return [(size, solver.memory()) for size, solver in self._solvers.items()]
 
     def recall(self, memory: Sequence[tuple[Sequence[int], Mapping[str, Any]]]) -> None:
