@@ -89,7 +89,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "pydantic", "pinocchio", "mujoco"),
     ),
     "ros2": (
-        ("core/robot", "settings", "control", "wire", "transports", "service", "mock"),
+        ("core/robot", "settings", "control", "wire", "transports", "recording", "service", "mock"),
         ("pydantic", "rclpy", "rcl_interfaces", "std_srvs"),
     ),
     "demo": (

@@ -64,6 +64,29 @@ def test_a_bit_that_is_another_one_is_found(recorded):
     assert [each.same for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
 
 
+def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_path, monkeypatch):
+    run = record(tmp_path / "a.mcap")
+    run.stand(20)
+    controller = run.bench.loop.controller
+    supervisor = controller.supervisor
+    step = supervisor.step
+    monkeypatch.setattr(supervisor, "step", lambda *words: [step(*words), 1 / 0])
+    with pytest.raises(ZeroDivisionError):
+        run.go(1)
+    monkeypatch.undo()
+    controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
+    run.go(60)
+    run.recorder.close()
+    recorded = Recorded(tmp_path / "a.mcap")
+    (fault,) = recorded.faults
+    assert fault.fault.code == "INTERNAL_ERROR"
+    replay = Replay(recorded)
+    solved = list(replay.run())
+    assert all(each.same for each in solved)
+    assert 0 < replay.skipped <= 16
+    assert len(solved) + replay.skipped == recorded.count
+
+
 def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record, tmp_path):
     run = record(changes={"recorder": {"seconds": 0.3, "folder": str(tmp_path / "faults")}})
     run.stand(900)

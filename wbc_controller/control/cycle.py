@@ -113,6 +113,7 @@ class ControlCycle:
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # of what stands around the cycle
         self.tape: list[Taped] | None = None
+        self._apart = False  # whether something has changed beside the cycles since the last one
 
     @property
     def model(self) -> RobotModel:
@@ -218,7 +219,9 @@ class ControlCycle:
             self.qp, now, self.mode, self.fault, command, solution, state, references, tuple(refused), stages
         )
         if self.tape is not None:
-            self.tape.append(Taped(now, state, joint_velocity, problem, tuple(requests), changes, self._parts, result))
+            given = now, state, joint_velocity, problem, tuple(requests), changes
+            self.tape.append(Taped(*given, self._parts, result, self._apart))
+            self._apart = False
         return result
 
     def memory(self) -> dict[str, Any]:
@@ -255,6 +258,7 @@ class ControlCycle:
 
     def fail(self, error: Exception) -> None:
         """Damp from the next cycle on: something around the cycle has failed."""
+        self._apart = True
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
@@ -263,6 +267,7 @@ class ControlCycle:
         Args:
             now: s, on the clock of the loop.
         """
+        self._apart = True
         command = self.supervisor.shut_down(now)
         return CycleResult(self.qp, now, self.mode, self.fault, command, None, None, None, (), {})
 

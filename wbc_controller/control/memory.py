@@ -29,6 +29,8 @@ class Taped:
         changes: sets of changes.
         live: the part of the settings that was in force.
         result: what the cycle gave.
+        apart: whether something has changed beside the cycles since the last one: a cycle that failed, or the end of
+            the loop, which may have begun anew.
     """
 
     now: float
@@ -39,6 +41,7 @@ class Taped:
     changes: tuple[Sequence[Change | ChangeSettings], ...]
     live: LivePart
     result: CycleResult
+    apart: bool
 
 
 def taken(owner: Any) -> dict[str, Any]:

@@ -41,13 +41,13 @@ from wbc_controller.recording.layout import (
 )
 from wbc_controller.recording.link import Link, frame
 from wbc_controller.recording.plain import to_json
+from wbc_controller.recording.tap import Tap
 from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGER
 from wbc_controller.records import CycleReport, Fault, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
-from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.messages import TYPES, encode, message
-from wbc_controller.wire.topics import Endpoint
 
 _log = logging.getLogger(__name__)
 
@@ -135,7 +135,7 @@ class Recorder:
             stamp: gives the time of messages, ns.
         """
         self._stamp = stamp
-        return _Tap(transport, self)
+        return Tap(transport, self.channel, self.put, self.sent)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
         """Begin to record a controller, when every topic has been opened.
@@ -271,7 +271,7 @@ class Recorder:
         result = taped.result
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
-        if same and not (taped.requests or taped.changes or refused or taped.problem):
+        if same and not (taped.apart or taped.requests or taped.changes or refused or taped.problem):
             return
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
         if result.fault is not None and (self._fault is None or self._fault.code != result.fault.code):
@@ -280,6 +280,9 @@ class Recorder:
             event["fault"] = result.fault
         if taped.live is not self._live:
             event["settings"] = taped.live.settings
+        if taped.apart:
+            event["apart"] = True
+            self._snapshot_due = 0
         if taped.problem is not None:
             event["problem"] = taped.problem
         if taped.requests:
@@ -331,62 +334,28 @@ class Recorder:
             self._controller.tape = None
 
 
-class _Tap:
-    """A transport that records what passes through it."""
-
-    def __init__(self, transport: Transport, recorder: Recorder) -> None:
-        self.discovery_time = transport.discovery_time
-        self._transport = transport
-        self._recorder = recorder
-
-    def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing."""
-        publish = self._transport.advertise(endpoint)
-        append, channel = self._recorder.sent, self._recorder.channel(endpoint.name, endpoint.type)
-
-        def send(payload: bytes) -> None:
-            publish(payload)
-            append((channel, 0, payload))
-
-        return send
-
-    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading."""
-        put, channel = self._recorder.put, self._recorder.channel(endpoint.name, endpoint.type)
-
-        def receive(payload: bytes) -> None:
-            put(channel, payload)
-            callback(payload)
-
-        self._transport.subscribe(endpoint, receive)
-
-    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """As the transport."""
-        return self._transport.publishers(endpoint)
-
-    def close(self) -> None:
-        """As the transport."""
-        self._transport.close()
+def start_recorder(
+    settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = ""
+) -> Recorder | None:
+    """Start a recorder, as `Recorder` takes it; None where nothing is to be recorded, or can be, which is logged."""
+    if file is None and not settings.recorder.seconds > 0.0:
+        return None
+    try:
+        return Recorder(settings, file, patient=patient, name=name)
+    except OSError as error:  # there is no room for another process
+        _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
+        return None
 
 
 @contextlib.contextmanager
-def recording(
-    settings: Settings, file: Path | None, *, patient: bool = False, name: str = ""
-) -> Iterator[Recorder | None]:
-    """A recorder for a run, as `Recorder` takes it; None where the settings keep nothing and no file is asked for."""
-    if file is None and not settings.recorder.seconds > 0.0:
-        yield None
-        return
-    try:
-        recorder = Recorder(settings, file, patient=patient, name=name)
-    except OSError as error:  # there is no room for another process
-        _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
-        yield None
-        return
+def recording(settings: Settings, file: Path | None, *, name: str = "") -> Iterator[Recorder | None]:
+    """A recorder for a run, as `start_recorder` gives it."""
+    recorder = start_recorder(settings, file, name=name)
     try:
         yield recorder
     finally:
-        recorder.close()
+        if recorder is not None:
+            recorder.close()
 
 
 def _before(slots: Sequence[Slot]) -> bytes:

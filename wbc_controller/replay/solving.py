@@ -98,7 +98,8 @@ class Replay:
             if begin is None or cycle.number < begin:
                 self.skipped += first is None or cycle.number >= first
                 continue
-            if cycle.number != expected:  # the first, or one behind a gap
+            apart = recorded.events.get(cycle.number, {}).get("apart", False)
+            if cycle.number != expected or apart:  # the first, one behind a gap, or behind what is not known
                 if cycle.number not in recorded.memories:
                     self.skipped += 1
                     begin = recorded.memory_after(cycle.number)

@@ -69,7 +69,7 @@ class SolverSettings(Section):
 
     name: str = Field(
         "daqp",
-        description="daqp, osqp and proxqp are persistent and warm-started; any other installed "
+        description="daqp, osqp and proxqp are warm-started; any other installed "
         "solver of qpsolvers can be named too, and is called through qpsolvers.",
     )
     regularization_acceleration: Positive = Field(
