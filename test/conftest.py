@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +24,14 @@ from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import decode, encode, header, message, stamp
 from wbc_controller.wire.topics import Direction, counterpart
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _recordings_of_faults(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Controllers that the tests start leave their recordings of faults in a folder of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
 
 
 @cache
@@ -168,7 +176,12 @@ MAKE = SimpleNamespace(
 class Bench:
     """A whole controller on the memory transport, with a clock that is set by hand, and its user."""
 
-    def __init__(self, name: str = "go2", changes: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        name: str = "go2",
+        changes: Mapping[str, Any] | None = None,
+        record: Callable[[Settings], Any] | None = None,
+    ) -> None:
         self.settings, self.model = shipped(name)
         if changes:
             self.settings = Settings.model_validate(merged(self.settings.model_dump(), changes))
@@ -180,6 +193,7 @@ class Bench:
         self.topics = controller_endpoints(self.settings, self.model)
         self.bus = MemoryBus()
         self.transport = MemoryTransport(self.bus)
+        self.recorder = record(self.settings) if record is not None else None
         self.loop = self.remake(self.clock)
         self.user = MemoryTransport(self.bus)
         self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
@@ -201,6 +215,7 @@ class Bench:
             clock,
             self.topics,
             observers=(self.reports.append,),
+            recorder=self.recorder,
         )
 
     @property

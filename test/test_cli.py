@@ -38,6 +38,8 @@ def test_help_lists_every_command_and_says_what_it_does():
         ("new", ("ROBOT.urdf", "--srdf", "--base", "--feet", "stderr")),
         ("demo", ("--report", "--lockstep", "--real-time-factor")),
         ("topics", ("Markdown",)),
+        ("replay", ("FILE", "--cycle", "--config", "--plot", "--only-tell", "bit for bit")),
+        ("report", ("FILE", "--out", "real robot")),
     ],
 )
 @pytest.mark.parametrize("option", ["-h", "--help"])

@@ -59,6 +59,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
+    "recording": (
+        ("core/references", "core/whole_body_qp", "settings", "assembly", "control", "wire", "transports"),
+        ("numpy", "yaml", "backports", "compression"),
+    ),
     "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire", "kernels"), ("numpy",)),
     "service": (
         (
@@ -72,6 +76,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "control",
             "wire",
             "transports",
+            "recording",
             "diagnostics",
         ),
         ("numpy",),
@@ -91,7 +96,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pydantic", "pinocchio", "coal", "mujoco"),
     ),
     "ros2": (
-        ("core/robot", "settings", "control", "wire", "transports", "service", "mock"),
+        ("core/robot", "settings", "control", "wire", "transports", "recording", "service", "mock"),
         ("pydantic", "rclpy", "rcl_interfaces", "std_srvs"),
     ),
     "demo": (
@@ -105,18 +110,22 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "control",
             "wire",
             "transports",
-            "diagnostics",
+            "recording",
             "service",
             "mock",
         ),
         ("numpy", "scipy", "pinocchio", "coal", "rich", "plotly"),
+    ),
+    "replay": (
+        ("core/robot", "core/references", "core/tasks", "settings", "control", "views", "recording", "demo"),
+        ("numpy", "click"),
     ),
     "campaign": (
         ("core/robot", "safety", "settings", "assembly", "control", "wire", "transports", "service", "mock"),
         ("numpy", "scipy", "pinocchio", "pydantic", "rich", "plotly", "joblib", "distributed", "ray"),
     ),
     "identification": (
-        ("core/robot", "core/contacts", "settings", "assembly", "views"),
+        ("core/robot", "core/contacts", "settings", "assembly", "views", "recording"),
         ("numpy", "scipy", "pinocchio", "yaml"),
     ),
     "accuracy": (
@@ -170,6 +179,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "mock",
             "ros2",
             "demo",
+            "replay",
             "campaign",
             "bench",
             "fuzz",

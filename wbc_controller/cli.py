@@ -16,6 +16,7 @@ from wbc_controller.assembly.finding import Finding
 from wbc_controller.bench.commands import bench
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.fuzz.commands import fuzz
+from wbc_controller.replay.commands import replay, report
 from wbc_controller.service.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -49,7 +50,7 @@ def main() -> None:
 
 main.add_command(fuzz)
 main.add_command(bench)
-for _command in (send, echo, status):
+for _command in (send, echo, status, replay, report):
     main.add_command(_command)
 
 
@@ -72,7 +73,7 @@ def _node_options(function: F) -> F:
 @click.option(
     "--record",
     type=click.Path(path_type=Path),
-    help="Write torques and times of the last 300,000 cycles to this .npz file.",
+    help="Record all of the run to this .mcap file: docs/recording.md.",
 )
 @_node_options
 def run(

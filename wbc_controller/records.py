@@ -105,6 +105,27 @@ class Disturbance:
     at_bound: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """What a cycle has predicted, to be compared with the next state.
+
+    Attributes:
+        stamp: of its state, ns.
+        v: velocity in that state, (nv,).
+        v_dot: acceleration that the torques sent should give, (nv,); None where they were not those of the program.
+        contacts: names of the contacts that held.
+        M: mass matrix in that state, (nv, nv).
+        J: stacked Jacobian of these contacts, (k, nv).
+    """
+
+    stamp: int
+    v: Array
+    v_dot: Array | None
+    contacts: tuple[str, ...]
+    M: Array
+    J: Array
+
+
 @dataclass(frozen=True, slots=True)
 class References:
     """Everything that commands can set, sampled at the time of one cycle.

@@ -9,6 +9,9 @@ import time
 import numpy as np
 import pytest
 
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.reading import Recorded
+
 pytestmark = pytest.mark.live
 
 #: How often the robot stands still.
@@ -23,7 +26,7 @@ def start(processes, dds_user, tmp_path):
 
     def start(robot, *words):
         user = dds_user
-        user.record = tmp_path / "cycles.npz"
+        user.record = tmp_path / "cycles.mcap"
         user.mock = processes.start("mock", robot)
         user.controller = processes.start("run", robot, "--record", str(user.record), *words)
         user.wait_for_service()
@@ -35,8 +38,8 @@ def start(processes, dds_user, tmp_path):
 def recorded(user, processes):
     """Every command that the controller sent, by its own record."""
     assert processes.stop(user.controller) == 0
-    with np.load(user.record) as file:
-        return file["tau"], file["mode"]
+    cycles = columns(Recorded(user.record))
+    return cycles["tau"], cycles["mode"]
 
 
 def assert_bounded(user, tau):

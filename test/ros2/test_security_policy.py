@@ -13,7 +13,7 @@ from wbc_controller.cli import main
 from wbc_controller.control.controller import Controller
 from wbc_controller.mock.robot import NODE_NAME as MOCK
 from wbc_controller.mock.robot import MockRobot
-from wbc_controller.ros2.answers import SERVICES
+from wbc_controller.ros2.answers import RECORD, SERVICES
 from wbc_controller.ros2.security_policy import (
     CLOCK,
     LIFECYCLE_SERVES,
@@ -105,7 +105,7 @@ def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespac
         extra = {own + "transition_event"} if lifecycle else set()
         assert rules["publish"] == recorder.published | set(NODE_PUBLISHES) | extra
         assert rules["subscribe"] == recorder.subscribed | {CLOCK}
-        serves = {*NODE_SERVES, *(LIFECYCLE_SERVES if lifecycle else ()), *(SERVICES if lifecycle else ())}
+        serves = {*NODE_SERVES, *(LIFECYCLE_SERVES if lifecycle else ()), *((*SERVICES, RECORD) if lifecycle else ())}
         assert rules["reply"] == {own + service for service in serves}
         assert "request" not in rules
 

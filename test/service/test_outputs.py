@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.records import CycleReport, Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
 from wbc_controller.wire.messages import nanoseconds
@@ -196,21 +195,3 @@ def test_each_summary_starts_over():
     summary.add(report())
     (status,) = summary.message(2).status
     assert "refused" not in status.message
-
-
-def test_a_recording_holds_every_command(bench, tmp_path):
-    controller = bench()
-    recorder = CycleRecorder()
-    controller.cycle(3)
-    controller.activate()
-    controller.cycle(9)
-    for each in controller.reports:
-        recorder.add(each)
-    path = tmp_path / "cycles.npz"
-    recorder.save(path)
-    with np.load(path, allow_pickle=False) as file:
-        np.testing.assert_array_equal(file["tau"], controller.efforts())
-        assert file["stamp"].tolist() == [each.stamp for each in controller.reports if each.command is not None]
-        assert set(file["mode"]) == {"active"}
-        for stage in ("read", "compute", "supervise", "write", "total"):
-            assert np.isfinite(file[f"seconds/{stage}"]).all()

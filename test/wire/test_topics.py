@@ -197,7 +197,7 @@ def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_gu
 def test_there_is_no_dead_row(bench):
     """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
-    by_hand = {"joint_states", "odom", "imu", "command", "robot_description", "clock"}  # inputs.py, service.py
+    by_hand = {"joint_states", "odom", "imu", "command", "robot_description", "clock", "record"}  # inputs.py, service/
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
     controller = bench()

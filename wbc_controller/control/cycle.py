@@ -18,6 +18,7 @@ from wbc_controller.assembly.preflight import check_qp
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.live_settings import LiveSettings, live_part
+from wbc_controller.control.memory import Taped, give_back, taken
 from wbc_controller.control.result import CycleResult
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.limits import RowLimit
@@ -59,6 +60,7 @@ class ControlCycle:
         supervisor: makes the commands, and holds the modes.
         beside: what acts beside the model.
         live: the settings with all changes since.
+        tape: where it is a list, what each cycle was given, and what it gave, is appended; whoever records empties it.
         holding: names of the contacts that were active in the last cycle; where none was solved, of those that are
             when the controller is activated.
     """
@@ -113,6 +115,8 @@ class ControlCycle:
         self._explained = -np.inf
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # of what stands around the cycle
+        self.tape: list[Taped] | None = None
+        self._apart = False  # whether something has changed beside the cycles since the last one
 
     @property
     def model(self) -> RobotModel:
@@ -184,6 +188,7 @@ class ControlCycle:
         """
         started = self._timer()
         problem, self._defect = problem or self._defect, None
+        changes = tuple(changes)
         refused: list[str] = []
         starts = self._take_requests(requests, now, problem, refused)
         left: list[tuple[Change, ...]] = []
@@ -200,7 +205,8 @@ class ControlCycle:
         command = self.supervisor.step(now, state, joint_velocity, problem, outcome)
         if state is not None:
             solved = outcome if isinstance(outcome, Solution) else None
-            self.beside.sent(state, solved, command.tau if command is not None else None)
+            tau = command.tau if command is not None else None
+            self.beside.sent(state, solved, tau, self.qp.dynamics, self.qp.contact_jacobian)
         if left and outcome is None:
             words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
@@ -216,9 +222,49 @@ class ControlCycle:
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
             stages |= {f"compute/{name}": seconds for name, seconds in solution.stage_seconds.items()}
-        return CycleResult(
+        result = CycleResult(
             self.qp, now, self.mode, self.fault, command, solution, state, references, tuple(refused), stages
         )
+        if self.tape is not None:
+            given = now, state, joint_velocity, problem, tuple(requests), changes
+            self.tape.append(Taped(*given, self._parts, result, self._apart))
+            self._apart = False
+        return result
+
+    def memory(self) -> dict[str, Any]:
+        """All that the next cycles depend on, beside what they are given.
+
+        Returns:
+            By part; that of ``qp`` is None where the solver keeps its warm start to itself, so that who goes on from
+            here does not come to the same bits.
+        """
+        return {
+            "qp": self.qp.memory(),
+            "board": taken(self.board),
+            "supervisor": taken(self.supervisor),
+            "beside": taken(self.beside),
+        }
+
+    def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
+        """Go on from what `memory` gave.
+
+        Args:
+            memory: of a controller of the same configuration.
+            settings: those that were in force then.
+
+        Raises:
+            ConfigurationError: where the settings do not fit the model.
+        """
+        self.live.adopt(settings)
+        self._parts = self.live.newest
+        self.board = ReferenceBoard(self._parts.board)
+        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        give_back(self.board, memory["board"])
+        give_back(self.supervisor, memory["supervisor"])
+        self.beside.estimate.limits = self._parts.disturbance
+        give_back(self.beside, memory["beside"])
+        if memory["qp"] is not None:
+            self.qp.recall(memory["qp"])
 
     def _at_activation(self) -> tuple[str, ...]:
         """Names of the contacts that are active when the controller is activated."""
@@ -226,6 +272,7 @@ class ControlCycle:
 
     def fail(self, error: Exception) -> None:
         """Damp from the next cycle on: something around the cycle has failed."""
+        self._apart = True
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
@@ -234,6 +281,7 @@ class ControlCycle:
         Args:
             now: s, on the clock of the loop.
         """
+        self._apart = True
         command = self.supervisor.shut_down(now)
         return CycleResult(self.qp, now, self.mode, self.fault, command, None, None, None, (), {})
 
@@ -330,7 +378,7 @@ class ControlCycle:
             if self._streamed:
                 references = replace(references, tasks={**references.tasks, **self._streamed})
                 self._streamed = {}
-            disturbance = self.beside.look(state, self.qp.dynamics, self.qp.contact_jacobian)
+            disturbance = self.beside.look(state)
             if disturbance is not None:
                 references = replace(references, disturbance=disturbance)
             return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references

@@ -30,12 +30,14 @@ class LivePart:
     """What of the settings the parts of a running loop go by.
 
     Attributes:
+        settings: all of the settings.
         board: how references, gains and limits move.
         supervisor: what the supervisor holds.
         state_timeout: oldest state that torques may be computed from, s.
         disturbance: how fast what the model lacks is estimated.
     """
 
+    settings: Settings
     board: BoardPlan
     supervisor: SupervisorLimits
     state_timeout: float
@@ -96,6 +98,16 @@ class LiveSettings:
         _log.info("%s: %s", source, ", ".join(differences))
         self.changed()
 
+    def adopt(self, settings: Settings) -> None:
+        """Go over to settings that another controller of the same configuration had, as its recording says.
+
+        Raises:
+            ConfigurationError: where they do not fit the model.
+        """
+        live = self._derive(settings)
+        with self._lock:
+            self.settings, self.newest = settings, live
+
     def _result(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
         settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
         differences = list(_differences(self.settings, settings))
@@ -149,6 +161,5 @@ def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
         ConfigurationError: where settings and model do not fit.
     """
     supervisor = make_supervisor_limits(settings, qp.model)
-    return LivePart(
-        make_board_plan(settings, qp), supervisor, settings.safety.state_timeout, disturbance_limits(settings)
-    )
+    plan = make_board_plan(settings, qp)
+    return LivePart(settings, plan, supervisor, settings.safety.state_timeout, disturbance_limits(settings))

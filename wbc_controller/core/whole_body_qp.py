@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.program.formulation import Formulation
@@ -127,6 +128,29 @@ class WholeBodyQP:
         """Discard all warm starts: the next solution is that of a new program."""
         self._solvers.clear()
         self._hierarchies.clear()
+
+    def memory(self) -> dict[str, Any] | None:
+        """All that the next solution depends on beside its arguments: the warm starts, and the last state.
+
+        Returns:
+            None where a solver keeps its warm start to itself (`Solver.memory`).
+        """
+        solvers = [(key, solver.memory()) for key, solver in self._solvers.items()]
+        hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
+        inner = [remembered for _, levels in hierarchies for _, remembered in levels]
+        if any(remembered is None for remembered in (*(each for _, each in solvers), *inner)):
+            return None
+        return {"q": self.dynamics.q, "v": self.dynamics.v, "solvers": solvers, "hierarchies": hierarchies}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` gave."""
+        self.forget()
+        self.dynamics.update(memory["q"], memory["v"])
+        for key, remembered in memory["solvers"]:
+            self._solver_of(self.formulation.layout(tuple(key))).recall(remembered)
+        for key, levels in memory["hierarchies"]:
+            hierarchy = self._hierarchies[tuple(key)] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+            hierarchy.recall(levels)
 
     def _solver_of(self, layout: Layout) -> Solver:
         """The solver for one set of active contacts; each keeps its own warm start."""

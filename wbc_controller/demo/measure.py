@@ -13,7 +13,7 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.demo.director import Director, Log, Window
 from wbc_controller.demo.recording import Recording, Result, supports_of
 from wbc_controller.demo.scenario import Scenario
-from wbc_controller.diagnostics.recorder import AUDIT_COLUMNS
+from wbc_controller.recording.columns import AUDIT_COLUMNS
 from wbc_controller.records import Array
 from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings
 from wbc_controller.wire.decoding import read_odometry
@@ -31,7 +31,7 @@ def make_recording(
         settings: settings of the robot.
         model: model of the robot.
         director: the director that played the scenario.
-        cycles: the controller's own record, as written by `diagnostics.recorder.CycleRecorder`.
+        cycles: the controller's own record, as `recording.columns` gives it.
     """
     log = director.log
     time, q = _states(log, model)

@@ -160,7 +160,9 @@ def _forces(recording: Recording) -> Plot:
     _finish(figure, recording, height=110 + 145 * len(names))
     return Plot(
         "forces", "Vertical contact forces",
-        "What the quadratic program counts on, and what the ground really gave, along each contact's normal.", figure,
+        "What the quadratic program counts on"
+        + (", and what the ground really gave," if recording.true_wrenches else "") + " along each contact's normal.",
+        figure,
     )  # fmt: skip
 
 
@@ -180,7 +182,8 @@ def _friction(recording: Recording) -> Plot:
     _finish(figure, recording, height=300)
     return Plot(
         "friction", "Use of friction",
-        "Solid: counted on by the QP; dotted: given by the ground. At 1 a contact slips. Not shown while a contact "
+        ("Solid: counted on by the QP; dotted: given by the ground. " if recording.true_wrenches
+         else "As the QP counts on it. ") + "At 1 a contact slips. Not shown while a contact "
         f"bears less than {LIGHT:.0%} of its largest load.", figure,
     )  # fmt: skip
 

@@ -28,13 +28,17 @@ MAX_FRAMES = 3600
 _INT16 = 32767
 
 
-def write_report(recording: Recording, model: RobotModel, path: Path) -> None:
+def write_report(
+    recording: Recording, model: RobotModel, path: Path, *, kind: str = "wbc_controller demo", note: str = ""
+) -> None:
     """Write the report of a run as one self-contained HTML file.
 
     Args:
         recording: recording of the run.
         model: the robot of the recording.
         path: the file to write.
+        kind: of the run, above the robot's name.
+        note: said below the verdict.
 
     Raises:
         ConfigurationError: if the robot's visual geometry cannot be read, or a support names an unknown frame.
@@ -44,9 +48,10 @@ def write_report(recording: Recording, model: RobotModel, path: Path) -> None:
         raise ValueError(f"the recording's q has {recording.q.shape[1]} columns; the model of the robot has {model.nq}")
     plots = build_plots(recording)
     pieces = {
-        "title": html.escape(f"{recording.robot}: whole-body control demo"),
+        "title": html.escape(f"{recording.robot}: {kind}"),
+        "kind": html.escape(kind),
         "robot": html.escape(recording.robot),
-        "verdict": _verdict(recording),
+        "verdict": _verdict(recording) + (f"<p>{html.escape(note)}</p>" if note else ""),
         "facts": _facts(recording),
         "results": _results(recording),
         "plots": "\n".join(_figure(plot) for plot in plots),

@@ -28,9 +28,11 @@ from wbc_controller.demo.measure import judge, make_recording, passed
 from wbc_controller.demo.recording import Result
 from wbc_controller.demo.report import write_report
 from wbc_controller.demo.scenario import SCENARIOS, Scenario
-from wbc_controller.diagnostics.recorder import CycleRecorder
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Array
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.controller_service import make_loop
@@ -157,7 +159,7 @@ def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     cycles: dict[str, Array] = {}
     with tempfile.TemporaryDirectory() as folder:
-        record, file = Path(folder) / "cycles.npz", Path(folder) / f"{stage.name}.yaml"
+        record, file = Path(folder) / "cycles.mcap", Path(folder) / f"{stage.name}.yaml"
         file.write_text(stage.config.to_yaml(), encoding="utf-8")
         commands = {
             "mock": ["mock", str(file), "--real-time-factor", str(real_time_factor)],
@@ -177,12 +179,7 @@ def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
                 process.wait(timeout=20)
             transport.close()
             if record.exists():
-                cycles.update(_load_cycles(record))
-
-
-def _load_cycles(path: Path) -> dict[str, Array]:
-    with np.load(path) as file:
-        return {name: file[name] for name in file.files}
+                cycles.update(columns(Recorded(record)))
 
 
 def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) -> None:
@@ -199,14 +196,15 @@ def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()
-    recorder = CycleRecorder()
+    path = stage.folder / f"{stage.name}-lockstep.mcap"
+    recorder = Recorder(stage.settings, path, patient=True, name=stage.name)
     robot = MockRobot(stage.model, stage.settings, MemoryTransport(bus))
     loop = make_loop(
         Controller(stage.settings, preflight=False, model=stage.model),
         MemoryTransport(bus),
         clock,
         controller_endpoints(stage.settings, stage.model),
-        observers=(recorder.add,),
+        recorder=recorder,
     )
 
     def advance(log: Log) -> None:
@@ -219,9 +217,9 @@ def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
     try:
         yield transport, advance, cycles
     finally:
-        path = stage.folder / f"{stage.name}-lockstep.npz"
-        recorder.save(path)
-        cycles.update(_load_cycles(path))
+        recorder.close()
+        if path.exists():
+            cycles.update(columns(Recorded(path)))
 
 
 def _conclude(

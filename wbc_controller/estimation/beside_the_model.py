@@ -9,7 +9,7 @@ import numpy as np
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.estimation.disturbance import DisturbanceEstimate
 from wbc_controller.estimation.friction import FrictionCompensation
-from wbc_controller.records import Array, Disturbance, RobotState, Solution, frozen
+from wbc_controller.records import Array, Disturbance, Prediction, RobotState, Solution, frozen
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
@@ -22,6 +22,8 @@ class BesideTheModel:
         estimate: of what is not known.
     """
 
+    MEMORY = ("estimate", "_friction", "_before")
+
     def __init__(self, estimate: DisturbanceEstimate, friction: FrictionCompensation | None, period: float) -> None:
         """Begin with nothing.
 
@@ -33,7 +35,7 @@ class BesideTheModel:
         self.estimate = estimate
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
-        self._before: tuple[RobotState, Solution | None] | None = None
+        self._before: Prediction | None = None
 
     def restart(self) -> None:
         """Forget all."""
@@ -42,51 +44,65 @@ class BesideTheModel:
             self._friction.restart()
         self._before = None
 
-    def look(
-        self, state: RobotState, dynamics: Dynamics, jacobian: Callable[[tuple[str, ...]], Array]
-    ) -> Disturbance | None:
+    def look(self, state: RobotState) -> Disturbance | None:
         """Compare a state with what was predicted for it.
 
         Args:
             state: the latched state.
-            dynamics: the snapshot of the state before.
-            jacobian: gives the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
 
         Returns:
             What acts beside the model; None where nothing does.
         """
-        if self._friction is None and self.estimate.rests:
+        if self._rests:
             return None
         before, self._before = self._before, None
-        gap = 1.0e-9 * (state.stamp - before[0].stamp) if before is not None else 0.0
+        gap = 1.0e-9 * (state.stamp - before.stamp) if before is not None else 0.0
         if before is not None and 0.0 < gap <= self._largest_gap:
-            last, solution = before
-            wanted = gap * solution.v_dot if solution is not None else None
-            contacts = tuple(solution.forces) if solution is not None else ()
-            J = jacobian(contacts)
+            wanted = gap * before.v_dot if before.v_dot is not None else None
             if self._friction is not None:
-                self._friction.look(dynamics.M, J, contacts, state.v, gap, wanted)
+                self._friction.look(before.M, before.J, before.contacts, state.v, gap, wanted)
             if not self.estimate.rests:
-                missed = state.v - last.v - wanted if wanted is not None else None
-                self.estimate.look(dynamics.M, J, contacts, gap, missed)
+                missed = state.v - before.v - wanted if wanted is not None else None
+                self.estimate.look(before.M, before.J, before.contacts, gap, missed)
         elif before is not None and gap <= 0.0:  # the same state again
             self._before = before
         estimated, friction = self.estimate.forces, self._friction
         forces = estimated if friction is None else frozen(estimated + friction.forces)
         return Disturbance(forces, estimated, self.estimate.at_bound)
 
-    def sent(self, state: RobotState, solution: Solution | None, tau: Array | None) -> None:
+    @property
+    def _rests(self) -> bool:
+        return self._friction is None and self.estimate.rests
+
+    def sent(
+        self,
+        state: RobotState,
+        solution: Solution | None,
+        tau: Array | None,
+        dynamics: Dynamics,
+        jacobian: Callable[[tuple[str, ...]], Array],
+    ) -> None:
         """Remember what a cycle has found.
 
         Args:
             state: its latched state.
             solution: its solution, where it has one.
             tau: torques that were sent, (na,) in N·m; None where none were.
+            dynamics: the snapshot of that state.
+            jacobian: gives the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
         """
-        if self._before is not None and self._before[0].stamp == state.stamp:
+        if self._rests or (self._before is not None and self._before.stamp == state.stamp):
             return  # the torques that were sent first have acted for longer
         # Torques that were limited afterwards, or come on a ramp, predict nothing; nor does one that misses its bounds.
         arrived = (
             solution is not None and tau is not None and not solution.relaxed and np.array_equal(tau, solution.tau)
         )
-        self._before = state, solution if arrived else None
+        contacts = tuple(solution.forces) if solution is not None and arrived else ()
+        self._before = Prediction(
+            state.stamp,
+            state.v,
+            solution.v_dot if solution is not None and arrived else None,
+            contacts,
+            frozen(dynamics.M),
+            frozen(jacobian(contacts)),
+        )

@@ -59,6 +59,8 @@ class DisturbanceEstimate:
         at_bound: names of the joints, and ``base``, at which it is as large as it may be.
     """
 
+    MEMORY = ("forces", "at_bound", "_contacts", "_sum", "_time")
+
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
         """Begin with none.
 
@@ -104,7 +106,7 @@ class DisturbanceEstimate:
         if contacts != self._contacts:
             self._begin(contacts)
         if missed is not None:
-            self._sum += M @ missed
+            self._sum = self._sum + M @ missed
         self._time += gap
         if self._time < _SUMMED:
             return

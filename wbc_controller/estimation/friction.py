@@ -45,6 +45,8 @@ class FrictionCompensation:
         forces: generalized forces of friction, (nv,) in N·m, N.
     """
 
+    MEMORY = ("forces", "_meant", "_smooth", "_contacts", "_age")
+
     def __init__(self, model: RobotModel, dry: Mapping[str, float], viscous: Mapping[str, float]) -> None:
         """Begin at rest.
 
@@ -63,8 +65,8 @@ class FrictionCompensation:
         self.forces = np.zeros(len(self._dry))
         self._meant = np.zeros(len(self._dry))
         self._smooth = np.full(len(self._dry), np.inf)
-        self._contacts: tuple[str, ...] | None = None
-        self._age = 0.0
+        self._contacts: tuple[str, ...] = ()
+        self._age = np.inf
 
     def look(self, M: Array, J: Array, contacts: tuple[str, ...], v: Array, gap: float, wanted: Array | None) -> None:
         """Take a new state.

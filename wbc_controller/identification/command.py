@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 from wbc_controller.assembly.program import make_qp
@@ -15,34 +14,34 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.identification.equations import equations, moments
 from wbc_controller.identification.fit import UNSURE, Fit, fit
 from wbc_controller.records import Array
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.reading import Recorded
 from wbc_controller.settings import Settings
 from wbc_controller.views.tables import Table, as_text
 
 
 def identify(settings: Settings, path: Path) -> tuple[Fit, RobotModel]:
-    """Fit masses, armature and frictions to a recording of `wbc run --record`.
+    """Fit masses, armature and frictions to a recording of the controller.
 
     Raises:
         ConfigurationError: where the file cannot be read, or is not a recording of this robot.
     """
-    recorded = _read(path)
-    model = make_model(settings)
-    contacts = make_qp(settings, model).contacts
+    recorded = columns(Recorded(path))
     try:
-        seen = moments(recorded, model, contacts)
-        return fit(equations(seen, model, contacts)), model
+        return fitted(settings, recorded)
     except ConfigurationError as error:
         raise ConfigurationError(f"recording {path}: {error}") from error
 
 
-def _read(path: Path) -> dict[str, Array]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except OSError as error:
-        raise ConfigurationError(f"recording {path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise ConfigurationError(f"recording {path}: not a recording of `wbc run --record`: {error}") from error
+def fitted(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, RobotModel]:
+    """Fit to the columns of a recording.
+
+    Raises:
+        ConfigurationError: where they are not those of this robot, or have no moments that can be used.
+    """
+    model = make_model(settings)
+    contacts = make_qp(settings, model).contacts
+    return fit(equations(moments(recorded, model, contacts), model, contacts)), model
 
 
 def report(found: Fit, model: RobotModel) -> str:

@@ -77,7 +77,7 @@ def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[
     """Find moments at which the controller was active and its contacts did not change, and smooth around them.
 
     Args:
-        recorded: columns as `diagnostics.recorder.CycleRecorder` writes them.
+        recorded: columns, as `recording.columns` gives them.
         model: the robot's model.
         contacts: the contacts, by name.
 

@@ -15,6 +15,8 @@ SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
     "stop": ("estop", frozenset({Mode.FAULT})),
 }
 
+#: Service that has the recorder write the last seconds.
+RECORD = "record"
 
 #: Cycles within which a command is taken, unless the requests are so many that it was turned away.
 _LONGEST_WAIT = 1000

@@ -16,8 +16,9 @@ from std_srvs.srv import Trigger
 
 from wbc_controller.control.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.recording.recorder import Recorder, folder_of, start_recorder
 from wbc_controller.records import Mode
-from wbc_controller.ros2.answers import SERVICES, Answers
+from wbc_controller.ros2.answers import RECORD, SERVICES, Answers
 from wbc_controller.ros2.declaration import declare, values
 from wbc_controller.ros2.gate import Gate
 from wbc_controller.ros2.live import LiveParameters
@@ -79,6 +80,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._settings: Settings | None = None
         self._gate: Gate | None = None
         self._loop: ControlLoop | None = None
+        self._recorder: Recorder | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._failed = False
@@ -90,6 +92,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         group = ReentrantCallbackGroup()
         for name, (word, _) in SERVICES.items():
             self.create_service(Trigger, f"~/{name}", partial(self._on_trigger, word), callback_group=group)
+        self.create_service(Trigger, f"~/{RECORD}", self._on_record, callback_group=group)
 
     def start(self) -> None:
         """Configure and activate, if the parameter `autostart` is true; on the executor's thread."""
@@ -152,6 +155,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             raise ConfigurationError("robot.urdf is empty, and the topic robot_description has brought no URDF yet")
         transport = Ros2Transport(self)
         gate = Gate(transport)
+        recorder = start_recorder(settings, name=node)  # a process of its own, before `apply`
         try:
             urdf = None if settings.robot.urdf else self._urdf
             controller = Controller(Config(settings, "", urdf), preflight=False)
@@ -163,15 +167,18 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 make_clock(settings, topics, transport, use_sim_time=bool(self.get_parameter("use_sim_time").value)),
                 topics,
                 observers=(self._answers.observe,),
+                recorder=recorder,
                 node=self.get_fully_qualified_name(),
             )
             self._live.show(controller.live)
         except Exception as error:
             gate.close()
+            if recorder is not None:
+                recorder.close()
             if isinstance(error, ConfigurationError):
                 raise ConfigurationError(f"{source}: {error}") from error
             raise
-        self._settings, self._gate, self._loop = settings, gate, loop
+        self._settings, self._gate, self._loop, self._recorder = settings, gate, loop, recorder
         _log.info("configured from %s: %d joints, %.0f Hz", source, controller.model.nj, settings.control.rate)
 
     def _await_urdf(self) -> None:
@@ -249,8 +256,10 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._deactivate()
         if self._gate is not None:
             self._gate.close()
+        if self._recorder is not None:
+            self._recorder.close()
         self._live.hide()
-        self._settings, self._gate, self._loop = None, None, None
+        self._settings, self._gate, self._loop, self._recorder = None, None, None, None
 
     async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
         gate = self._gate
@@ -262,6 +271,20 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         future.add_done_callback(lambda done: None)  # a done callback wakes the executor
         self._answers.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
         response.success, response.message = await future
+        return response
+
+    def _on_record(self, request: Any, response: Any) -> Any:
+        """Have the last seconds written; with the next cycle, as those are that the recorder knows."""
+        gate, recorder = self._gate, self._recorder
+        response.success = False
+        if recorder is not None and gate is not None and gate.open and self._settings is not None:
+            recorder.request()
+            response.success = True
+            response.message = f"the last seconds are written to {folder_of(self._settings)}"
+        elif recorder is None and gate is not None:
+            response.message = "nothing is recorded: recorder.seconds is 0"
+        else:
+            response.message = "the node is not active; ros2 lifecycle says how it is"
         return response
 
 

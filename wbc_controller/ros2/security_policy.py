@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.ros2.answers import SERVICES
+from wbc_controller.ros2.answers import RECORD, SERVICES
 from wbc_controller.service.guard_service import NODE_NAME as GUARD
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME as CONTROLLER
@@ -85,7 +85,7 @@ def security_policy(
         publishes += NODE_PUBLISHES
         subscribes = [endpoint.name for endpoint in used if endpoint.direction is Direction.IN]
         if node == CONTROLLER:
-            serves += [f"~/{name}" for name in (*LIFECYCLE_SERVES, *SERVICES)]
+            serves += [f"~/{name}" for name in (*LIFECYCLE_SERVES, *SERVICES, RECORD)]
             publishes.append(resolve(LIFECYCLE_PUBLISHES, node, namespace))
         served = [resolve(name, node, namespace) for name in serves]
         commanded += served

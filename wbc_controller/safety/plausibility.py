@@ -71,6 +71,8 @@ class StateWatch:
         doubt: what is wrong with the newest state; None where it is plausible.
     """
 
+    MEMORY = ("doubt", "_state", "_mismatch", "_untold", "_some_untold", "_joint_values", "_base_values")
+
     def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
         self.doubt: Fault | None = None
         self._limits = limits
@@ -205,6 +207,8 @@ class _Group:
         since: stamp of the state since which they have repeated, ns.
     """
 
+    MEMORY = ("since",)
+
     def __init__(self, what: str, q_places: np.ndarray | slice, v_places: np.ndarray | slice) -> None:
         self.since = 0
         self._what = what
@@ -277,6 +281,8 @@ class FallWatch:
     Its height is counted from the lowest end of a limb and not from the ground, so that stairs and slopes do not count.
     """
 
+    MEMORY = ("_upward", "_height", "_looked")
+
     def __init__(self, model: RobotModel, limits: FallLimits) -> None:
         self._limits = limits
         self._pinocchio = model.pinocchio
@@ -345,6 +351,8 @@ def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:
 
 class Budget:
     """Time that was spent within a sliding window."""
+
+    MEMORY = ("_spent", "_total")
 
     def __init__(self) -> None:
         self._spent: deque[tuple[float, float]] = deque()

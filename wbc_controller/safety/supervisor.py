@@ -80,6 +80,12 @@ class Supervisor:
         limits: timing and limits; may be replaced between cycles.
     """
 
+    #: What outlives a cycle, beside the limits.
+    MEMORY = (
+        "mode", "fault", "_since", "_stepped", "_activated", "_held_time", "_relaxed_time", "_relaxed", "_was_relaxed",
+        "_share", "_tau", "_held", "_taken_over", "_watch", "_fall",
+    )  # fmt: skip
+
     def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
         self.mode = Mode.INACTIVE
         self.fault: Fault | None = None

@@ -13,10 +13,10 @@ from pathlib import Path
 from wbc_controller.assembly.estimation import make_estimator
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
-from wbc_controller.diagnostics.recorder import recording
 from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.task_states import TaskStates
 from wbc_controller.errors import InputRefused
+from wbc_controller.recording.recorder import Recorder, recording
 from wbc_controller.records import CycleReport
 from wbc_controller.service.audit import make_audit
 from wbc_controller.service.clock import Clock, MonotonicClock, SimulatedClock
@@ -35,6 +35,9 @@ from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import CONTROLLER_TOPICS, Endpoint
 
 _log = logging.getLogger(__name__)
+
+#: Longest reason for which the last seconds are written, in characters.
+_LONGEST_REASON = 40
 
 
 def run_controller(
@@ -60,14 +63,13 @@ def run_controller(
         remappings: topic remappings, from name to name.
         activate: activate as soon as the inputs are fresh, without a command.
         use_sim_time: measure ages and durations by the time on the clock topic.
-        record: file in which torques and cycle times of the last cycles are saved.
+        record: file for the recording of all of the run; None keeps the last seconds alone.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.
         TransportError: if a topic cannot be opened.
-        WbcError: if the record cannot be written.
     """
-    with recording(record) as observers:
+    with recording(settings, record, name=node) as recorder:  # a process of its own, before `apply`
         urdf = None
         if not settings.robot.urdf:
             urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
@@ -82,7 +84,7 @@ def run_controller(
             transport,
             make_clock(settings, topics, transport, use_sim_time=use_sim_time),
             topics,
-            observers=observers,
+            recorder=recorder,
             node=full_name,
         )
         _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
@@ -102,6 +104,7 @@ def make_loop(
     *,
     timer: Callable[[], float] = time.perf_counter,
     observers: Sequence[Callable[[CycleReport], None]] = (),
+    recorder: Recorder | None = None,
     node: str = NODE_NAME,
 ) -> ControlLoop:
     """Connect a controller to its topics.
@@ -113,6 +116,7 @@ def make_loop(
         topics: the node's endpoints, from `controller_endpoints`.
         timer: returns seconds, for the stage times.
         observers: called with the report of every cycle.
+        recorder: records all that comes in, is decided, and goes out; None records nothing.
         node: name of the node with its namespace, for diagnostics.
 
     Raises:
@@ -123,9 +127,14 @@ def make_loop(
     vocabulary = make_vocabulary(settings, model)
     published = {name: qp.contacts[name] for name in settings.contacts}
     markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
+    graph = transport
+    _subscribe_requests(recorder, graph, topics)
+    if recorder is not None:
+        transport = recorder.tap(transport, clock.stamp)
+        observers = (*observers, recorder.observe)
     scheduling = in_force()
     _log.info("scheduling: %s", scheduling or "not known")
-    return ControlLoop(
+    loop = ControlLoop(
         controller,
         Inputs(
             model,
@@ -151,13 +160,30 @@ def make_loop(
             scheduling,
         ),
         make_audit(settings, model),
-        Ownership(
-            transport, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)
-        ),
+        Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),
         clock,
         timer=timer,
         observers=observers,
     )
+    if recorder is not None:
+        recorder.attach(controller, node if node.startswith("/") else f"/{node}", model.name)
+    return loop
+
+
+def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
+    """Have the last seconds written where a message asks for it."""
+    (endpoint,) = [topic for topic in topics if topic.key == "record"]
+
+    def receive(payload: bytes) -> None:
+        if recorder is None:
+            _log.warning("%s: refused: nothing is recorded (recorder.seconds is 0)", endpoint.name)
+            return
+        try:
+            recorder.request(decode(payload, endpoint.type).data.strip()[:_LONGEST_REASON] or "REQUEST")
+        except InputRefused as refusal:
+            _log.warning("%s: refused: %s", endpoint.name, refusal)
+
+    transport.subscribe(endpoint, receive)
 
 
 def make_clock(

@@ -166,7 +166,7 @@ class Inputs:
         self._reader: threading.Thread | None = None
         self._ended = False
         for endpoint in endpoints:
-            if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock"):
+            if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock", "record"):
                 continue
             if endpoint.key in ("odom", "imu") and endpoint.key not in self._parts:
                 continue

@@ -33,6 +33,7 @@ from wbc_controller.settings.service import (
     GuardSettings,
     MockSettings,
     RealtimeSettings,
+    RecorderSettings,
     SafetySettings,
     SolverSettings,
 )
@@ -68,6 +69,7 @@ class Settings(Section):
     estimation: EstimationSettings = EstimationSettings()
     guard: GuardSettings = GuardSettings()
     audit: AuditSettings = AuditSettings()
+    recorder: RecorderSettings = RecorderSettings()
     tasks: dict[Name, TaskSettings] = Field(min_length=1)
     contacts: dict[Name, ContactSettings] = Field(default_factory=dict)
     loops: dict[Name, LoopSettings] = Field(default_factory=dict)
@@ -114,6 +116,7 @@ __all__ = [
     "PointContact",
     "PostureTask",
     "RealtimeSettings",
+    "RecorderSettings",
     "RelativePoseTask",
     "RobotSettings",
     "RollingContact",

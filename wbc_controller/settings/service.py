@@ -69,7 +69,7 @@ class SolverSettings(Section):
 
     name: str = Field(
         "daqp",
-        description="daqp, osqp and proxqp are persistent and warm-started; any other installed "
+        description="daqp, osqp and proxqp are warm-started; any other installed "
         "solver of qpsolvers can be named too, and is called through qpsolvers.",
     )
     regularization_acceleration: Positive = Field(
@@ -176,6 +176,21 @@ class SafetySettings(Section):
         if not (self.relax_time < self.relax_window):
             raise ValueError(f"relax_window = {self.relax_window}: must be above relax_time = {self.relax_time}")
         return self
+
+
+class RecorderSettings(Section):
+    """The flight recorder: what it keeps in memory, and writes to a file on a fault or on request."""
+
+    seconds: NonNegative = Field(
+        10.0,
+        le=600.0,
+        description="How much is kept, s; 0 for nothing, so that only `wbc run --record` writes a file.",
+    )
+    folder: str = Field(
+        "",
+        description="Folder of the files; empty for `wbc_controller` in `$XDG_STATE_HOME`, by default ~/.local/state.",
+    )
+    files: int = Field(10, ge=1, le=1000, description="Most files of one robot in the folder; the oldest are removed.")
 
 
 class GuardSettings(Section):

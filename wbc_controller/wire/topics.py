@@ -152,6 +152,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "nothing."),
     Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
           "One of activate, deactivate, damp, reset, estop."),
+    Topic("record", "~/record", "std_msgs/msg/String", _IN, REQUEST,
+          "Has the flight recorder write its last seconds to a file, which the text becomes part of the name of."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
           "Torques in N·m, in the order of `robot.actuators`, by default that of `robot.joints`; or joint torques, if "
           "`robot.command` says so. The message of ros2_control's effort controllers."),

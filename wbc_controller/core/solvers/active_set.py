@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
@@ -41,31 +44,44 @@ class ActiveSet:
     where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
     and is positive definite. If weights differ so much (by 1e11 and more) that it loses too many digits, it is not used
     until the weights change.
+
+    Attributes:
+        side: of each bound of x and row of C, 1 if it is active at its upper bound, -1 at the lower one, else 0.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         """Start with an empty active set."""
         self._n, self._m = n, equalities
-        self._side = np.zeros(n + inequalities, dtype=np.int8)  # 1 at the upper bound, -1 at the lower one
-        self._active = self._side.nonzero()[0]
+        self.side = np.zeros(n + inequalities, dtype=np.int8)
+        self._active = self.side.nonzero()[0]
         self._too_far: Array | None = None  # the d⁻¹ for which the condensed system was not accurate enough
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
-        self._side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
-        self._active = self._side.nonzero()[0]
+        self.side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
+        self._active = self.side.nonzero()[0]
+
+    def memory(self) -> dict[str, Any]:
+        """What it remembers: the active set, and whether the weights differ too much for the condensed system."""
+        return {"side": self.side, "too_far": None if self._too_far is None else np.array(self._too_far)}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` gave."""
+        self.side = np.array(memory["side"], dtype=np.int8)
+        self._active = self.side.nonzero()[0]
+        self._too_far = memory["too_far"]
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
         if self._m + len(self._active) > self._n:
             return None
         squares = problem.cost.squares
-        if squares is None or squares.inverse is self._too_far or len(squares.stack) >= self._n:
+        if squares is None or self._is_too_far(squares.inverse) or len(squares.stack) >= self._n:
             return self._full(problem)
-        found, multipliers = Residuals.of(problem), np.zeros(len(self._side))
+        found, multipliers = Residuals.of(problem), np.zeros(len(self.side))
         flag, cost, least, off = kernel.condensed(
             squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-            problem.constraints, problem.bounds, self._active, self._side, _FEASIBLE, _LARGEST,
+            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _LARGEST,
             found.value, found.equalities, found.room, multipliers,
         )  # fmt: skip
         if flag == kernel.INACCURATE:
@@ -78,6 +94,10 @@ class ActiveSet:
         found.measured(least, off)
         return Answer(found.value[: self._n], "optimal", 1, multipliers, found, cost)
 
+    def _is_too_far(self, inverse: Array) -> bool:
+        """Whether these are the weights for which the condensed system was not accurate enough."""
+        return self._too_far is not None and np.array_equal(inverse, self._too_far)
+
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
         active, n, m = self._active, self._n, self._n + self._m
@@ -89,15 +109,15 @@ class ActiveSet:
         right[n:m] = problem.b
         if len(active):
             K[m:, :n] = problem.rows(active)
-            right[m:] = problem.bounds[(self._side[active] > 0).astype(np.intp), active]
+            right[m:] = problem.bounds[(self.side[active] > 0).astype(np.intp), active]
         K[:n, n:] = K[n:, :n].T
         _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # K is symmetric: its transpose saves a copy
         if info != 0 or not answer.dot(answer) <= _LARGEST**2:
             return None
         residuals = problem.residuals(answer[:n])
-        if not residuals.violation <= _FEASIBLE or (self._side[active] * answer[m:] < 0.0).any():
+        if not residuals.violation <= _FEASIBLE or (self.side[active] * answer[m:] < 0.0).any():
             return None
-        multipliers = np.zeros(len(self._side))
+        multipliers = np.zeros(len(self.side))
         multipliers[active] = answer[m:]
         # xᵀHx = -gᵀx - bᵀy - wᵀλ, the stationarity condition times xᵀ; and right is [-g; b; w].
         cost = problem.cost.constant - 0.5 * float(right @ answer)

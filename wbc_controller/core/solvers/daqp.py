@@ -1,8 +1,9 @@
-"""DAQP, a dual active-set solver with a persistent workspace and warm start, after a first try by `ActiveSet`."""
+"""DAQP, a dual active-set solver, warm-started with the active set of the last problem, after a first try with it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import daqp
 import numpy as np
@@ -47,6 +48,9 @@ _STATUS = {
 class DaqpSolver(Solver):
     """DAQP, called if the active set of the previous problem is not that of this one.
 
+    It begins with that active set, which is all that it remembers: a recording that has it can be solved again, bit for
+    bit. A workspace that is kept would be no faster, as every matrix is another one in every cycle.
+
     From Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive LDLᵀ
     updates" (IEEE Transactions on Automatic Control, 2022).
     """
@@ -62,10 +66,17 @@ class DaqpSolver(Solver):
         self._sense = np.zeros(n + rows, dtype=np.int32)
         self._sense[n + inequalities :] = _EQUALITY
         self._active_set = ActiveSet(n, equalities, inequalities)
-        self._model: daqp.Model | None = None
 
     def _guess(self, problem: QuadraticProgram) -> Answer | None:
         return self._active_set.solve(problem)
+
+    def memory(self) -> dict[str, Any] | None:
+        """What it remembers of the last problem: its active set."""
+        return self._active_set.memory()
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` gave."""
+        self._active_set.recall(memory)
 
     def _search(self, problem: QuadraticProgram) -> Answer:
         m = self._inequalities
@@ -74,14 +85,11 @@ class DaqpSolver(Solver):
         for out, bound in ((self._lower, problem.bounds[0]), (self._upper, problem.bounds[1])):
             np.clip(bound, -_INFINITY, _INFINITY, out=out[:m])
             out[m:] = problem.b
+        side = self._active_set.side
+        self._sense[:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
         constraints = self._rows, self._upper, self._lower, self._sense
-        if self._model is None:
-            self._model, flag = _set_up(problem.H, problem.g, constraints, _SETTINGS)
-        else:
-            flag = self._model.update(H=problem.H, f=problem.g, A=self._rows, bupper=self._upper, blower=self._lower)
-        answer = _checked(problem, *_run(self._model, flag))
+        answer = _checked(problem, *_run(*_set_up(problem.H, problem.g, constraints, _SETTINGS)))
         if answer.x is None:
-            self._model = None  # a failed solve must not warm-start the next one
             iterations, answer = answer.iterations, solve_carefully(problem)
             answer.iterations += iterations
         self._active_set.learn(np.zeros(m) if answer.x is None else answer.multipliers)

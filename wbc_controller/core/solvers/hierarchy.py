@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
@@ -50,6 +51,18 @@ class Hierarchy:
         self._make_solver = make_solver
         self._timer = timer
         self._solvers: dict[tuple[int, int, int], Solver] = {}
+
+    def memory(self) -> list[tuple[tuple[int, int, int], dict[str, Any] | None]]:
+        """What the solver of each level remembers, by its index and the size of its problem, as in `Solver.memory`."""
+        return [(size, solver.memory()) for size, solver in self._solvers.items()]
+
+    def recall(self, memory: Sequence[tuple[Sequence[int], Mapping[str, Any]]]) -> None:
+        """Go on from what `memory` gave."""
+        self._solvers.clear()
+        for (index, n, inequalities), remembered in memory:
+            solver = self._make_solver(QuadraticProgram.empty(n, 0, inequalities))
+            solver.recall(remembered)
+            self._solvers[index, n, inequalities] = solver
 
     def solve(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
         """Solve all levels.

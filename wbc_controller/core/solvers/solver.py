@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +58,18 @@ class Solver(ABC):
         if not problem.is_finite:  # back ends may iterate for seconds on such a problem, or raise
             return Answer(None, NOT_FINITE, 0)
         return self._search(problem)
+
+    def memory(self) -> dict[str, Any] | None:
+        """What the solver remembers for its next solve; None where that is in a back end, and cannot be known."""
+        return None
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` gave.
+
+        Raises:
+            NotImplementedError: where the solver gives none.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no memory that can be read")
 
     def _guess(self, problem: QuadraticProgram) -> Answer | None:
         """A solution from the warm start alone, checked and finite; None if the warm start does not give one."""

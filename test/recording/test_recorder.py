@@ -1,0 +1,194 @@
+"""The flight recorder: what it holds, what it does without a disk, and what a kill leaves of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2.storage_mcap import McapReader
+
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.mcap import Contents, read
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.records import ChangeSettings
+
+SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
+
+
+def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path, make):
+    path = tmp_path / "a.mcap"
+    run = record(path)
+    bench = run.bench
+    run.stand(30)
+    bench.send("update", make.string("{tasks: {com: {weight: 3.5}}}"))
+    bench.send("command", make.string("nonsense"))
+    run.go(20)
+    recorder = run.recorder
+    recorder.close()
+    found = Recorded(path)
+    assert (found.first, found.last, found.count, found.torn) == (0, 52, 53, "")
+    table = columns(found)
+    np.testing.assert_array_equal(table["tau"], bench.efforts())
+    assert table["stamp"].tolist() == [each.stamp for each in bench.reports if each.command is not None]
+    assert set(table["mode"]) == {"active"}
+    for stage in ("read", "compute", "supervise", "write", "total"):
+        assert np.isfinite(table[f"seconds/{stage}"]).all()
+    counts = {topic: count for topic, _, count in found.topics()}
+    assert counts["/joint_states"] == counts["/odom"] == 53
+    assert counts["/effort_controller/commands"] == len(table["tau"])
+    (asked,) = [event for event in found.events.values() if "activate" in event.get("requests", ())]
+    assert asked["cycle"] == 3
+    (changed,) = [event for event in found.events.values() if "changes" in event]
+    assert any(
+        isinstance(change, ChangeSettings) or change.weight == 3.5 for each in changed["changes"] for change in each
+    )
+    (refused,) = [event for event in found.events.values() if "refused" in event]
+    assert "command 'nonsense' is unknown" in refused["refused"][0]
+    channels = {channel.topic: number for number, channel in found.channels.items()}
+    stored = [data for number, _, data in read(path, Contents()) if number == channels["/effort_controller/commands"]]
+    assert stored == bench._payloads["effort", ""]
+
+
+def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
+    run = record(changes={"recorder": {"folder": str(tmp_path / "faults"), "seconds": 5.0}})
+    run.stand(60)
+    run.bench.v[0] = 1e4  # no base is as fast
+    run.go(5)
+    run.recorder.close()
+    (path,) = (tmp_path / "faults").iterdir()
+    assert path.name.startswith("go2-")
+    assert path.name.endswith("IMPLAUSIBLE_STATE.mcap")
+    found = Recorded(path)
+    (fault,) = found.faults
+    assert fault.fault == run.bench.reports[-1].fault
+    assert fault.cycle == next(i for i, each in enumerate(run.bench.reports) if each.fault is not None)
+    assert found.last >= fault.cycle
+
+
+def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_path, make):
+    folder = tmp_path / "faults"
+    folder.mkdir()
+    for i in range(4):
+        old = folder / f"go2-20200101-00000{i}-OLD.mcap"
+        old.write_bytes(b"")
+        os.utime(old, (i, i))
+    other = folder / "mine.mcap"
+    other.write_bytes(b"")
+    run = record(changes={"recorder": {"folder": str(folder), "files": 3}})
+    run.stand(20)
+    run.bench.send("record", make.string("look / here"))
+    run.go(10)
+    run.recorder.close()
+    (path,) = folder.glob("*look-here.mcap")
+    assert Recorded(path).count == 33
+    assert sorted(each.name for each in folder.glob("*OLD*")) == [
+        "go2-20200101-000002-OLD.mcap", "go2-20200101-000003-OLD.mcap",
+    ]  # fmt: skip
+    assert other.exists()
+
+
+def test_the_last_seconds_are_bounded(record, tmp_path):
+    folder = tmp_path / "faults"
+    run = record(changes={"recorder": {"folder": str(folder), "seconds": 0.5}, "control": {"diagnostics_rate": 1.0}})
+    run.stand(1500)
+    run.recorder.request("now")
+    run.go(2)
+    run.recorder.close()
+    (path,) = folder.iterdir()
+    found = Recorded(path)
+    assert found.last == 1504
+    assert found.count < 1100  # half a second, and what stands in the same chunk of 1 MB
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("missing/a.mcap", "No such file"),
+        (".", "Is a directory"),
+        ("/dev/full", "No space left"),
+        ("x" * 300, "too long"),
+    ],
+)
+def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog, name, reason):
+    run = record(tmp_path / name)
+    run.stand()
+    run.recorder.close()
+    assert run.bench.reports[-1].mode.value == "active"
+    (warning,) = [each.getMessage() for each in caplog.records if "cannot be written" in each.getMessage()]
+    assert warning.startswith(f"the recording '{tmp_path / name}' cannot be written: ")
+    assert reason in warning
+
+
+def test_a_recorder_that_is_killed_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog):
+    run = record(tmp_path / "a.mcap")
+    run.stand()
+    process = run.recorder._link._process
+    process.kill()
+    process.wait()
+    run.go(40)
+    assert run.bench.reports[-1].mode.value == "active"
+    assert sum("nothing is recorded any more" in each.getMessage() for each in caplog.records) == 1
+
+
+def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplog):
+    from wbc_controller.recording.recorder import Recorder
+
+    made = bench("go2", {"recorder": {"folder": str(tmp_path)}}, lambda s: Recorder(s, tmp_path / "a.mcap", name="go2"))
+    process = made.recorder._link._process
+    os.kill(process.pid, signal.SIGSTOP)
+    made.cycle(600)
+    assert any("does not keep up" in each.getMessage() for each in caplog.records)
+    os.kill(process.pid, signal.SIGCONT)
+    deadline = time.monotonic() + 20.0
+    while made.recorder._lost and time.monotonic() < deadline:
+        made.cycle(8)
+        time.sleep(0.02)
+    made.cycle(50)
+    made.recorder.close()
+    found = Recorded(tmp_path / "a.mcap")
+    assert 0 < found.count < found.last + 1
+    assert found.memory_after(found.last - 49) is not None  # behind the gap there is a snapshot
+
+
+@pytest.mark.parametrize("whom", ["controller", "both"])
+def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
+    path, counter = tmp_path / "a.mcap", tmp_path / "count"
+    counter.write_bytes(bytes(8))
+    process = subprocess.Popen([sys.executable, str(SCRIPT), str(path), str(counter)])
+    deadline = time.monotonic() + 60.0
+    while struct.unpack("<q", counter.read_bytes())[0] < 300 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(np.random.default_rng().uniform(0.0, 0.3))
+    writers = children(process.pid)
+    if whom == "both":
+        for each in writers:
+            os.kill(each, signal.SIGKILL)
+    process.kill()
+    process.wait()
+    (last,) = struct.unpack("<q", counter.read_bytes())
+    while any(Path(f"/proc/{each}").exists() and state(each) != "Z" for each in writers):
+        time.sleep(0.01)
+    found = Recorded(path)
+    assert found.last >= last - 1 - (500 if whom == "both" else 20)
+    reader = McapReader(path)
+    reader.open()
+    assert sum(1 for _ in reader.messages(reader.connections)) == sum(count for *_, count in found.topics())
+    assert whom == "both" or list((tmp_path / "faults").glob("*CONTROLLER_DIED.mcap"))
+
+
+def children(pid: int) -> list[int]:
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def state(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return "Z"

@@ -1,0 +1,189 @@
+"""Recordings solved again: bit for bit, explained, compared, reported."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.campaign import trial
+from wbc_controller.cli import main
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recorder import Recorder
+from wbc_controller.replay.comparing import compare
+from wbc_controller.replay.reporting import recording_of
+from wbc_controller.replay.solving import Replay
+
+
+def wbc(*words: object) -> tuple[int, str]:
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    return result.exit_code, result.output
+
+
+def busy(run, make) -> None:
+    """Stand, and change references, weights, gains and contacts on the way."""
+    bench = run.bench
+    run.stand(20)
+    com = bench.loop.controller.dynamics.com
+    bench.send("setpoint", make.point(com + [0.01, 0.0, -0.02]), "com")
+    run.go(20)
+    bench.send("update", make.string("{tasks: {com: {stiffness: 150.0, weight: 3.0}}, control: {weight_ramp: 0.1}}"))
+    run.go(30)
+    bench.send("contact_enable", make.bool(False), "front_left_foot")
+    run.go(20)
+    bench.command("deactivate")
+    run.go(10)
+    bench.command("activate")
+    run.go(150)
+
+
+@pytest.fixture
+def recorded(record, tmp_path, make):
+    run = record(tmp_path / "a.mcap")
+    busy(run, make)
+    run.recorder.close()
+    return Recorded(tmp_path / "a.mcap")
+
+
+def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
+    assert sorted(recorded.memories)[0] == 0
+    middle = sorted(recorded.memories)[-1]
+    assert 100 <= middle < recorded.last
+    replay = Replay(recorded)
+    solved = [(each.cycle.number, each.same, each.exact) for each in replay.run()]
+    assert solved == [(i, True, True) for i in range(recorded.count)]
+    assert replay.skipped == 0
+    later = [(each.cycle.number, each.same) for each in replay.run(recorded.last)]
+    assert later == [(i, True) for i in range(middle, recorded.count)]
+    assert any(each.result.solution is not None for each in replay.run(5, 8))
+
+
+def test_a_bit_that_is_another_one_is_found(recorded):
+    assert all(each.same for each in Replay(recorded).run(0, 30))
+    recorded.events[3]["requests"] = []  # it is not activated then
+    assert [each.same for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
+
+
+def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_path, monkeypatch):
+    run = record(tmp_path / "a.mcap")
+    run.stand(20)
+    controller = run.bench.loop.controller
+    supervisor = controller.supervisor
+    step = supervisor.step
+    monkeypatch.setattr(supervisor, "step", lambda *words: [step(*words), 1 / 0])
+    with pytest.raises(ZeroDivisionError):
+        run.go(1)
+    monkeypatch.undo()
+    controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
+    run.go(60)
+    run.recorder.close()
+    recorded = Recorded(tmp_path / "a.mcap")
+    (fault,) = recorded.faults
+    assert fault.fault.code == "INTERNAL_ERROR"
+    replay = Replay(recorded)
+    solved = list(replay.run())
+    assert all(each.same for each in solved)
+    assert 0 < replay.skipped <= 16
+    assert len(solved) + replay.skipped == recorded.count
+
+
+def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record, tmp_path):
+    run = record(changes={"recorder": {"seconds": 0.3, "folder": str(tmp_path / "faults")}})
+    run.stand(900)
+    run.recorder.request()
+    run.go(2)
+    run.recorder.close()
+    (path,) = (tmp_path / "faults").iterdir()
+    recorded = Recorded(path)
+    assert recorded.first > 0
+    replay = Replay(recorded)
+    solved = [each.same for each in replay.run()]
+    assert len(solved) == recorded.count - replay.skipped > 0
+    assert all(solved)
+
+
+def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record, tmp_path):
+    run = record(tmp_path / "a.mcap", {"solver": {"name": "proxqp"}})
+    run.stand(130)
+    run.recorder.close()
+    recorded = Recorded(tmp_path / "a.mcap")
+    assert all(each.same and each.exact for each in Replay(recorded).run(0, 60))
+    later = list(Replay(recorded).run(125))
+    assert not any(each.exact for each in later)
+    assert max(each.difference for each in later) < 1.0e-2
+
+
+def test_the_commands(recorded, tmp_path):
+    path = recorded.path
+    status, said = wbc("replay", path)
+    assert status == 0
+    assert f"{recorded.count} cycles solved again: all torques are the same, bit for bit" in said
+    for words in ("no fault", "command activate", "contact front_left_foot off", "settings changed"):
+        assert words in said
+    status, said = wbc("replay", path, "--cycle", 60)
+    assert status == 0
+    for words in ("cycle 60 at", "com", "bit for bit", "equations_of_motion", "joint_states", "share of the solution"):
+        assert words in said
+    status, said = wbc("replay", path, "--cycle", 99999)
+    assert status == 2
+    assert f"--cycle 99999: the recording has the cycles 0 to {recorded.last}" in said
+    (tmp_path / "b.mcap").write_bytes(path.read_bytes()[:40])
+    assert wbc("replay", tmp_path / "b.mcap")[0] == 2
+    (tmp_path / "c.mcap").write_text("a text")
+    status, said = wbc("replay", tmp_path / "c.mcap")
+    assert (status, "it does not begin as an MCAP file" in said) == (2, True)
+
+
+def test_another_configuration_beside_it(recorded, tmp_path):
+    other = tmp_path / "other.yaml"
+    other.write_text(recorded.config.replace({"tasks.com.stiffness": 400.0}).to_yaml())
+    plots = tmp_path / "plots.html"
+    status, said = wbc("replay", recorded.path, "--config", other, "--plot", plots)
+    assert status == 0
+    assert "largest diff." in said
+    assert "Plotly.newPlot" in plots.read_text()
+    same = compare(recorded, recorded.config)
+    np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
+    status, said = wbc("replay", recorded.path, "--config", "g1")
+    assert (status, "its joints are not those of the recording" in said) == (2, True)
+    assert wbc("replay", recorded.path, "--plot", plots)[0] == 2
+
+
+def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path):
+    status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")
+    assert status == 0
+    assert "Left out, as the controller cannot know it" in said
+    page = (tmp_path / "a.html").read_text()
+    assert "Left out, as the controller cannot know it" in page
+    assert "given by the ground" not in page.split("plotly.js v", maxsplit=1)[0]
+    from wbc_controller.control.cycle import ControlCycle
+
+    made, every = recording_of(recorded, ControlCycle(recorded.config, preflight=False))
+    assert every == 1
+    assert not made.true_wrenches
+    assert made.tau.shape == (len(made.time), 12)
+    assert [mode for _, mode in made.modes] == ["active", "inactive", "active"]
+    reached = made.com_reference[60] - made.com_reference[20]
+    assert reached[0] > 0.0
+    assert np.isfinite(made.frame_errors["com"]).all()
+    assert [event.name for event in made.events] == ["activate", "deactivate", "activate"]
+
+
+@pytest.mark.parametrize("kind", ["joint_absurd", "odom_jump", "stamp_zero"])
+def test_a_fault_of_the_campaign_is_named_by_its_recording(kind, tmp_path, monkeypatch):
+    recorders = []
+
+    def make_loop(controller, *words, **given):
+        settings = controller.config.replace({"recorder.folder": str(tmp_path)}).settings
+        recorders.append(Recorder(settings, patient=True, name="go2"))
+        return original(controller, *words, **given, recorder=recorders[-1])
+
+    original = trial.make_loop
+    monkeypatch.setattr(trial, "make_loop", make_loop)
+    outcome = trial.run_trial("go2", kind, 0)
+    recorders[-1].close()
+    assert outcome.code
+    (path,) = tmp_path.glob("*.mcap")
+    named = Recorded(path).faults[0].fault
+    assert (named.code, named.sentence) == (outcome.code, outcome.sentence)
+    assert outcome.sentence in wbc("replay", path, "--only-tell")[1].replace("\n", " ")

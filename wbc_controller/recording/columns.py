@@ -1,0 +1,46 @@
+"""A recording as arrays over its cycles: what tables and plots need."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wbc_controller.recording.layout import MODES, STAGES
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.records import Array
+
+#: Columns of ``audit``.
+AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
+
+
+def columns(recorded: Recorded) -> dict[str, Array]:
+    """The cycles that sent a command, as arrays.
+
+    Returns:
+        ``stamp`` (n,) in ns, ``tau`` (n, na) in N·m, ``mode`` (n,), ``seconds/<stage>`` (n,) in s, ``q`` (n, nq),
+        ``v`` (n, nv), ``force/<contact>`` (n, k) in N and N·m, its force in the solution, NaN without one, and
+        ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in
+        N, largest unexplained joint torque in N·m, and the number of warnings. Without an audit the residuals are NaN,
+        as is the time of a stage in a cycle without it. Empty where no command was sent.
+    """
+    rows: dict[str, list[object]] = {}
+    for cycle in recorded.cycles():
+        if not cycle.number_of("has_command") or np.isnan(cycle.number_of("seconds/total")):  # computed, not sent
+            continue
+        values, number = cycle.values, cycle.number_of
+        audit = (
+            number("audit/energy"), number("audit/throughput"), np.linalg.norm(values["audit/force"]),
+            np.max(np.abs(values["audit/torques"])), number("audit/warnings"),
+        )  # fmt: skip
+        row = {
+            "stamp": int(number("stamp_seconds")) * 1_000_000_000 + int(number("stamp_nanoseconds")),
+            "tau": values["tau"],
+            "q": values["q"],
+            "v": values["v"],
+            **{name: value for name, value in values.items() if name.startswith("force/")},
+            "mode": MODES[int(number("mode"))].value,
+            "audit": audit,
+            **{f"seconds/{stage}": number(f"seconds/{stage}") for stage in STAGES},
+        }
+        for name, value in row.items():
+            rows.setdefault(name, []).append(value)
+    return {name: np.array(values) for name, values in rows.items()}

@@ -1,0 +1,104 @@
+"""The package's records as JSON and back, bit for bit: arrays as base64 of their bytes, records by name and field."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import enum
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.core.references.changes import (
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.core.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
+from wbc_controller.core.references.tuning import TuningRamp
+from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
+
+#: Every record that may stand in a recording.
+_RECORDS: Mapping[str, Callable[..., Any]] = {
+    kind.__name__: kind
+    for kind in (
+        ChangeSettings, EnableContact, EnableTask, Fault, Infeasibility, Knot, Prediction, Ramp, Reference, RobotState,
+        SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight, SoftRamp, Tuning, TuningRamp,
+    )
+}  # fmt: skip
+
+
+def to_json(value: Any) -> str:
+    """Write a value as one line of JSON.
+
+    Raises:
+        TypeError: where it holds an object that is no record.
+    """
+    return json.dumps(_plain(value), separators=(",", ":"), allow_nan=False)
+
+
+def from_json(text: str) -> Any:
+    """Read what `to_json` has written; sequences come as lists.
+
+    Raises:
+        ValueError: where the text is something else.
+    """
+    try:
+        return _value(json.loads(text))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"not a value of a recording: {type(error).__name__}: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if value is None or (isinstance(value, bool | int | str) and not isinstance(value, enum.Enum)):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
+    if isinstance(value, np.ndarray):
+        data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode("ascii")
+        return {"$array": data, "type": value.dtype.str, "shape": list(value.shape)}
+    if isinstance(value, Mode):
+        return {"$mode": value.value}
+    if isinstance(value, Trajectory):
+        return {"$trajectory": [_plain(knot) for knot in value.knots]}
+    if isinstance(value, Mapping):
+        if all(isinstance(key, str) and key[:1] != "$" for key in value):
+            return {key: _plain(each) for key, each in value.items()}
+        return {"$map": [[_plain(key), _plain(each)] for key, each in value.items()]}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    name = type(value).__name__
+    if name not in _RECORDS:
+        raise TypeError(f"a {name} cannot stand in a recording")
+    return {"$record": name, **{f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}}
+
+
+def _value(plain: Any) -> Any:
+    if isinstance(plain, list):
+        return [_value(each) for each in plain]
+    if not isinstance(plain, dict):
+        return plain
+    if "$float" in plain:
+        return float(plain["$float"])
+    if "$array" in plain:
+        kind = np.dtype(plain["type"])
+        array = np.frombuffer(base64.b64decode(plain["$array"]), dtype=kind).reshape(plain["shape"]).copy()
+        array.setflags(write=False)
+        return array
+    if "$mode" in plain:
+        return Mode(plain["$mode"])
+    if "$trajectory" in plain:
+        return Trajectory([_value(knot) for knot in plain["$trajectory"]])
+    if "$map" in plain:
+        return {_value(key): _value(each) for key, each in plain["$map"]}
+    fields = {key: _value(each) for key, each in plain.items() if key != "$record"}
+    if "$record" not in plain:
+        return fields
+    lists = {key: tuple(each) for key, each in fields.items() if isinstance(each, list)}
+    return _RECORDS[plain["$record"]](**{**fields, **lists})

@@ -1,0 +1,61 @@
+"""A transport that records what passes through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.topics import Endpoint
+
+
+class Tap:
+    """Passes messages on, and records them: outgoing ones after they were sent, so that none waits for it."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        channel: Callable[[str, str], int],
+        came: Callable[[int, bytes], None],
+        went: Callable[[tuple[int, int, bytes]], None],
+    ) -> None:
+        """Make a tap.
+
+        Args:
+            transport: carries the messages.
+            channel: gives the number of a topic and type.
+            came: takes what came in.
+            went: takes what went out: number, 0 as its time is that of the cycle, and bytes.
+        """
+        self.discovery_time = transport.discovery_time
+        self._transport = transport
+        self._channel = channel
+        self._came, self._went = came, went
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        publish = self._transport.advertise(endpoint)
+        went, channel = self._went, self._channel(endpoint.name, endpoint.type)
+
+        def send(payload: bytes) -> None:
+            publish(payload)
+            went((channel, 0, payload))
+
+        return send
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading."""
+        came, channel = self._came, self._channel(endpoint.name, endpoint.type)
+
+        def receive(payload: bytes) -> None:
+            came(channel, payload)
+            callback(payload)
+
+        self._transport.subscribe(endpoint, receive)
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """As the transport."""
+        return self._transport.publishers(endpoint)
+
+    def close(self) -> None:
+        """As the transport."""
+        self._transport.close()

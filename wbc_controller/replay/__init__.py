@@ -1,0 +1,1 @@
+"""Recordings that are looked at and solved again: `wbc replay` and `wbc report`."""
