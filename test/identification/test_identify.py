@@ -33,10 +33,10 @@ def recording():
     def record(_):
         r = simulation.result
         if r.command is not None:
-            force = r.solution.forces if r.solution is not None else {}
-            rows.append({"stamp": r.command.stamp, "mode": r.mode.value, "tau": r.command.tau, "q": r.state.q,
-                         "v": r.state.v,
-                         **{f"force/{name}": force.get(name, np.full(3, np.nan)) for name in controller.contacts}})  # fmt: skip
+            found = r.solution.forces if r.solution is not None else {}
+            forces = {f"force/{name}": found.get(name, np.full(3, np.nan)) for name in controller.contacts}
+            cycle = {"stamp": r.command.stamp, "mode": r.mode.value, "tau": r.command.tau, "q": r.state.q}
+            rows.append({**cycle, "v": r.state.v, **forces})
 
     origin = controller.dynamics.com.copy()
     for _ in range(SECONDS * 3):

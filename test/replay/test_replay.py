@@ -58,6 +58,19 @@ def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
     assert any(each.result.solution is not None for each in replay.run(5, 8))
 
 
+def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, make):
+    friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
+    run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
+    busy(run, make)
+    run.recorder.close()
+    replay = Replay(Recorded(tmp_path / "b.mcap"))
+    middle = sorted(replay.recorded.memories)[-1]
+    solved = list(replay.run(replay.recorded.last))
+    assert [each.cycle.number for each in solved] == list(range(middle, replay.recorded.count))
+    assert all(each.same for each in solved)
+    assert np.abs(solved[-1].result.solution.disturbance.estimate).max() > 0.0
+
+
 def test_a_bit_that_is_another_one_is_found(recorded):
     assert all(each.same for each in Replay(recorded).run(0, 30))
     recorded.events[3]["requests"] = []  # it is not activated then

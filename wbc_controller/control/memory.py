@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from wbc_controller.control.live_settings import LivePart
 from wbc_controller.control.result import CycleResult
 from wbc_controller.core.references.changes import Change
@@ -45,7 +47,7 @@ class Taped:
 
 
 def taken(owner: Any) -> dict[str, Any]:
-    """The memory of an object, by attribute: containers are copied, records and arrays are never changed in place."""
+    """The memory of an object, by attribute: what is written in place is copied, which records never are."""
     return {name: _copied(getattr(owner, name)) for name in owner.MEMORY}
 
 
@@ -56,6 +58,8 @@ def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
         if hasattr(type(present), "MEMORY"):
             if value is not None:
                 give_back(present, value)
+        elif isinstance(present, np.ndarray) and present.flags.writeable:
+            setattr(owner, name, np.array(value))
         else:
             setattr(owner, name, type(present)(value) if isinstance(present, deque | dict | tuple) else value)
 
@@ -65,4 +69,6 @@ def _copied(value: Any) -> Any:
         return taken(value)
     if isinstance(value, deque):
         return list(value)
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        return np.array(value)
     return dict(value) if isinstance(value, Mapping) else value

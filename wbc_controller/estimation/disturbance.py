@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.arrays import clipped
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.estimation.projection import free_part
 from wbc_controller.records import Array, frozen
@@ -118,7 +117,7 @@ class DisturbanceEstimate:
             T, most = self.limits.time_constant, self.limits.share * self._whole
             unexpected = free_part(M, J, self._sum)
             wanted = self.forces + (unexpected - self._time / _LEAK * self.forces) / max(T, self._time)
-            forces = clipped(wanted, -most, most)
+            forces = np.clip(wanted, -most, most)
             self.at_bound = tuple(dict.fromkeys(self._names[(np.abs(wanted) > most) & (most > 0.0)].tolist()))
         self.forces = frozen(forces)
         self._begin(contacts)

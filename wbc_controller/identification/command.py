@@ -13,9 +13,9 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.identification.equations import equations, moments
 from wbc_controller.identification.fit import UNSURE, Fit, fit
-from wbc_controller.records import Array
 from wbc_controller.recording.columns import columns
 from wbc_controller.recording.reading import Recorded
+from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.views.tables import Table, as_text
 

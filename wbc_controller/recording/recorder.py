@@ -62,7 +62,9 @@ _SILENCE = 10.0
 #: Topics of the recorder itself, below the controller's name.
 OWN = "recording"
 #: Packages on which the last bit of a torque depends.
-_SOFTWARE = ("wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal")
+_SOFTWARE = (
+    "wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
+)  # fmt: skip
 
 
 def folder_of(settings: Settings) -> Path:
