@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from plain_filter import PlainFilter, exp3, left_jacobian3
+from plain_filter import PlainFilter, exp3, hats, left_jacobian3
 from scipy.linalg import expm, logm
 
-from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hats
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 NOISE = ImuNoise(0.01, 0.1, 1e-3, 1e-2, 0.05)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from wbc_controller.estimation.invariant_filter import InvariantFilter, hat, hats
+from wbc_controller.estimation.invariant_filter import InvariantFilter, hat
 
 _ROTATION, _VELOCITY, _POSITION, _POINTS = slice(0, 3), slice(3, 6), slice(6, 9), 9
 _SMALL = 1.0e-6
@@ -75,6 +75,15 @@ class PlainFilter(InvariantFilter):
         self.columns = R @ self.columns + V @ delta[3:end].reshape(-1, 3).T
         self.gyroscope_bias = self.gyroscope_bias + delta[end : end + 3]
         self.accelerometer_bias = self.accelerometer_bias + delta[end + 3 :]
+
+
+def hats(vectors):
+    """The matrix x × of each vector x, (k, 3) to (k, 3, 3)."""
+    found = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -z, y, -x
+    found[:, 1, 0], found[:, 2, 0], found[:, 2, 1] = z, -y, x
+    return found
 
 
 def exp3(w):

@@ -190,12 +190,3 @@ def hat(w: Array) -> Array:
     """The matrix w × of a vector, (3, 3)."""
     x, y, z = w.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def hats(vectors: Array) -> Array:
-    """The matrix x × of each vector x, (k, 3) to (k, 3, 3)."""
-    found = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -z, y, -x
-    found[:, 1, 0], found[:, 2, 0], found[:, 2, 1] = z, -y, x
-    return found

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
-from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placements
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.estimation.invariant_filter import hats
+from wbc_controller.estimation.invariant_filter import hat
+from wbc_controller.kernels.frames import sight
 from wbc_controller.records import Array
 
 #: Points of a sole that are followed: three that are not on a line tell its orientation too.
@@ -82,6 +83,7 @@ class LegKinematics:
         self._data = model.pinocchio.createData()
         frame = self._pinocchio.frames[model.frame_id(imu_frame, "estimation.imu_frame")]
         self._imu_joint, self._imu_placement = int(frame.parentJoint), frame.placement
+        self._links, self._moves = placements(self._data), moved_by(self._pinocchio)
         self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
@@ -123,14 +125,13 @@ class LegKinematics:
         pin.computeJointJacobians(self._pinocchio, self._data, self._q)
         imu = self._data.oMi[self._imu_joint] * self._imu_placement
         self.imu_rotation, self.imu_position = np.array(imu.rotation), np.array(imu.translation)
-        self._imu_jacobian = np.array(self._twists(self._imu_joint))
-        arm = self.imu_position - self._data.oMi[self._imu_joint].translation
-        self._imu_jacobian[:3] -= hats(arm[None, :])[0] @ self._imu_jacobian[3:]
+        self._imu = np.concatenate([self.imu_rotation.T.ravel(), self.imu_position])
 
     def imu_motion(self) -> tuple[Array, Array]:
         """Linear and angular velocity of the IMU against the base, in the base's axes, both (3,), in m/s and rad/s."""
-        twist = self._imu_jacobian @ self._v[6:]
-        return twist[:3], twist[3:]
+        # of its link, at the base's origin
+        twist = self._data.J[:, 6:] @ (self._moves[self._imu_joint, 6:] * self._v[6:])
+        return twist[:3] - hat(self.imu_position) @ twist[3:], twist[3:]
 
     def sight(self, contact: str) -> Sight:
         """The points of a contact as seen from the IMU."""
@@ -139,16 +140,11 @@ class LegKinematics:
         return self._sights[contact]
 
     def _look(self, contact: str) -> Sight:
-        touch, R, own = self._touches[contact], self.imu_rotation, self._imu_jacobian
-        placement = self._data.oMi[touch.joint]
-        arms = touch.points @ placement.rotation.T
-        J = self._twists(touch.joint)
-        seen = arms + (placement.translation - self.imu_position)
-        # d (Rᵀ r) = Rᵀ (dr + r × dθ), where the IMU turns by dθ
-        moved = (J[:3] - own[:3]) - hats(arms) @ J[3:] + hats(seen) @ own[3:]
-        return Sight(seen @ R, (R.T @ moved).reshape(3 * len(arms), -1), J[3:] @ self._v[6:])
-
-    def _twists(self, joint: int) -> Array:
-        """Jacobian of a joint's origin, and of its turning, in the base's axes, (6, nv - 6)."""
-        J: Array = pin.getJointJacobian(self._pinocchio, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
-        return J[:, 6:]
+        touch = self._touches[contact]
+        k = len(touch.points)
+        seen = Sight(np.empty((k, 3)), np.empty((3 * k, self._model.nv - 6)), np.empty(3))
+        sight(
+            self._links, self._data.J, self._moves, touch.joint, self._imu_joint, self._imu, touch.points, self._v,
+            seen.places, seen.jacobian, seen.turning,
+        )  # fmt: skip
+        return seen

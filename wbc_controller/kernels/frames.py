@@ -266,3 +266,48 @@ def feedback(
         right[i] = gains[0, i] * error[i] + gains[1, i] * (velocity_wanted[i] - velocity[i]) + acceleration_wanted[i]
         if len(drift):
             right[i] -= drift[i]
+
+
+@compiled(ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, VECTOR, ROWS, VECTOR, ROWS_OUT, ROWS_OUT, VECTOR_OUT)
+def sight(
+    joints: Array, J: Array, moves: np.ndarray, link: int, own: int, imu: Array, points: Array, v: Array,
+    places: Array, jacobian: Array, turning: Array,
+) -> None:  # fmt: skip
+    """Points of a link as seen from an IMU, in its axes: Rᵀ r, and d (Rᵀ r) = Rᵀ (dr + r × dθ) as the IMU turns by dθ.
+
+    Args:
+        joints: placements of the links, (n, 12).
+        J: joint Jacobians, (6, nv).
+        moves: 1 where a joint moves a link, (n, nv).
+        link: index of the link with the points.
+        own: index of the link with the IMU.
+        imu: placement of the IMU, (12,).
+        points: in the axes of the link, (k, 3) in m.
+        v: velocity, (nv,); its first 6 components, those of the base, do not count.
+        places: for Rᵀ r, (k, 3) in m.
+        jacobian: for its derivatives by the joints' positions, (3 k, nv - 6).
+        turning: for the angular velocity of the link, (3,) in rad/s.
+    """
+    at = joints[link]
+    turning[0] = turning[1] = turning[2] = 0.0
+    for j in range(6, J.shape[1]):
+        if moves[link, j] != 0:
+            for i in range(3):
+                turning[i] += J[3 + i, j] * v[j]
+    for k in range(len(points)):
+        x, y, z = _turn(at, points[k, 0], points[k, 1], points[k, 2])
+        px, py, pz = x + at[9], y + at[10], z + at[11]
+        rx, ry, rz = px - imu[9], py - imu[10], pz - imu[11]
+        places[k, 0], places[k, 1], places[k, 2] = _turn_back(imu, rx, ry, rz)
+        for j in range(6, J.shape[1]):
+            x, y, z = 0.0, 0.0, 0.0
+            wx, wy, wz = J[3, j], J[4, j], J[5, j]
+            if moves[link, j] != 0:
+                cx, cy, cz = _cross(wx, wy, wz, px, py, pz)
+                x, y, z = J[0, j] + cx, J[1, j] + cy, J[2, j] + cz
+            if moves[own, j] != 0:
+                cx, cy, cz = _cross(wx, wy, wz, imu[9], imu[10], imu[11])
+                dx, dy, dz = _cross(rx, ry, rz, wx, wy, wz)
+                x, y, z = x - J[0, j] - cx + dx, y - J[1, j] - cy + dy, z - J[2, j] - cz + dz
+            row = 3 * k
+            jacobian[row, j - 6], jacobian[row + 1, j - 6], jacobian[row + 2, j - 6] = _turn_back(imu, x, y, z)

@@ -66,12 +66,9 @@ class Dynamics:
         self.frames = _table([placement.rotation for placement in data.oMf], 12)
         self.frame_links = np.array([frame.parentJoint for frame in model.pinocchio.frames], dtype=np.int64)
         self.joint_jacobians: Array = _matrix(data.J)
-        self.moves = np.zeros((model.pinocchio.njoints, model.nv), dtype=np.int8)
-        for link, supports in enumerate(model.pinocchio.supports):
-            for joint in (model.pinocchio.joints[i] for i in list(supports)[1:]):
-                self.moves[link, joint.idx_v : joint.idx_v + joint.nv] = 1
+        self.moves = moved_by(model.pinocchio)
         self.links = np.zeros((model.pinocchio.njoints, 12))
-        self._joints = _table([placement.rotation for placement in data.oMi], 12)
+        self._joints = placements(data)
         self._joint_motions = _table([v.vector for v in data.v], 6), _table([a.vector for a in data.a], 6)
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
@@ -145,6 +142,20 @@ class Dynamics:
         """
         J = self.jacobian(self.model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)
+
+
+def moved_by(model: pin.Model) -> np.ndarray:
+    """1 where a component of v moves a link, (links, nv); the first link is the world."""
+    moves = np.zeros((model.njoints, model.nv), dtype=np.int8)
+    for link, supports in enumerate(model.supports):
+        for joint in (model.joints[i] for i in list(supports)[1:]):
+            moves[link, joint.idx_v : joint.idx_v + joint.nv] = 1
+    return moves
+
+
+def placements(data: pin.Data) -> Array:
+    """Placements of the links, (links, 12), in Pinocchio's memory: the rotation by columns, then the translation."""
+    return _table([placement.rotation for placement in data.oMi], 12)
 
 
 def _table(parts: list[Array], size: int) -> Array:
