@@ -12,6 +12,7 @@ from typing import Any, TypeVar, get_args
 
 import click
 
+from wbc_controller.accuracy.commands import accuracy
 from wbc_controller.assembly.finding import Finding
 from wbc_controller.bench.commands import bench
 from wbc_controller.errors import ConfigurationError, WbcError
@@ -48,6 +49,7 @@ def main() -> None:
     """
 
 
+main.add_command(accuracy)
 main.add_command(fuzz)
 main.add_command(bench)
 for _command in (send, echo, status, replay, report):

@@ -17,6 +17,7 @@ from wbc_controller.mock.faults.fault import LONGEST, Fault
 from wbc_controller.mock.faults.joint_sensors import JointNoise
 from wbc_controller.mock.faults.world import MassError, SoftFloor
 from wbc_controller.records import Array
+from wbc_controller.settings.config import load
 
 #: Amplitudes of sway and squat, m, and the time for each way, s.
 SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5
@@ -82,21 +83,34 @@ class Cost:
     ended: str = ""
 
 
-def cost_of(robot: str, flaw: Flaw, *, sensors: str = "good", seed: int = 0, changes: Mapping[str, Any] = {}) -> Cost:
+def cost_of(
+    robot: str,
+    name: str,
+    sensors: str = "good",
+    disturbance: str = "imu",
+    known_friction: bool = False,
+    changes: Mapping[str, Any] = MappingProxyType({}),
+) -> Cost:
     """Let a robot sway by `SWAY` and squat by `SQUAT`, and compare its true centre of mass with what was asked for.
 
     Args:
         robot: name of a shipped robot, or the path of a file.
-        flaw: what is wrong with it.
+        name: of the flaw, in `FLAWS`.
         sensors: their quality.
-        seed: of the sensors.
+        disturbance: ``estimation.disturbance``.
+        known_friction: whether ``robot.friction`` has the joint friction of the flaw.
         changes: settings beside the flaw's, by dotted key.
 
     Raises:
         ConfigurationError: where the robot cannot be controlled or simulated so.
     """
-    known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    rig = Rig(robot, {**known, **flaw.changes, **changes})
+    flaw = next(flaw for flaw in FLAWS if flaw.name == name)
+    known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}
+    config = load(robot).replace({**known, **flaw.changes, **changes})
+    if known_friction:
+        dry = config.settings.mock.joint_friction
+        config = config.replace({"robot.friction": {joint: {"dry": dry} for joint in config.settings.robot.joints}})
+    rig = Rig(config, {})
     rig.faults = tuple(flaw.faults(rig.controller.model.actuators))
     torques: list[Array] = []
     found: dict[str, float] = {}
@@ -109,7 +123,11 @@ def cost_of(robot: str, flaw: Flaw, *, sensors: str = "good", seed: int = 0, cha
             found[name] = _error(rig, np.array(points), torques)
     except WbcError as error:
         return Cost(found.get("sway", np.nan), np.nan, np.nan, str(error))
-    return Cost(found["sway"], found["squat"], _chatter(rig, np.array(torques)))
+    return Cost(
+        found["sway"],
+        found["squat"],
+        chatter(np.array(torques), rig.settings.control.rate, rig.controller.model.effort_limits),
+    )
 
 
 def _error(rig: Rig, points: Array, torques: list[Array]) -> float:
@@ -126,10 +144,16 @@ def _error(rig: Rig, points: Array, torques: list[Array]) -> float:
     return max(errors)
 
 
-def _chatter(rig: Rig, torques: Array) -> float:
-    """The largest RMS of an actuator's torque above `CHATTER`, as a share of its limit."""
+def chatter(torques: Array, rate: float, limits: Array) -> float:
+    """The largest RMS of an actuator's torque above `CHATTER`, as a share of its limit.
+
+    Args:
+        torques: (n, na) in N·m.
+        rate: samples per second.
+        limits: of each actuator, (na,) in N·m.
+    """
     spectrum = np.fft.rfft(torques * np.hanning(len(torques))[:, None], axis=0)
-    frequency = np.fft.rfftfreq(len(torques), 1.0 / rig.settings.control.rate)
+    frequency = np.fft.rfftfreq(len(torques), 1.0 / rate)
     # Parseval's theorem, and the mean square of the window, 3/8.
     power = 2.0 * np.sum(np.abs(spectrum[frequency > CHATTER]) ** 2, axis=0) / len(torques) ** 2 / 0.375
-    return float(np.max(np.sqrt(power) / rig.controller.model.effort_limits))
+    return float(np.max(np.sqrt(power) / limits))

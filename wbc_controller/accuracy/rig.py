@@ -40,6 +40,7 @@ class Rig:
         user: sends requests to the controller.
         faults: what is wrong with the robot beside its sensors, from the time at which its base is let go.
         report: of the last cycle.
+        answered: the true q and v of the state that the last cycle has answered; None before the first.
         origin: where the centre of mass should be while it stands, (3,) in m; set by `stand`.
     """
 
@@ -66,6 +67,7 @@ class Rig:
         self._loop = make_loop(self.controller, MemoryTransport(bus), self._clock, topics)
         self.user = User(self.settings, model, topics, MemoryTransport(bus))
         self.faults: Sequence[Fault] = ()
+        self.answered: tuple[Array, Array] | None = None
         self._data = model.pinocchio.createData()
         self._com = next(iter(self.user.tasks("com")), "")
 
@@ -86,6 +88,7 @@ class Rig:
     def cycle(self) -> None:
         """Let one control period pass."""
         self._clock.time = 1.0e-9 * self.robot.stamp
+        self.answered = self.robot.plant.state()
         self.robot.publish()
         self.report = self._loop.cycle()
         self.robot.advance()

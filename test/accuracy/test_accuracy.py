@@ -1,0 +1,99 @@
+"""The commands of `wbc accuracy`: their figures on short runs, and the statistics behind them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.accuracy.commands import accuracy
+from wbc_controller.accuracy.flaws import FLAWS, Cost, chatter
+from wbc_controller.accuracy.rig import Rig
+from wbc_controller.accuracy.standing import Stand, consistency, error_of, stand
+from wbc_controller.errors import NoSolution
+from wbc_controller.mock.faults.fault import LONGEST
+from wbc_controller.mock.faults.world import SlipperyFloor
+
+SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
+
+
+def test_a_robot_stands_on_its_estimate_and_the_figures_are_those_of_the_truth():
+    found = stand("go2", "good", 0, 0.5)
+    assert found.ended == ""
+    assert 0.0 < found.tilt < np.deg2rad(0.4)
+    assert found.height < 0.003
+    assert 0.0 < found.velocity < 0.02
+    assert len(found.seen) == 5
+    assert len(found.drifting) == 4
+    assert (found.seen > 0.0).all()
+
+
+def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
+    rig = Rig("go2", SHORT)
+    rig.stand()
+    error, P = error_of(rig)
+    assert np.abs(error[:6]).max() < 2e-3
+    assert (np.diag(P) > 0.0).all()
+    filter = rig.estimator.filter
+    filter.columns[:, 0] += [0.1, 0.0, 0.0]
+    filter.columns[:, 1] += [0.0, 0.2, 0.0]
+    np.testing.assert_allclose(error_of(rig)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
+
+
+def test_what_goes_wrong_is_said():
+    rig = Rig("go2", {"safety.activation_ramp": 0.0})
+    rig.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
+
+    def slip():
+        rig.stand()
+        rig.follow([0.3], [rig.origin + [0.1, 0.1, 0.0]])
+        rig.run(3.0)
+
+    with pytest.raises(NoSolution, match=r"FALLEN|IMPLAUSIBLE|NO_SOLUTION|fell"):
+        slip()
+
+
+@pytest.mark.parametrize(("factor", "share"), [(1.0, 0.95), (0.1, 0.0), (3.0, 0.0)])
+def test_consistency_is_the_share_of_the_time_within_the_bounds(factor, share):
+    rng = np.random.default_rng(0)
+    squares = [factor * rng.chisquare(5, 2000) for _ in range(20)]
+    within, mean = consistency(squares, 5)
+    assert within == pytest.approx(share, abs=0.02)
+    assert mean == pytest.approx(factor, rel=0.02)
+    assert np.isnan(consistency([], 5)).all()
+
+
+def test_chatter_is_the_torque_above_8_hz():
+    time = np.arange(0.0, 4.0, 0.002)
+    slow, fast = 10.0 * np.sin(2.0 * np.pi * 3.0 * time), 2.0 * np.sin(2.0 * np.pi * 30.0 * time)
+    torques = np.column_stack([slow, slow + fast])
+    assert chatter(torques[:, :1], 500.0, np.array([100.0])) == pytest.approx(0.0, abs=1e-4)
+    assert chatter(torques, 500.0, np.array([100.0, 100.0])) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.02)
+
+
+def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
+    def made_up(robot, sensors, seed, seconds):
+        return Stand(seed, 0.001, 0.002, 0.003, 0.02 if robot == "g1" else 0.004, np.full(9, 5.0), np.full(9, 4.0))
+
+    monkeypatch.setattr("wbc_controller.accuracy.standing.stand", made_up)
+    standing = accuracy.commands["standing"]  # without its group, which takes over the process's signals
+    run = CliRunner().invoke(standing, ["go2", "--seeds", "3", "--jobs", "1"])
+    assert "| go2 | 0.057° | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in run.output
+    assert run.exit_code == 0
+    assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # it drifts too far
+
+
+def test_the_table_of_flaws_is_printed(monkeypatch):
+    def made_up(robot, name, *settings):
+        return Cost(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
+
+    monkeypatch.setattr("wbc_controller.accuracy.flaws.cost_of", made_up)
+    run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
+    assert "| slope 10° | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
+    assert run.exit_code == 1
+
+
+def test_a_flaw_that_is_unknown_is_refused_with_the_valid_ones():
+    run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
+    assert "flaw 'nothing' is unknown" in str(run.exception)
+    assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
