@@ -27,6 +27,7 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
+        "backports-zstd>=1.0,<2; python_version < '3.14'",
         "click>=8.1,<9",
         "cyclonedds>=11.0.1,<12",
         "daqp>=0.11,<0.12",

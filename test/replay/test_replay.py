@@ -13,6 +13,7 @@ from wbc_controller.recording.recorder import Recorder
 from wbc_controller.replay.comparing import compare
 from wbc_controller.replay.reporting import recording_of
 from wbc_controller.replay.solving import Replay
+from wbc_controller.replay.telling import told
 
 
 def wbc(*words: object) -> tuple[int, str]:
@@ -160,6 +161,15 @@ def test_another_configuration_beside_it(recorded, tmp_path):
     status, said = wbc("replay", recorded.path, "--config", "g1")
     assert (status, "its joints are not those of the recording" in said) == (2, True)
     assert wbc("replay", recorded.path, "--plot", plots)[0] == 2
+
+
+def test_a_long_story_is_cut_in_the_middle(recorded):
+    event = recorded.events[3]
+    recorded.events.update({1000 + i: {**event, "cycle": 1000 + i} for i in range(200)})
+    said = told(recorded).splitlines()
+    assert len(said) < 60
+    assert sum(line.endswith(" more") for line in said) == 1
+    assert "cycle 1199" in said[-1]
 
 
 def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path):

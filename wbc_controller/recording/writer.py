@@ -149,7 +149,7 @@ class Writer:
     def look(self) -> None:
         """Do what is due by time."""
         now = time.monotonic()
-        if self._builder.size and now - self._begun >= CHUNK_SECONDS:
+        if self._builder.size and (not self._ring or now - self._begun >= CHUNK_SECONDS):  # the first one at once
             self.flush()
         if self._burst is not None and now >= self._until:
             self.flush()

@@ -24,6 +24,9 @@ from wbc_controller.records import ChangeSettings
 from wbc_controller.replay.solving import Solved
 from wbc_controller.views.tables import Table, as_text
 
+#: Lines of what happened that are shown, of the beginning and of the end.
+_SHOWN = 25
+
 
 def told(recorded: Recorded) -> str:
     """What a recording holds: when, how long, by which software, each fault with its sentence, and all requests."""
@@ -45,7 +48,10 @@ def told(recorded: Recorded) -> str:
         )
     if not recorded.faults:
         lines.append("no fault")
-    return "\n".join([*lines, "", *_happened(recorded)])
+    happened = _happened(recorded)
+    if len(happened) > 2 * _SHOWN:
+        happened[_SHOWN:-_SHOWN] = [f"{'…':>12}  {len(happened) - 2 * _SHOWN} more"]
+    return "\n".join([*lines, "", *happened])
 
 
 def differences_of_software(recorded: Recorded) -> list[str]:
