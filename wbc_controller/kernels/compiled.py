@@ -4,7 +4,8 @@ Numba compiles what `compiled` decorates for the types that are given, and for n
 a TypeError, so that nothing is ever compiled in a control cycle. The machine code is kept beside the source, or, where
 that folder is read-only, in the user's cache folder; the environment variable ``NUMBA_CACHE_DIR`` names another one. It
 is made anew where the source, Numba, or the processor is another one. Numba looks only at the file of the function for
-that, so a compiled function calls no other than those of its own file.
+that, so a compiled function calls no other than those of its own file; after a change of options or types in this file,
+remove ``__pycache__``.
 
 Without ``fastmath`` sums are taken in the order in which they are written: the same bits in every run.
 """
