@@ -155,7 +155,8 @@ class ModelAudit:
             beside = predicted.disturbance.forces
         if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
             start, end = (model.passive_force(each.state.q, each.state.v) for each in (before, after))
-            beside = beside + 0.5 * (start + end)
+            springs = 0.5 * (start + end)
+            beside = beside + springs if len(beside) else springs
         # Contact forces do no work: a contact does not move along the axes that it holds. The work of constant torques
         # is exact, that of constant wrenches is to second order in the time between the states.
         moved = model.difference(before.state.q, after.state.q)
