@@ -166,7 +166,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pinocchio", "rosbags", "click"),
     ),
     "user": (
-        ("safety", "settings", "assembly", "wire", "transports", "service"),
+        ("settings", "assembly", "wire", "transports", "service"),
         ("numpy", "click", "rich"),
     ),
     "cli": (

@@ -212,6 +212,10 @@ class ChangeSettings:
     settings: Mapping[str, Any]
 
 
+#: Words for the safety supervisor.
+REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
+
+
 class Mode(str, enum.Enum):
     """Modes of the safety supervisor."""
 

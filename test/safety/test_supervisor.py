@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from wbc_controller.core.limits import TorqueSpeedCurve
 from wbc_controller.errors import InputRefused, NoSolution
-from wbc_controller.records import Fault, Infeasibility, Mode, RobotState, Solution
-from wbc_controller.safety.supervisor import REQUESTS, Supervisor, SupervisorLimits
+from wbc_controller.records import REQUESTS, Fault, Infeasibility, Mode, RobotState, Solution
+from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 
 STALE = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
 NOTHING = NoSolution("the contacts (left, right) conflict", "infeasible", None)

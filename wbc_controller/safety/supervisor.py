@@ -27,12 +27,20 @@ from wbc_controller.core.references.trajectories import Ramp
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.kernels.supervision import ahead, limited
-from wbc_controller.records import Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
+from wbc_controller.records import (
+    REQUESTS,
+    Array,
+    Fault,
+    JointCommand,
+    Mode,
+    RobotState,
+    Solution,
+    freeze,
+    frozen,
+)
 from wbc_controller.safety.checks import no_solution_for_too_long, relaxed_for_too_long, torques_usable
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
-
-REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
 #: Time within which a joint would reach its position limit that is held without its torque, s.
 _AHEAD = 0.05

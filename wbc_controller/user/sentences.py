@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import InputRefused, valid_choices
-from wbc_controller.records import Array
-from wbc_controller.safety.supervisor import REQUESTS
+from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 from wbc_controller.user.quantities import (
     FORCE,
@@ -24,7 +23,6 @@ from wbc_controller.user.quantities import (
     quaternion,
     turn,
 )
-from wbc_controller.wire.decoding import read_odometry
 from wbc_controller.wire.messages import message
 from wbc_controller.wire.setpoints import JOINT_FIELDS, setpoint_message, wrench_stamped
 from wbc_controller.wire.topics import TASK_TYPES
@@ -242,6 +240,9 @@ def _heading(hear: Hear, turned: bool) -> Array:
     if not turned:
         return np.eye(3)
     odometry = hear("mock", "odom", "")
+    # What reads messages brings the whole controller with it, for which `wbc --help` and completion would wait.
+    from wbc_controller.wire.decoding import read_odometry
+
     x, y, z, w = read_odometry(odometry, odometry.child_frame_id)[0][3:]
     cosine, sine = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w)
     length = float(np.hypot(cosine, sine)) or 1.0
