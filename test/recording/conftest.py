@@ -1,56 +1,5 @@
-"""A controller on a bench whose cycles are recorded."""
+"""Tests of the recorder use a controller whose cycles are recorded."""
 
-from __future__ import annotations
+from recorded_run import record
 
-from collections.abc import Callable, Iterator
-from functools import partial
-from pathlib import Path
-from typing import Any
-
-import numpy as np
-import pytest
-
-from wbc_controller.recording.recorder import Recorder
-
-
-class Run:
-    """A recorded controller of Go2, whose robot moves a little."""
-
-    def __init__(self, bench: Any) -> None:
-        self.bench = bench
-        self.recorder = bench.recorder
-        self._rng = np.random.default_rng(1)
-
-    def go(self, cycles: int, **without: bool) -> None:
-        model = self.bench.model
-        for _ in range(cycles):
-            speed = 0.02 * self._rng.normal(size=model.nj)
-            self.bench.v[model.v_index] = speed
-            self.bench.q[model.q_index] += speed * self.bench.period
-            self.bench.cycle(**without)
-
-    def stand(self, cycles: int = 40) -> None:
-        self.go(3)
-        self.bench.command("activate")
-        self.go(cycles)
-
-
-@pytest.fixture
-def record(bench: Callable[..., Any], tmp_path: Path) -> Iterator[Callable[..., Run]]:
-    """Makes a recorded controller; its process is ended with the test."""
-    made: list[Recorder] = []
-
-    def make(file: Path | None = None, changes: dict[str, Any] | None = None) -> Run:
-        settings = {"safety": {"activation_ramp": 0.01}, "recorder": {"folder": str(tmp_path / "faults")}}
-        run = Run(bench("go2", {**settings, **(changes or {})}, partial(_recorder, file)))
-        run.bench.q = run.bench.q.copy()
-        made.append(run.recorder)
-        return run
-
-    yield make
-    for recorder in made:
-        recorder.close()
-
-
-def _recorder(file: Path | None, settings: Any) -> Recorder:
-    return Recorder(settings, file, patient=True, name="go2")
+__all__ = ["record"]
