@@ -162,6 +162,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "service",
             "mock",
             "live",
+            "recording",
         ),
         ("numpy", "scipy", "pinocchio", "rosbags", "click"),
     ),

@@ -157,6 +157,17 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
     assert found.memory_after(found.last - 49) is not None  # behind the gap there is a snapshot
 
 
+def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, tmp_path):
+    run = record(tmp_path / "a.mcap")
+    for _ in range(20):
+        run.bench.send_bytes("update", bytes((1 << 20) + 1))
+        run.go(1)
+    run.recorder.close()
+    found = Recorded(tmp_path / "a.mcap")
+    assert found.count == found.last + 1  # no cycle made room for them
+    assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
+
+
 @pytest.mark.parametrize("whom", ["controller", "both"])
 def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
     path, counter = tmp_path / "a.mcap", tmp_path / "count"

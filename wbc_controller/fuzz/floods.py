@@ -17,6 +17,8 @@ from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
 from wbc_controller.fuzz import DOMAIN
 from wbc_controller.fuzz.contents import ordinary
 from wbc_controller.fuzz.rig import Rig
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.reading import Recorded
 from wbc_controller.transports.dds import DdsTransport
 from wbc_controller.wire.messages import encode, message
 from wbc_controller.wire.topics import Endpoint, counterpart
@@ -211,9 +213,11 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
     status = rig.stop("controller")
     if status != 0 or not rig.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
-    with np.load(rig.record) as record:
-        stamps, modes, totals = record["stamp"], record["mode"], record["seconds/total"]
-        stopped = ~record["tau"].any(axis=1) & (modes == "fault")
+    recorded = Recorded(rig.record)
+    lost = recorded.last - recorded.first + 1 - recorded.count  # which may have been any
+    record = columns(recorded)
+    stamps, modes, totals = record["stamp"], record["mode"], record["seconds/total"]
+    stopped = ~record["tau"].any(axis=1) & (modes == "fault")
     found = []
     for stop in stops:
         after = stamps > stop.known
@@ -221,7 +225,7 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
         found.append(
             StopTrial(
                 flood=kind,
-                cycles=int(after[: obeyed[0] + 1].sum()),
+                cycles=int(after[: obeyed[0] + 1].sum()) + lost,
                 seen=stop.seen,
                 slowest=float(totals[(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)),
                 late=stop.late,

@@ -131,7 +131,7 @@ class Rig(Processes):
         """
         super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
-        self.record = folder / "cycles.npz"
+        self.record = folder / "cycles.mcap"
         self.lateness = Lateness()
         self.kept: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}

@@ -57,6 +57,8 @@ _SNAPSHOT = 2.0
 _TOGETHER = 8
 #: Most bytes of incoming messages that wait for the end of a cycle, and most messages.
 _WAITING, _MOST = 8 << 20, 10_000
+#: Largest message that is recorded, bytes: larger ones are turned away unread on every topic, and the events say so.
+_LARGEST = 1 << 20
 #: Time for which the same warning is not repeated, s.
 _SILENCE = 10.0
 #: Topics of the recorder itself, below the controller's name.
@@ -193,7 +195,7 @@ class Recorder:
 
     def put(self, channel: int, payload: bytes) -> None:
         """Record an incoming message, at this moment; from any thread."""
-        if self._waiting < _WAITING:  # else no cycle has taken them: the loop does not run
+        if len(payload) <= _LARGEST and self._waiting < _WAITING:  # else no cycle has taken them: the loop does not run
             self._waiting += len(payload)
             self._messages.append((channel, self._stamp(), payload))
 
