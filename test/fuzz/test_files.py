@@ -13,7 +13,7 @@ from wbc_controller.fuzz import files
 from wbc_controller.fuzz.files import _STRUCTURES, case_folder, fuzz_files, make_case, read_case
 
 #: Cases here; `wbc fuzz configurations` and `urdf` read tens of thousands.
-COUNT = 40
+COUNT = 20
 
 
 @pytest.mark.parametrize("kind", ["configurations", "urdf"])

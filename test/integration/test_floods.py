@@ -10,7 +10,7 @@ from domains import own_domain
 from wbc_controller.fuzz.floods import CYCLES, STALL, StopTrial, flood_trials
 
 #: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
-KINDS, TRIALS = ("activate", "update", "joint_states", "large"), 2
+KINDS, TRIALS = ("activate", "update", "large"), 2
 #: Messages per second that a flood has to reach, so that it is one: a busy machine sends fewer than the 10,000.
 LEAST = {"large": 1.0}
 LEAST_OF_SMALL = 500.0
