@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from wbc_controller.core.arrays import all_finite, solved
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
@@ -213,7 +213,7 @@ class _Running:
         self._sensors = sensors
         self._rolled: dict[str, Array] = {}  # by how far the centre of each ball has rolled, in the world, (3,) in m
         sizes = {len(points) for points in kinematics.points.values()}
-        self._limits = {k: float(chi2.isf(_SLIP, 3 * k)) for k in sizes}
+        self._limits = {k: float(chdtri(3 * k, _SLIP)) for k in sizes}
 
     def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> str | None:
         """Take measurements; why the estimate cannot go on, where it cannot."""
