@@ -210,6 +210,21 @@ def test_a_joint_that_no_task_holds_and_one_that_is_locked_are_named():
     assert checked(changes)["locked joints"] == "ankle_roll (at zero where nothing is said)"
 
 
+def test_a_joint_that_floats_in_the_urdf_is_named_as_locked():
+    aside = '<joint name="ball" type="floating"><parent link="PARENT"/><child link="load"/></joint></robot>'
+    load = URDF.replace("</robot>", link("load", 1, 0, "0.1 0.1 0.1") + aside)
+    assert checked({"contacts.foot.half_length": 0.1}, load.replace("PARENT", "foot"))["locked joints"] == (
+        "ball (floating in the URDF: a robot has one floating base, its root link)"
+    )
+    assert "locked joints" not in checked({}, load.replace("PARENT", "body"))
+
+
+def test_a_link_without_mass_between_two_joints_at_one_place_is_right():
+    inertial = f'<inertial><origin xyz="0 0 0"/><mass value="0.2"/>{INERTIA}</inertial>'
+    assert inertial in URDF  # the ankle's: pitch and roll are at one place
+    assert checked({}, URDF.replace(inertial, ""))["mass"].startswith("7.50 kg")
+
+
 def test_a_continuous_joint_has_no_position_limits():
     endless = URDF.replace('name="hip" type="revolute"', 'name="hip" type="continuous"')
     assert checked({}, endless)["no position limits"] == "hip"

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+import wbc_controller as wbc
 from wbc_controller.core.robot.from_urdf import build_model
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mock.mechanism import contact_frame
@@ -482,6 +483,73 @@ def test_a_robot_rooted_in_a_link_called_world(base):
     assert plant.contact_wrenches() == {}
     plant.step()
     assert not plant.fallen
+
+
+def carriage(base):
+    """An arm on a base that drives in a plane about an axis; `base` is the joint, or the joints, below the arm."""
+    return ARM.replace("IXX", "0.1").replace(
+        '<joint name="shoulder" type="revolute"><parent link="world"/>',
+        '<link name="cart"><inertial><mass value="20"/><inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/>'
+        f'</inertial></link>{base}<joint name="shoulder" type="revolute"><parent link="cart"/>',
+    )
+
+
+LIMIT = '<limit lower="-9" upper="9" effort="50" velocity="10"/>'
+DUMMIES = (
+    '<link name="dx"/><link name="dy"/>'
+    f'<joint name="x" type="prismatic"><parent link="world"/><child link="dx"/>{LIMIT}</joint>'
+    f'<joint name="y" type="prismatic"><parent link="dx"/><child link="dy"/><axis xyz="0 1 0"/>{LIMIT}</joint>'
+    f'<joint name="yaw" type="revolute"><parent link="dy"/><child link="cart"/><axis xyz="0 0 1"/>{LIMIT}</joint>'
+)
+PLANAR = (
+    '<joint name="drive" type="planar"><origin xyz="0 0 0.1" rpy="0.1 0 0.2"/><parent link="world"/>'
+    '<child link="cart"/><axis xyz="AXIS"/><limit effort="500" velocity="10"/></joint>'
+)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "base"),
+    [
+        (carriage(DUMMIES), ["x", "y", "yaw"]),
+        (carriage(PLANAR.replace("AXIS", "0 0 1")), ["drive/x", "drive/y", "drive/theta"]),
+        (carriage(PLANAR.replace("AXIS", "0 1 0")), ["drive/x", "drive/y", "drive/theta"]),
+    ],
+    ids=["links without mass", "planar", "planar in x and z"],
+)
+def test_a_base_that_drives_in_a_plane(urdf, base):
+    joints, posture = [*base, "shoulder", "elbow"], [0.1, -0.2, 0.5, 0.4, -0.3]
+    values = {
+        "robot": {"joints": joints, "posture": posture, "base": "fixed"},
+        "tasks": {"posture": {"type": "posture"}},
+    }
+    wbc.check(wbc.load(values, urdf=urdf))
+    model = build_model(urdf, joints, posture, floating_base=False)
+    plant = Plant(model, parse_settings(values, "here"))
+    q, v = model.configuration(np.array(posture)), np.linspace(1.0, -1.0, model.nv)
+    tau = np.array([3.0, -2.0, 1.0, 4.0, 5.0])
+    plant.apply(tau)
+    plant.set_state(q, v)
+    generalized = np.zeros(model.nv)
+    generalized[model.v_index] = tau
+    expected = pin.aba(model.pinocchio, model.pinocchio.createData(), q, v, generalized)
+    # The simulator's own links without mass have a millionth of the robot's.
+    np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("axis", ["0 0 1", "0 1 0", "1 0 0", "1 2 -3"])
+def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
+    urdf, normal = carriage(PLANAR.replace("AXIS", axis)), np.array([float(part) for part in axis.split()])
+    joints = ["drive/x", "drive/y", "drive/theta"]
+    model = build_model(urdf, joints, [0.0] * 3, floating_base=False).pinocchio
+    data, origin = model.createData(), pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.2), np.array([0.0, 0.0, 0.1]))
+    q = np.array([2.0, -1.0, 0.7])
+    pin.framesForwardKinematics(model, data, q)
+    moved = origin.actInv(data.oMf[model.getFrameId("cart")])
+    assert abs(moved.translation @ normal) < 1e-12
+    assert np.linalg.norm(moved.translation) == pytest.approx(math.hypot(2.0, 1.0))
+    np.testing.assert_allclose(pin.log3(moved.rotation), 0.7 * normal / np.linalg.norm(normal), atol=1e-12)
+    if axis == "0 0 1":  # as MoveIt has it
+        np.testing.assert_allclose(moved.translation, [2.0, -1.0, 0.0], atol=1e-12)
 
 
 def test_a_flat_link_is_not_refused_for_rounding():

@@ -19,6 +19,8 @@ from wbc_controller.settings import FixedContact, Settings
 
 #: Smallest mass, kg, and principal moment of inertia, kg·m², of a body that moves: what is smaller counts as none.
 _LEAST = 1.0e-15
+#: Largest distance between two joints at one place, m.
+_ONE_PLACE = 1.0e-3
 #: Mass from which on a link without inertia is worth a word, kg.
 _NOTICED_MASS = 0.05
 #: Largest distance of a joint from its parent's, m: more was meant in millimetres.
@@ -50,6 +52,7 @@ def require_bodies(model: RobotModel) -> None:
     """Refuse a body that moves and has no mass or no inertia: its motion has no equation, and simulators refuse it.
 
     A body is all links that one joint moves; one of them with a mass and three positive moments of inertia suffices.
+    `bare_links` need none.
 
     Raises:
         ConfigurationError: if there is such a body, or a link is so far from its parent that its unit is mistaken.
@@ -59,7 +62,10 @@ def require_bodies(model: RobotModel) -> None:
     for frame in model.pinocchio.frames:
         if frame.type == pin.BODY and frame.parentJoint in bodies and frame.name in links:
             bodies[frame.parentJoint].append(links[frame.name])
+    bare = bare_links(model)
     for joint, own in bodies.items():
+        if own[:1] and own[0].name in bare:
+            continue
         if own and not any(link.mass >= _LEAST and _usable(link.moments).min() >= _LEAST for link in own):
             heaviest = max(own, key=lambda link: link.mass)
             raise ConfigurationError(
@@ -73,6 +79,22 @@ def require_bodies(model: RobotModel) -> None:
                 f"robot.urdf: joint {model.pinocchio.names[joint]!r} is "
                 f"{np.linalg.norm(placement.translation):.4g} m from the joint before it; URDFs are in metres"
             )
+
+
+def bare_links(model: RobotModel) -> list[str]:
+    """Names of links without mass between two joints at one place, as planar bases and ball joints have them.
+
+    What the second joint moves gives the first one its inertia, so that both have an equation of motion.
+    """
+    pinocchio, names = model.pinocchio, []
+    for joint in range(1, pinocchio.njoints):
+        carried = [child for child in range(joint + 1, pinocchio.njoints) if pinocchio.parents[child] == joint]
+        if pinocchio.inertias[joint].mass == 0.0 and len(carried) == 1:
+            apart = float(np.linalg.norm(pinocchio.jointPlacements[carried[0]].translation))
+            if apart <= _ONE_PLACE:
+                frames = (frame for frame in pinocchio.frames if frame.parentJoint == joint)
+                names.append(next(str(frame.name) for frame in frames if frame.type == pin.BODY))
+    return names
 
 
 def _usable(moments: Array) -> Array:
@@ -164,14 +186,24 @@ def _some(names: list[str]) -> str:
 
 
 def locked_joints(model: RobotModel) -> list[Finding]:
-    """Report the joints of the URDF that neither move nor follow another one, with their positions."""
+    """Report the joints of the URDF that neither move nor follow another one, with their positions.
+
+    One of type floating below the root of a robot with a floating base is not worth a word: the base floats.
+    """
     tree = ElementTree.fromstring(model.urdf)  # noqa: S314 - checked when the model was made
     moving = set(model.moving_joints)
-    names = [
-        str(joint.get("name"))
-        for joint in tree.findall("joint")
-        if joint.get("type") not in ("fixed", "floating", "planar") and joint.get("name") not in moving
-    ]
-    texts = [f"{name} at {model.locked[name]:g}" if name in model.locked else name for name in names]
-    zero = " (at zero where nothing is said)" if len(model.locked) < len(names) else ""
-    return [Finding("locked joints", ", ".join(texts) + zero)] if names else []
+    texts, zero = [], False
+    for joint in tree.findall("joint"):
+        name, parent = str(joint.get("name")), joint.find("parent")
+        if joint.get("type") == "fixed" or name in moving:
+            continue
+        if joint.get("type") == "floating":
+            if not (model.floating_base and parent is not None and parent.get("link") == model.base_link):
+                texts.append(f"{name} (floating in the URDF: a robot has one floating base, its root link)")
+        elif name in model.locked:
+            texts.append(f"{name} at {model.locked[name]:g}")
+        else:
+            texts.append(name)
+            zero = True
+    ending = " (at zero where nothing is said)" if zero else ""
+    return [Finding("locked joints", ", ".join(texts) + ending)] if texts else []

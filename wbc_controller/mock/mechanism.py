@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.assembly.plausibility import bare_links
 from wbc_controller.assembly.robot_description import inertia_tensor, some_body_has
 from wbc_controller.core.contacts import placement_of
 from wbc_controller.core.robot.model import RobotModel
@@ -45,6 +46,9 @@ IMPEDANCE = 0.98
 RIM_RADIUS = 0.001
 #: Half side and half thickness of the slab that a contact between two links touches, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
+#: Mass of a link between two joints at one place, as a share of the robot's, and its moments of inertia over its mass,
+#: m²: MuJoCo refuses none.
+_BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
 #: Collision bit of the floor, and of what touches it.
 ON_THE_FLOOR = 1
 #: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
@@ -176,7 +180,7 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     return tree, root
 
 
-def _write_inertias(spec: Any, tree: ET.Element) -> None:
+def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
     """Give MuJoCo the principal inertias of every link.
 
     MuJoCo 3.3's own URDF reader gives a wrong inertia to a link whose inertial origin is rotated, and its principal
@@ -211,6 +215,12 @@ def _write_inertias(spec: Any, tree: ET.Element) -> None:
             "together; the mock robot takes the mean of the three",
             ", ".join(balanced),
         )
+    for name in bare_links(model):
+        body = spec.body(name)
+        body.explicitinertial = True
+        body.mass = _BARE_MASS * model.mass
+        body.inertia = np.full(3, _BARE_INERTIA * body.mass)
+        body.fullinertia = np.full(6, np.nan)  # not given
 
 
 def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
@@ -277,7 +287,7 @@ def compile_mechanism(
         spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: MuJoCo cannot read it: {error}") from error
-    _write_inertias(spec, tree)
+    _write_inertias(spec, tree, model)
     spec.option.timestep = step
     spec.option.gravity = np.array(model.pinocchio.gravity.linear)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -14,7 +14,14 @@ from wbc_controller.assembly.draft.notes import Draft
 from wbc_controller.assembly.draft.placeholders import reach_of, replaced_limits
 from wbc_controller.core.robot.mimic import read_mimics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.robot.urdf import LARGEST_URDF, JointLimits, parse_urdf, parse_xml, read_robot
+from wbc_controller.core.robot.urdf import (
+    LARGEST_URDF,
+    JointLimits,
+    parse_urdf,
+    parse_xml,
+    read_robot,
+    split_planar_joints,
+)
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
@@ -34,7 +41,7 @@ class Source:
     Attributes:
         address: what ``robot.urdf`` says: a ``package://`` address where there is one, otherwise an absolute path.
         path: the file.
-        text: its text.
+        text: its text, without planar joints: three of one coordinate stand for each.
         tree: the same, as XML.
     """
 
@@ -61,7 +68,10 @@ def read_source(urdf: str) -> Source:
     """
     path = locate(urdf, "ROBOT.urdf")
     text = read_text(path, f"ROBOT.urdf = {urdf!r}", LARGEST_URDF)
-    return Source(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, parse_urdf(text))
+    tree = parse_urdf(text)
+    if split_planar_joints(tree):
+        text = ElementTree.tostring(tree, encoding="unicode")
+    return Source(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
 
 
 def _address(path: Path) -> str:

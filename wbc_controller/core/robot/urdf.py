@@ -107,10 +107,11 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
 
 
 def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({})) -> tuple[ElementTree.Element, str]:
-    """Read a URDF as `parse_urdf` does, with other limits of some joints, and its continuous joints as revolute ones.
+    """Read a URDF as `parse_urdf` does, with other limits of some joints, each of which has one coordinate.
 
     Pinocchio gives a continuous joint two coordinates, its cosine and sine, and forgets the turns; here it is a
-    revolute joint without position limits, whose position counts them.
+    revolute joint without position limits, whose position counts them. A planar joint becomes three, as MoveIt names
+    them: ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta`` about its axis.
 
     Args:
         urdf: the URDF's text.
@@ -124,8 +125,8 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
         ConfigurationError: as `parse_urdf`; if the URDF does not have a joint, or a joint lacks a limit.
     """
     tree = parse_urdf(urdf)
+    changed = split_planar_joints(tree)
     joints = {str(joint.get("name")): joint for joint in tree.findall("joint")}
-    changed = False
     for name, given in limits.items():
         if name not in joints:
             raise ConfigurationError(
@@ -145,6 +146,48 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
         if joint.get("type") in ("revolute", "prismatic"):
             _require_limits(name, joint.find("limit"))
     return tree, ElementTree.tostring(tree, encoding="unicode") if changed else urdf
+
+
+def split_planar_joints(tree: ElementTree.Element) -> bool:
+    """Replace the planar joints of a URDF by joints with one coordinate, as `read_robot` says; whether there are any.
+
+    Args:
+        tree: from `parse_urdf`, changed in place.
+    """
+    planar = [joint for joint in tree.findall("joint") if joint.get("type") == "planar"]
+    for joint in planar:
+        _split(tree, joint)
+    return bool(planar)
+
+
+def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
+    """Replace a planar joint by two prismatic ones and a revolute one, with links without mass in between."""
+    name, axis, child = str(planar.get("name")), planar.find("axis"), planar.find("child")
+    normal = np.array([float(part) for part in (axis.get("xyz", "1 0 0") if axis is not None else "1 0 0").split()])
+    normal /= np.linalg.norm(normal)
+    across = np.cross([0.0, 1.0, 0.0], normal)  # x where the normal is z
+    if not (np.linalg.norm(across) > 0.1):
+        across = np.array([1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    below = str(child.get("link") if child is not None else "")
+    links = [f"{name}/x_link", f"{name}/y_link", below]
+    axes = {"x": across, "y": np.cross(normal, across), "theta": normal}
+    place, parent, limit = list(tree).index(planar), planar.find("parent"), planar.find("limit")
+    tree.remove(planar)
+    before, origin = str(parent.get("link") if parent is not None else ""), planar.find("origin")
+    for i, ((part, direction), after) in enumerate(zip(axes.items(), links, strict=True)):
+        joint = ElementTree.Element("joint", name=f"{name}/{part}", type="revolute" if part == "theta" else "prismatic")
+        ElementTree.SubElement(joint, "parent", link=before)
+        ElementTree.SubElement(joint, "child", link=after)
+        if origin is not None and i == 0:
+            joint.append(origin)
+        ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, direction.tolist())))
+        ElementTree.SubElement(joint, "limit", {} if limit is None else limit.attrib)
+        _write_limits(joint, {"lower": -UNLIMITED, "upper": UNLIMITED})
+        tree.insert(place + i, joint)
+        before = after
+    for link in links[:2]:
+        ElementTree.SubElement(tree, "link", name=link)
 
 
 def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> None:
