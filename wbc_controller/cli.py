@@ -281,7 +281,7 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
 @click.option("--sensors", type=click.Choice(get_args(SensorQuality)),
               help="Run without odometry: the base is estimated, from sensors of this quality.")  # fmt: skip
 def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
-    """Show the controller at work on a mock robot on legs, commanded by topics; ROBOT is as CONFIG elsewhere."""
+    """Show the controller at work on a mock robot, commanded by topics; ROBOT is as CONFIG elsewhere."""
     from wbc_controller.demo.run import run_demo
 
     done = run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor, sensors=sensors)

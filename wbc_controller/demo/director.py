@@ -107,7 +107,7 @@ class Director:
         Args:
             model: the robot's model.
             frames: frame of each frame task, by the task's name.
-            com: name of the task of the centre of mass.
+            com: name of the task of the centre of mass; empty where there is none.
             controller: endpoints of the controller.
             mock: endpoints of the mock robot.
             transport: carries the messages.
@@ -148,9 +148,10 @@ class Director:
         self._wait_for("the controller", lambda: self._mode() != "")
         self._activate()
         self._run(1.2)
-        self._begin("let go")
-        self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
-        self._run(1.0)
+        if self._model.floating_base:
+            self._begin("let go")
+            self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
+            self._run(1.0)
         self._move_to_standing()
         self._stand(scenario.stand)
         for move in scenario.moves:
@@ -220,7 +221,7 @@ class Director:
         if not self._mode().startswith("active"):
             raise DemoFailed(f"the controller is no longer active: {self._mode()}")
         q, _ = self.state()
-        if pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
+        if self._model.floating_base and pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
             raise DemoFailed("the robot fell")
 
     def state(self) -> tuple[Array, Array]:
@@ -236,7 +237,10 @@ class Director:
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()[0]))
 
     def _move_to_standing(self) -> None:
-        """Command the present position of the centre of mass as its reference, so that the reference is known here."""
+        """Command the present position of the centre of mass as its reference, so that the reference is known here.
+
+        Where no task has it, it is what the posture has to come back to.
+        """
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
 
@@ -245,6 +249,8 @@ class Director:
         knots = [Knot(start, origin, _STILL, _STILL)]
         knots += [Knot(start + time, origin + np.array(offset), _STILL, _STILL) for time, offset in points]
         self.references.append((start, Trajectory(knots)))
+        if not self._com:
+            return start
         content = message(
             "trajectory_msgs/msg/MultiDOFJointTrajectory",
             header=header(round(start * 1e9), "world"),
@@ -295,7 +301,7 @@ class Director:
         self._begin(shove.name)
         start = self.time
         force = np.array(shove.impulse) / 0.1
-        content = wrench_stamped(np.concatenate([force, np.zeros(3)]), self._model.base_link)
+        content = wrench_stamped(np.concatenate([force, np.zeros(3)]), shove.frame or self._model.base_link)
         self._send("mock", "push", "", content)
         self._run(recovery + 0.5)
         self.windows[shove.name] = Window(start, self.time)

@@ -78,7 +78,8 @@ def replay_data(recording: Recording, model: RobotModel, parts: Sequence[Part]) 
     time = recording.time[frames]
     contacts = [name for name in recording.contact_wrenches if name in recording.supports]
     carriers = {name: _placement_on_joint(recording, model, name) for name in contacts}
-    joints = sorted({part.joint for part in parts} | {joint for joint, _ in carriers.values()})
+    # A robot without shapes stands for itself by its centre of mass, in the world's frame.
+    joints = sorted({part.joint for part in parts} | {joint for joint, _ in carriers.values()}) or [0]
     poses = joint_poses(recording.q[frames], model, joints)
     forces = np.zeros((len(frames), len(contacts), 2, 6))
     for i, name in enumerate(contacts):

@@ -81,7 +81,7 @@ def run_demo(
         Whether every target was met.
 
     Raises:
-        ConfigurationError: if there is no such robot, or it does not stand on legs.
+        ConfigurationError: if there is no such robot, or there is no demo for it.
     """
     config = load(robot)
     if sensors is not None:
@@ -93,6 +93,7 @@ def run_demo(
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes on the loopback, DDS between them"
     known = "the base from odometry" if sensors is None else f"no odometry, {sensors} sensors"
+    known = known if model.floating_base else "a fixed base"
     console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None

@@ -44,15 +44,17 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Shove:
-    """A force on the base for a tenth of a second.
+    """A force for a tenth of a second.
 
     Attributes:
         name: name of the direction.
         impulse: impulse in world axes, (3,) in N·s.
+        frame: where it acts; empty for the base link.
     """
 
     name: str
     impulse: tuple[float, float, float]
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ class Scenario:
         recovery: time after which the centre of mass must have returned, s.
         recovery_target: largest distance then, m.
         force_target: largest deviation of the sum of vertical forces from the weight, as a share of it.
-        com: name of the task of the centre of mass.
+        com: name of the task of the centre of mass; empty where the posture alone keeps it, as on a fixed base.
     """
 
     stand: float = 3.0
@@ -92,13 +94,13 @@ def squat(depth: float, target: float) -> Move:
     return Move("squat", ((1.5, down), (2.5, down), (4.0, (0.0, 0.0, 0.0))), target)
 
 
-def shoves(sideways: float, along: float) -> tuple[Shove, ...]:
-    """From four sides, with impulses in N·s."""
+def shoves(sideways: float, along: float, frame: str = "") -> tuple[Shove, ...]:
+    """From four sides, with impulses in N·s; at the base link, or another frame."""
     return (
-        Shove("shove left", (0.0, sideways, 0.0)),
-        Shove("shove right", (0.0, -sideways, 0.0)),
-        Shove("shove forward", (along, 0.0, 0.0)),
-        Shove("shove backward", (-along, 0.0, 0.0)),
+        Shove("shove left", (0.0, sideways, 0.0), frame),
+        Shove("shove right", (0.0, -sideways, 0.0), frame),
+        Shove("shove forward", (along, 0.0, 0.0), frame),
+        Shove("shove backward", (-along, 0.0, 0.0), frame),
     )
 
 
