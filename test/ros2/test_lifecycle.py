@@ -25,6 +25,7 @@ except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
 from wbc_controller.assembly.robot_description import read_urdf
+from wbc_controller.recording.reading import Recorded
 from wbc_controller.records import Mode
 from wbc_controller.ros2.controller_node import ControllerNode
 from wbc_controller.ros2.declaration import values
@@ -317,6 +318,32 @@ def test_services_say_what_happened(make_node, spin, context):
     assert call("stop") == (True, "fault ESTOP: emergency stop by command")
     assert call("activate") == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
     assert call("reset") == (True, "inactive")
+
+
+def test_the_last_seconds_are_recorded_on_request(make_node, spin, context, robot, tmp_path):
+    node, user = (
+        make_node(robot="g1", recorder__folder=str(tmp_path), **PATIENT),
+        rclpy.create_node("user", context=context),
+    )
+    executor = spin(node, user, robot)
+    client = user.create_client(Trigger, "/wbc_controller/record")
+
+    def call():
+        assert client.wait_for_service(10)
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().success, future.result().message
+
+    assert call() == (False, "the node is not active; ros2 lifecycle says how it is")
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    time.sleep(0.2)  # of cycles
+    assert list(tmp_path.iterdir()) == []
+    assert call() == (True, f"the last seconds are written to {tmp_path}")
+    within(20, lambda: list(tmp_path.glob("*REQUEST*.mcap")))
+    assert on_executor(executor, node.trigger_deactivate) == SUCCESS
+    (file,) = tmp_path.glob("*.mcap")
+    assert Recorded(file).count > 0
 
 
 def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):
