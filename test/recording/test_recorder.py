@@ -18,6 +18,8 @@ from wbc_controller.recording.columns import columns
 from wbc_controller.recording.mcap import Contents, read
 from wbc_controller.recording.reading import Recorded
 from wbc_controller.records import ChangeSettings
+from wbc_controller.replay.telling import told
+from wbc_controller.wire.messages import encode
 
 SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
 
@@ -166,6 +168,30 @@ def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, t
     found = Recorded(tmp_path / "a.mcap")
     assert found.count == found.last + 1  # no cycle made room for them
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
+
+
+def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_rest_is_there(record, tmp_path, make):
+    run = record(tmp_path / "a.mcap")
+    run.stand(10)
+    nonsense = encode(make.string("{tasks: {com: {stiffness: [" + "1, " * 400 + "]}}}"))
+    large = encode(make.string("x" * 500_000))
+    for _ in range(40):
+        for _ in range(50):
+            run.bench.send_bytes("update", nonsense)
+        run.go(1)
+    run.bench.send_bytes("setpoint", large, "com")  # one that is alone is recorded
+    run.go(20)
+    run.recorder.close()
+    found = Recorded(tmp_path / "a.mcap")
+    assert found.count == found.last + 1
+    counts = {topic: count for topic, _, count in found.topics()}
+    (update,) = [topic for topic in counts if topic.endswith("/update")]
+    left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
+    assert counts[update] + left_out == 2000
+    assert counts[update] * len(nonsense) < 40 / 8 * (80 << 10)
+    assert counts["/joint_states"] == counts["/odom"] == found.count
+    assert [count for topic, count in counts.items() if topic.endswith("/tasks/com/setpoint")] == [1]
+    assert f"messages on {update}" in told(found)
 
 
 @pytest.mark.parametrize("whom", ["controller", "both"])

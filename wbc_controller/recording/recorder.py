@@ -17,7 +17,7 @@ import queue
 import struct
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,9 @@ _SNAPSHOT = 2.0
 _TOGETHER = 8
 #: Most bytes of incoming messages that wait for the end of a cycle, and most messages.
 _WAITING, _MOST = 8 << 20, 10_000
+#: Most bytes of a topic that are recorded of the cycles that are sent together, where it is more than one message: who
+#: floods a topic must not cost the recording its cycles.
+_SHARE = 64 << 10
 #: Largest message that is recorded, bytes: larger ones are turned away unread on every topic, and the events say so.
 _LARGEST = 1 << 20
 #: Time for which the same warning is not repeated, s.
@@ -114,6 +117,8 @@ class Recorder:
         self._messages: deque[tuple[int, int, bytes]] = deque(maxlen=_MOST)
         self.sent = self._messages.append
         self._waiting = 0
+        self._taken: dict[int, int] = {}  # bytes that wait, by channel
+        self._left_out: Counter[int] = Counter()  # messages by channel, since the last event
         self._done: deque[bytes] = deque()  # frames of the thread
         self._jobs: queue.SimpleQueue[Callable[[], bytes] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._scribe, name="scribe", daemon=True)
@@ -195,9 +200,15 @@ class Recorder:
 
     def put(self, channel: int, payload: bytes) -> None:
         """Record an incoming message, at this moment; from any thread."""
-        if len(payload) <= _LARGEST and self._waiting < _WAITING:  # else no cycle has taken them: the loop does not run
-            self._waiting += len(payload)
-            self._messages.append((channel, self._stamp(), payload))
+        if len(payload) > _LARGEST or self._waiting >= _WAITING:  # no cycle has taken them: the loop does not run
+            return
+        taken = self._taken.get(channel, 0)
+        if taken and taken + len(payload) > _SHARE:
+            self._left_out[channel] += 1
+            return
+        self._taken[channel] = taken + len(payload)
+        self._waiting += len(payload)
+        self._messages.append((channel, self._stamp(), payload))
 
     def request(self, reason: str = "REQUEST") -> None:
         """Have the last seconds written; from any thread."""
@@ -241,6 +252,7 @@ class Recorder:
             channel, came, payload = messages.popleft()
             batch += (FRAME.pack(len(payload), channel, came or self._stamp()), payload)
         self._waiting = 0
+        self._taken = {}
         while self._done:
             batch.append(self._done.popleft())
         trigger, self._trigger = self._trigger, None
@@ -275,7 +287,8 @@ class Recorder:
         result = taped.result
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
-        if same and not (taped.apart or taped.requests or taped.changes or refused or taped.problem):
+        left_out, self._left_out = self._left_out, Counter()
+        if same and not (taped.apart or taped.requests or taped.changes or refused or taped.problem or left_out):
             return
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
         if result.fault is not None and (self._fault is None or self._fault.code != result.fault.code):
@@ -295,6 +308,8 @@ class Recorder:
             event["changes"] = taped.changes
         if refused:
             event["refused"] = refused
+        if left_out:
+            event["left out"] = {self._channels[channel - 1][1]: count for channel, count in left_out.items()}
         self._mode, self._fault, self._live = result.mode, result.fault, taped.live
         self._jobs.put(lambda: frame(self._events, at, _string(to_json(self._with_yaml(event)))))
 

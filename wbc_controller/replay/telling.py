@@ -128,6 +128,7 @@ def _words(event: Mapping[str, Any]) -> list[tuple[str, str]]:
     words = [("command", str(word)) for word in event.get("requests", ())]
     words += [("change", change_in_words(change)) for each in event.get("changes", ()) for change in each]
     words += [("refused", str(sentence)) for sentence in event.get("refused", ())]
+    words += [("left out", f"{count} messages on {topic}") for topic, count in event.get("left out", {}).items()]
     if "settings" in event:
         words.append(("settings", "changed"))
     for kind in ("problem", "fault"):
