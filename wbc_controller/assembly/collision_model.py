@@ -156,15 +156,20 @@ def _hull(points: Array) -> coal.ConvexBase | None:
     """
     if not (np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > _THINNEST):
         return None  # flat: the library does not survive it
-    for corners in (np.unique(points, axis=0), _outermost(points)):
-        vertices = coal.StdVec_Vec3s()
-        vertices.extend(list(corners))
-        try:
-            hull = coal.Convex.convexHull(vertices, True, "Qt")
-        except (ValueError, RuntimeError):
-            continue
-        return hull if _lost(points, corners) <= _LOST else None
-    return None
+    hull = _convex(np.unique(points, axis=0))
+    if hull is None and _lost(points, outermost := _outermost(points)) <= _LOST:
+        hull = _convex(outermost)
+    return hull
+
+
+def _convex(corners: Array) -> coal.ConvexBase | None:
+    """The convex hull of points, (n, 3) in m; None where Qhull, or the library, does not make it."""
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(corners))
+    try:
+        return coal.Convex.convexHull(vertices, True, "Qt")
+    except (ValueError, RuntimeError):
+        return None
 
 
 def _outermost(points: Array) -> Array:
