@@ -14,8 +14,8 @@ demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be 
 	$(BIN)/wbc demo $(ROBOT)
 
 test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that need the processors to themselves
-	$(BIN)/python -m pytest -n logical --dist worksteal -m "not live"
-	$(BIN)/python -m pytest -m live
+	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live"
+	$(BIN)/python -m pytest --durations 12 -m live
 
 lint: $(VENV)/dev.installed  ## ruff and mypy
 	$(BIN)/ruff check .

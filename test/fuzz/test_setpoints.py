@@ -20,7 +20,7 @@ def go2():
 
 
 def test_joints_keep_their_limits_whatever_is_asked_for():
-    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,talos", "--minutes", "0.1"])
+    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,talos", "--minutes", "0.05"])
     assert result.exit_code == 0, result.output
     line = re.compile(r"(go2|talos) +\d+ trials, \d+ s under control, \d+ ended in damping; .*by over 0.02 in 0 trials")
     assert [line.fullmatch(said)[1] for said in result.stdout.splitlines()] == ["go2", "talos"]

@@ -95,17 +95,17 @@ def follow(model, constraints, q, v, step, duration):
     )
 
 
-def test_a_four_bar_stays_closed_for_thirty_seconds():
+def test_a_four_bar_stays_closed_for_ten_seconds():
     model, loop, q = four_bar()
     A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
     free = admissible_directions(A)
     assert free.shape == (3, 1)  # three rows, two of them independent: the plane is there twice
     v = free[:, 0] * 5.0 / free[0, 0]
-    position, velocity, energy, qs, _ = follow(model, loop, q, v, 5e-3, 30.0)
+    position, velocity, energy, qs, _ = follow(model, loop, q, v, 5e-3, 10.0)
     assert position < 1e-6, position
     assert velocity < 1e-6, velocity
     assert energy < 1e-6, energy
-    assert qs[-1, 0] > 10.0 * 2.0 * np.pi  # it went round and round
+    assert qs[-1, 0] > 5.0 * 2.0 * np.pi  # it went round and round
 
 
 def rolling_start(lean=0.03, speed=6.0, yaw_rate=0.15, swing=0.5):
@@ -119,9 +119,9 @@ def rolling_start(lean=0.03, speed=6.0, yaw_rate=0.15, swing=0.5):
     return model, rolling, q, v
 
 
-def test_a_pendulum_on_a_rolling_wheel_rolls_for_thirty_seconds():
+def test_a_pendulum_on_a_rolling_wheel_rolls_for_ten_seconds():
     model, rolling, q, v = rolling_start()
-    position, velocity, energy, qs, _ = follow(model, rolling, q, v, 5e-3, 30.0)
+    position, velocity, energy, qs, _ = follow(model, rolling, q, v, 5e-3, 10.0)
     assert position < 1e-6, position
     assert velocity < 1e-6, velocity
     assert energy < 1e-6, energy
