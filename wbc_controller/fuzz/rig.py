@@ -36,6 +36,8 @@ _HEARD = {
     "mock": ("joint_states", "odom"),
     "guard": ("state",),
 }
+#: Lateness of the machine from which a fault of time is the machine's, as a share of the time that the fault allows.
+MACHINE = 0.5
 
 
 class Lateness:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from wbc_controller.fuzz import DOMAIN
-from wbc_controller.fuzz.rig import Rig
+from wbc_controller.fuzz.rig import MACHINE, Rig
 from wbc_controller.live.processes import memory
 from wbc_controller.wire.messages import encode, header, message
 from wbc_controller.wire.topics import counterpart
@@ -21,8 +21,6 @@ _LOOK, _SETPOINT = 1.0, 3.0
 _SWAY = 0.01
 #: Share of the time after which the memory is to be flat, and by how much it may still grow, kB, and kB per minute.
 _WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
-#: Lateness of the machine from which a fault of time is the machine's, as a share of the time that the fault allows.
-_MACHINE = 0.5
 
 
 @dataclass(slots=True)
@@ -57,7 +55,7 @@ class SoakResult:
     @property
     def own_faults(self) -> list[str]:
         """The faults that the machine did not cause."""
-        return [said for said, late, allowed in self.faults if late < _MACHINE * allowed]
+        return [said for said, late, allowed in self.faults if late < MACHINE * allowed]
 
 
 def soak(
