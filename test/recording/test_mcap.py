@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import resource
 import signal
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from wbc_controller.recording.mcap import Channel, ChunkBuilder, Contents, McapFile, read
+from wbc_controller.recording.writer import Sink
 
 STRING = "string data\n"
 CHANNELS = [Channel(1, "/a", "std_msgs/msg/String", STRING), Channel(7, "/b", "std_msgs/msg/String", STRING)]
@@ -58,6 +61,54 @@ def test_every_reader_finds_every_message(tmp_path, closed):
     assert by_rosbags(path) == named(found)
 
 
+def records(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, bytes]]:
+    """The records of a part of a file: place, code and content."""
+    while at < end:
+        code, length = struct.unpack_from("<BQ", data, at)
+        yield at, code, data[at + 9 : at + 9 + length]
+        at += 9 + length
+
+
+def test_the_index_says_where_each_chunk_and_its_messages_are(tmp_path):
+    """By https://mcap.dev/spec; no reader here needs all of it."""
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, CHANNELS)
+    for i in range(3):
+        file.write(chunk(i))
+    file.close()
+    data = path.read_bytes()
+    (summary,) = struct.unpack_from("<Q", data, len(data) - 8 - 20)
+    codes = {at: code for at, code, _ in records(data, 8, len(data) - 8)}
+    assert codes[summary] == 0x03  # a schema
+    indices = [content for _, code, content in records(data, summary, len(data) - 8) if code == 0x08]
+    assert len(indices) == 3
+    for i, index in enumerate(indices):
+        start, end, at, length, size = struct.unpack_from("<QQQQI", index)
+        assert (start, end, codes[at]) == (1000 * i, 1000 * i + 4, 0x06)
+        assert codes[at + length] == 0x07  # the message indexes stand behind the chunk
+        offsets = dict(struct.iter_unpack("<HQ", index[36 : 36 + size]))
+        for channel, place in offsets.items():
+            assert codes[place] == 0x07
+            assert struct.unpack_from("<H", data, place + 9) == (channel,)
+        assert set(offsets) == {1, 7}
+
+
+def test_a_file_that_could_not_begin_begins_when_there_is_room(tmp_path, monkeypatch):
+    path, said = tmp_path / "a.mcap", []
+    sink = Sink(path, said.append)
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(McapFile, "write", no_room)
+    sink.write(chunk(1), CHANNELS, lambda at: chunk(0, 1))
+    monkeypatch.undo()
+    sink.write(chunk(2), CHANNELS, lambda at: chunk(0, 1))
+    sink.close()
+    assert [time for _, time, _ in messages(path)[0]] == [0, *range(2000, 2005)]
+    assert len(said) == 2
+
+
 def test_wherever_a_file_breaks_off_what_is_before_is_read(tmp_path):
     whole, part = tmp_path / "a.mcap", tmp_path / "part.mcap"
     file = McapFile(whole, CHANNELS)
@@ -87,6 +138,11 @@ def test_damaged_bytes_end_the_reading_with_a_reason(tmp_path):
     found, contents = messages(path)
     assert len(found) == 5
     assert "damaged" in contents.torn
+    data[middle + 1 : middle + 9] = b"\xff" * 7 + b"\x7f"  # the length of the record: more than any memory
+    path.write_bytes(data)
+    found, contents = messages(path)
+    assert len(found) == 5
+    assert "not whole" in contents.torn
     path.write_bytes(b"something else")
     with pytest.raises(ValueError, match="does not begin as an MCAP file"):
         messages(path)

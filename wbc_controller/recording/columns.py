@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.recording.layout import MODES, STAGES
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.reading import Cycle, Recorded
 from wbc_controller.records import Array
 
 #: Columns of ``audit``.
 AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
+
+
+def audited(cycle: Cycle) -> Array:
+    """The audit of a cycle, (5,), with the columns of `AUDIT_COLUMNS`; NaN where it has none."""
+    number, values = cycle.number_of, cycle.values
+    force, torque = np.linalg.norm(values["audit/force"]), np.max(np.abs(values["audit/torques"]))
+    return np.array([number("audit/energy"), number("audit/throughput"), force, torque, number("audit/warnings")])
 
 
 def columns(recorded: Recorded) -> dict[str, Array]:
@@ -27,10 +34,6 @@ def columns(recorded: Recorded) -> dict[str, Array]:
         if not cycle.number_of("has_command") or np.isnan(cycle.number_of("seconds/total")):  # computed, not sent
             continue
         values, number = cycle.values, cycle.number_of
-        audit = (
-            number("audit/energy"), number("audit/throughput"), np.linalg.norm(values["audit/force"]),
-            np.max(np.abs(values["audit/torques"])), number("audit/warnings"),
-        )  # fmt: skip
         row = {
             "stamp": int(number("stamp_seconds")) * 1_000_000_000 + int(number("stamp_nanoseconds")),
             "tau": values["tau"],
@@ -38,7 +41,7 @@ def columns(recorded: Recorded) -> dict[str, Array]:
             "v": values["v"],
             **{name: value for name, value in values.items() if name.startswith("force/")},
             "mode": MODES[int(number("mode"))].value,
-            "audit": audit,
+            "audit": audited(cycle),
             **{f"seconds/{stage}": number(f"seconds/{stage}") for stage in STAGES},
         }
         for name, value in row.items():

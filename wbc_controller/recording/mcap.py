@@ -12,6 +12,7 @@ The writer's process imports this file; it is meant to start fast, and imports n
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 import sys
 import zlib
@@ -264,6 +265,7 @@ def read(path: Path, contents: Contents) -> Iterator[tuple[int, int, bytes]]:
         ValueError: where it is no MCAP file.
     """
     with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError("it does not begin as an MCAP file")
         schemas: dict[int, tuple[str, str]] = {}
@@ -278,10 +280,10 @@ def read(path: Path, contents: Contents) -> Iterator[tuple[int, int, bytes]]:
             if code not in (_HEADER, _SCHEMA, _CHANNEL, _CHUNK, _MESSAGE_INDEX):
                 contents.torn = f"it has a record of the kind {code}"
                 return
-            body = file.read(length)
-            if len(body) < length:
+            if length > size - file.tell():  # nor is so much memory asked for
                 contents.torn = "its last record is not whole"
                 return
+            body = file.read(length)
             try:
                 if code == _CHUNK:
                     yield from _messages(body)

@@ -61,7 +61,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
     if isinstance(value, np.ndarray):
-        data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode("ascii")
+        data = base64.b64encode(value.tobytes()).decode("ascii")
         return {"$array": data, "type": value.dtype.str, "shape": list(value.shape)}
     if isinstance(value, Mode):
         return {"$mode": value.value}

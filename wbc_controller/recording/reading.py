@@ -100,6 +100,8 @@ class Recorded:
                 self.counts[number] = self.counts.get(number, 0) + 1
                 kind = _kind(contents.channels[number])
                 if kind == "cycle":
+                    if not self.about:
+                        raise ValueError(f"its cycles have no topic …/{OWN}/start before them")
                     cycle = int(_numbers(payload, 1, self._cycle_size())[0])
                     if self.first < 0:
                         self.first, self.start = cycle, time
@@ -124,9 +126,6 @@ class Recorded:
                 f"recording {path}: not a recording of this controller: it has no topic …/{OWN}/start"
                 + (f"; {self.torn}" if self.torn else "")
             )
-        import yaml
-
-        self._plain = yaml.safe_load(self.about["config"])
         self.config = self.configured(self.about["config"], urdf)
 
     def _understand(self) -> None:

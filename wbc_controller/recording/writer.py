@@ -48,6 +48,7 @@ class Sink:
         self.path = path
         self._say = say
         self._file: McapFile | None = None
+        self._begun = False  # whether it holds what every file begins with
         self._lost, self._warned = 0, -_SILENCE
 
     def write(self, chunk: Chunk, channels: list[Channel], begin: Callable[[int], Chunk | None]) -> None:
@@ -55,9 +56,11 @@ class Sink:
         try:
             if self._file is None:
                 self._file = McapFile(self.path, channels)
+            if not self._begun:
                 pinned = begin(chunk.start)
                 if pinned is not None:
                     self._file.write(pinned)
+                self._begun = True
             self._file.write(chunk)
         except OSError as error:
             self._lost += 1

@@ -13,7 +13,7 @@ from wbc_controller.core.tasks import AccelerationTask, Task
 from wbc_controller.demo.recording import Event, Recording, supports_of
 from wbc_controller.demo.report import write_report
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.recording.columns import AUDIT_COLUMNS, columns
+from wbc_controller.recording.columns import AUDIT_COLUMNS, audited, columns
 from wbc_controller.recording.reading import Cycle, Recorded
 from wbc_controller.records import Array, Reference
 from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact
@@ -76,13 +76,7 @@ def recording_of(recorded: Recorded, controller: ControlCycle) -> tuple[Recordin
         stamp = cycle.number_of("stamp_seconds") + 1e-9 * cycle.number_of("stamp_nanoseconds")
         rows.setdefault("time", []).append(np.array(stamp))
         rows.setdefault("at", []).append(np.array(float(cycle.time)))
-        audit = values["audit/force"], values["audit/torques"]
-        rows.setdefault("audit", []).append(
-            np.array([
-                cycle.number_of("audit/energy"), cycle.number_of("audit/throughput"), np.linalg.norm(audit[0]),
-                np.max(np.abs(audit[1])), cycle.number_of("audit/warnings"),
-            ])
-        )  # fmt: skip
+        rows.setdefault("audit", []).append(audited(cycle))
         for name, contact in settings.contacts.items():
             wrench = controller.contacts[name].basis @ values[f"force/{name}"]
             size = 3 if isinstance(contact, PointContact | RollingContact) else 6
