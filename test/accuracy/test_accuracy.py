@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from wbc_controller.accuracy.commands import accuracy
-from wbc_controller.accuracy.flaws import FLAWS, Cost, chatter
+from wbc_controller.accuracy.flaws import FLAWS, Cost, chatter, cost_of
 from wbc_controller.accuracy.rig import Rig
 from wbc_controller.accuracy.standing import Stand, consistency, error_of, stand
 from wbc_controller.errors import NoSolution
@@ -69,6 +71,56 @@ def test_chatter_is_the_torque_above_8_hz():
     torques = np.column_stack([slow, slow + fast])
     assert chatter(torques[:, :1], 500.0, np.array([100.0])) == pytest.approx(0.0, abs=1e-4)
     assert chatter(torques, 500.0, np.array([100.0, 100.0])) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.02)
+
+
+class Motions:
+    """In place of a rig: its centre of mass is off by 5 mm, and by twice that in the second motion."""
+
+    made: Motions
+    ends = False
+
+    def __init__(self, config, changes):
+        Motions.made = self
+        self.settings, self.asked, self.faults = config.settings, [], ()
+        self.controller = SimpleNamespace(
+            model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.array([10.0, 10.0]))
+        )
+        self.origin = np.zeros(3)
+        self.report = SimpleNamespace(command=SimpleNamespace(tau=np.ones(2)))
+
+    def stand(self):
+        pass
+
+    def follow(self, times, points):
+        self.asked.append(np.array(points) - self.origin)
+
+    def wanted(self):
+        return self.origin
+
+    def com(self):
+        return self.origin + len(self.asked) * np.array([0.003, 0.0, 0.004])
+
+    def run(self, seconds, look):
+        for _ in range(50):
+            look()
+        if self.ends and len(self.asked) == 2:
+            raise NoSolution("FALLEN: it fell", "damping", None)
+
+
+def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
+    monkeypatch.setattr("wbc_controller.accuracy.flaws.Rig", Motions)
+    cost = cost_of("go2", "joint friction 2 N·m", disturbance="never", known_friction=True)
+    assert (cost.sway, cost.squat, cost.ended) == (pytest.approx(0.005), pytest.approx(0.010), "")
+    settings, (sway, squat) = Motions.made.settings, Motions.made.asked
+    assert (np.abs(sway).max(axis=0).tolist(), squat.min(axis=0).tolist()) == ([0.0, 0.03, 0.0], [0.0, 0.0, -0.05])
+    assert (settings.estimation.base_state, settings.estimation.disturbance) == ("imu", "never")
+    assert {friction.dry for friction in settings.robot.friction.values()} == {settings.mock.joint_friction} == {2.0}
+    assert set(settings.robot.friction) == set(settings.robot.joints)
+    monkeypatch.setattr(Motions, "ends", True)
+    cost = cost_of("go2", "torques 20 % too small")
+    assert [fault.actuator for fault in Motions.made.faults] == ["a", "b"]
+    assert (cost.sway, cost.ended.startswith("FALLEN: it fell")) == (pytest.approx(0.005), True)
+    assert np.isnan(cost.squat)
 
 
 def test_the_table_of_standing_is_printed_and_judged(monkeypatch):

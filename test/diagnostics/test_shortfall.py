@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.control.controller import Controller
-from wbc_controller.diagnostics.shortfall import Shortfall, in_the_way
+from wbc_controller.diagnostics.shortfall import Shortfall, _distance, in_the_way
 
 PERIOD = 0.1
 
@@ -18,13 +18,19 @@ def controller():
     return Controller("go2")
 
 
-def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0):
-    """The sentences of the last of some looks, with a reference of the centre of mass that is so far away."""
+def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approach=0.0):
+    """The sentences of the last of some looks, with a reference of the centre of mass that is so far away.
+
+    Of the first look's error the share `approach` is gone in the last one.
+    """
     shortfall, dynamics = Shortfall({"com": controller.tasks["com"]}), controller.dynamics
-    reference = SimpleNamespace(position=dynamics.com + np.array(goal), velocity=np.full(3, velocity))
-    references = SimpleNamespace(tasks={"com": reference}, weights={"com": weight, "base": 5.0})
-    solution = SimpleNamespace(binding=binding)
-    return [shortfall.sentences(i * PERIOD, dynamics, references, solution) for i in range(times)][-1]
+    found = ()
+    for i in range(times):
+        left = 1.0 - approach * i / times
+        reference = SimpleNamespace(position=dynamics.com + left * np.array(goal), velocity=np.full(3, velocity))
+        references = SimpleNamespace(tasks={"com": reference}, weights={"com": weight, "base": 5.0})
+        found = shortfall.sentences(i * PERIOD, dynamics, references, SimpleNamespace(binding=binding))
+    return found
 
 
 def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
@@ -42,11 +48,18 @@ def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
         {"times": 10},  # not for long enough
         {"goal": [0.0, 0.0, 0.009]},  # near enough
         {"velocity": 0.1},  # on its way
+        {"approach": 0.5},  # it comes nearer
         {"weight": 0.04},  # outweighed: it takes what the others leave
     ],
 )
 def test_what_is_no_shortfall(controller, changes):
     assert said(controller, **{"goal": [0.0, 0.0, 0.035], "times": 12, "binding": {}, **changes}) == ()
+
+
+def test_a_pose_is_short_by_a_distance_and_an_angle():
+    assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.1, 0.0]), "m, rad") == "50 mm and 0.10 rad"
+    assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), "m, rad") == "50 mm"
+    assert _distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
 
 
 def test_where_nothing_binds():

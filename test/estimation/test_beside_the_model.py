@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,9 +12,11 @@ from hypothesis import strategies as st
 from wbc_controller import Simulation
 from wbc_controller.assembly.estimation import make_beside_the_model
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.beside_the_model import BesideTheModel
 from wbc_controller.estimation.disturbance import DisturbanceEstimate, DisturbanceLimits
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.projection import free_part, mobility
+from wbc_controller.records import RobotState
 
 LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
 ON = {"estimation.disturbance": "always"}
@@ -92,6 +96,31 @@ def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
         estimate.look(M, J, contacts, 0.004, np.ones(model.nv))
         estimate.look(M, J, contacts, 0.004, np.ones(model.nv))
     assert not estimate.forces.any()
+
+
+def estimated(model, *, rows=(), gap=0.002, arrived=1.0, relaxed=()):
+    """What is estimated of a velocity that grows by 1 a second, of which the program has predicted nothing."""
+    beside, nv = BesideTheModel(DisturbanceEstimate(model, LIMITS), None, 0.002), model.nv
+    tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
+    solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
+    for i in range(20):
+        state = RobotState(1 + round(1e9 * gap * i), np.zeros(model.nq), np.full(nv, gap * i))
+        beside.look(state)
+        beside.sent(state, solution, arrived * tau, SimpleNamespace(M=np.eye(nv)), lambda contacts: J)
+    return beside.estimate.forces
+
+
+def test_only_what_moves_the_robot_on_its_contacts_is_taken_up(robot_of):
+    _, model = robot_of("go2")
+    found = estimated(model, rows=[3, 7])
+    np.testing.assert_allclose(found[[3, 7]], 0.0, atol=1e-6)
+    assert (np.delete(found, [3, 7]) > 0.01).all()
+
+
+@pytest.mark.parametrize("reason", [{"gap": 0.008}, {"arrived": 0.5}, {"relaxed": ("limit",)}])
+def test_states_that_were_lost_and_torques_that_did_not_arrive_tell_nothing(robot_of, reason):
+    _, model = robot_of("go2")
+    assert not estimated(model, **reason).any()
 
 
 def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_of):

@@ -15,12 +15,12 @@ from wbc_controller.kernels import active_set as kernel
 FEASIBLE, LARGEST = 1.0e-8, 1.0e8
 
 
-def condensed(problem, sides):
+def condensed(problem, sides, largest=LARGEST):
     """What the kernel returns, and what it fills."""
     squares, found, multipliers = problem.cost.squares, Residuals.of(problem), np.zeros(len(sides))
     returned = kernel.condensed(
         squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, LARGEST,
+        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, largest,
         found.value, found.equalities, found.room, multipliers,
     )  # fmt: skip
     return returned, found, multipliers
@@ -87,6 +87,13 @@ def test_the_active_set_of_an_answer_gives_the_same_bits_every_time():
         (_, again, *_), other, _ = condensed(problem, sides)
         assert again == cost
         assert other.value.tobytes() == first.value.tobytes()
+
+
+def test_an_answer_with_larger_multipliers_than_are_allowed_is_none():
+    problem = squares_problem(np.random.default_rng(3))
+    sides = np.sign(make_solver("daqp", problem).solve(problem).multipliers).astype(np.int8)
+    assert condensed(problem, sides)[0][0] == kernel.SOLVED
+    assert condensed(problem, sides, largest=1.0e-6)[0][0] == kernel.ANOTHER_SET
 
 
 @pytest.mark.parametrize("place", ["stack", "minus_target", "slack", "inverse"])

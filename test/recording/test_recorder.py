@@ -53,6 +53,8 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     )
     (refused,) = [event for event in found.events.values() if "refused" in event]
     assert "command 'nonsense' is unknown" in refused["refused"][0]
+    weights = [float(cycle.references["weight/com"][0]) for cycle in found.cycles() if cycle.references]
+    assert weights[0] == weights[20] > weights[-2] > weights[-1] > 3.5  # on its ramp
     channels = {channel.topic: number for number, channel in found.channels.items()}
     stored = [data for number, _, data in read(path, Contents()) if number == channels["/effort_controller/commands"]]
     assert stored == bench._payloads["effort", ""]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -73,7 +76,12 @@ def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, 
 
 
 def test_a_bit_that_is_another_one_is_found(recorded):
-    assert all(each.same for each in Replay(recorded).run(0, 30))
+    solved = list(Replay(recorded).run(0, 30))
+    assert all(each.same for each in solved)
+    cycle = solved[-1].cycle
+    for name in ("tau", "v_dot"):
+        values = {**cycle.values, name: np.nextafter(cycle.values[name], np.inf)}
+        assert not replace(solved[-1], cycle=replace(cycle, values=values)).same
     recorded.events[3]["requests"] = []  # it is not activated then
     assert [each.same for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
 
@@ -154,10 +162,14 @@ def test_another_configuration_beside_it(recorded, tmp_path):
     plots = tmp_path / "plots.html"
     status, said = wbc("replay", recorded.path, "--config", other, "--plot", plots)
     assert status == 0
-    assert "largest diff." in said
+    assert "the mode differs in 0, " in said
+    assert float(re.search(r"the torques by up to ([\d.]+) N", said).group(1)) > 1e-3
     assert "Plotly.newPlot" in plots.read_text()
     same = compare(recorded, recorded.config)
     np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
+    light = Replay(recorded, recorded.config.replace({"tasks.com.weight": 0.01})).run(20, 40)
+    differences = [each.difference for each in light if each.cycle.number > 30]
+    assert min(differences) > 1e-3  # its weights are those of the other file
     status, said = wbc("replay", recorded.path, "--config", "g1")
     assert (status, "its joints are not those of the recording" in said) == (2, True)
     assert wbc("replay", recorded.path, "--plot", plots)[0] == 2
@@ -166,13 +178,15 @@ def test_another_configuration_beside_it(recorded, tmp_path):
 def test_a_long_story_is_cut_in_the_middle(recorded):
     event = recorded.events[3]
     recorded.events.update({1000 + i: {**event, "cycle": 1000 + i} for i in range(200)})
+    recorded.count -= 5
     said = told(recorded).splitlines()
+    assert said[1].startswith("5 cycles lack: ")
     assert len(said) < 60
     assert sum(line.endswith(" more") for line in said) == 1
     assert "cycle 1199" in said[-1]
 
 
-def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path):
+def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path, monkeypatch):
     status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")
     assert status == 0
     assert "Left out, as the controller cannot know it" in said
@@ -181,8 +195,13 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     assert "given by the ground" not in page.split("plotly.js v", maxsplit=1)[0]
     from wbc_controller.control.cycle import ControlCycle
 
-    made, every = recording_of(recorded, ControlCycle(recorded.config, preflight=False))
+    controller = ControlCycle(recorded.config, preflight=False)
+    made, every = recording_of(recorded, controller)
     assert every == 1
+    monkeypatch.setattr("wbc_controller.replay.reporting._MOST", 100)
+    fewer, every = recording_of(recorded, controller)  # of a longer one
+    assert every == -(-recorded.count // 100) > 1
+    assert len(fewer.time) == pytest.approx(len(made.time) / every, abs=1)
     assert not made.true_wrenches
     assert made.tau.shape == (len(made.time), 12)
     assert [mode for _, mode in made.modes] == ["active", "inactive", "active"]
