@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 
+import numpy as np
 import pytest
 from domains import own_domain
 
-from wbc_controller.fuzz.floods import CYCLES, STALL, StopTrial, flood_trials
+from wbc_controller.fuzz.floods import CYCLES, STALL, StopTrial, _gaps, flood_trials
+from wbc_controller.recording.reading import Cycle
 
 #: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
 KINDS, TRIALS = ("activate", "update", "large"), 2
@@ -47,3 +50,10 @@ TRIAL = StopTrial("activate", CYCLES, 0.01, STALL, 0.0, 5000, 10_000.0, True, 0.
 def test_a_trial_is_judged_by_what_the_machine_was_late(change, obeyed, steady):
     trial = dataclasses.replace(TRIAL, **change)
     assert (trial.obeyed, trial.steady) == (obeyed, steady)
+
+
+def test_cycles_that_lack_in_a_recording_are_found():
+    cycles = [Cycle(number, 0, {"stamp_seconds": np.array([1.0]), "stamp_nanoseconds": np.array([100.0 * number])}, {})
+              for number in (3, 4, 5, 9, 10, 12)]  # fmt: skip
+    recorded = types.SimpleNamespace(cycles=lambda: iter(cycles))
+    assert _gaps(recorded) == [(1_000_000_500, 1_000_000_900, 3), (1_000_001_000, 1_000_001_200, 1)]

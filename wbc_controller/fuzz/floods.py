@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +88,8 @@ class StopTrial:
 
     Attributes:
         flood: key of the flood.
-        cycles: cycles in the controller's record after the newest state that the sender knew, up to the first one with
-            zero torques and the fault.
+        cycles: cycles after the newest state that the sender knew, up to the first one in the controller's record with
+            zero torques and the fault, those that lack in the record meanwhile too.
         seen: time from sending until the sender saw the zero torques, s.
         slowest: longest cycle in the record while the flood lasted, s.
         late: lateness of the machine meanwhile, s.
@@ -223,14 +224,14 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
     if status != 0 or not rig.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
     recorded = Recorded(rig.record)
-    lost = recorded.last - recorded.first + 1 - recorded.count  # which may have been any
-    record = columns(recorded)
+    gaps, record = _gaps(recorded), columns(recorded)
     stamps, modes, totals = record["stamp"], record["mode"], record["seconds/total"]
     stopped = ~record["tau"].any(axis=1) & (modes == "fault")
     found = []
     for stop in stops:
         after = stamps > stop.known
         obeyed = np.flatnonzero(after & stopped)
+        lost = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
         found.append(
             StopTrial(
                 flood=kind,
@@ -245,6 +246,17 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
             )
         )
     return found
+
+
+def _gaps(recorded: Recorded) -> list[tuple[int, int, int]]:
+    """Where cycles lack in a recording: stamps of the cycles before and after, ns, and how many lack."""
+    known = [
+        (each.number, int(each.number_of("stamp_seconds")) * 1_000_000_000 + int(each.number_of("stamp_nanoseconds")))
+        for each in recorded.cycles()
+    ]
+    return [
+        (before, stamp, number - last - 1) for (last, before), (number, stamp) in pairwise(known) if number > last + 1
+    ]
 
 
 @dataclass(frozen=True, slots=True)
