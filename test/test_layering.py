@@ -48,7 +48,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "estimation": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
     "bridges": (("core/robot", "core/tasks"), ("numpy", "pinocchio")),
-    "views": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "scipy", "pinocchio", "plotly", "rich")),
+    "views": (
+        ("core/robot", "core/contacts", "core/tasks", "settings"),
+        ("numpy", "scipy", "pinocchio", "coal", "plotly", "rich"),
+    ),
     "assembly": (
         (*CORE, "core/program", "core/solvers", "core/whole_body_qp", "safety", "estimation", "settings"),
         ("numpy", "scipy", "pinocchio", "coal"),
@@ -106,6 +109,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "core/references",
             "core/whole_body_qp",
             "settings",
+            "views",
             "assembly",
             "control",
             "wire",
@@ -114,7 +118,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "service",
             "mock",
         ),
-        ("numpy", "scipy", "pinocchio", "coal", "rich", "plotly"),
+        ("numpy", "scipy", "pinocchio", "rich", "plotly"),
     ),
     "replay": (
         ("core/robot", "core/references", "core/tasks", "settings", "control", "views", "recording", "demo"),
@@ -167,8 +171,24 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pinocchio", "rosbags", "click"),
     ),
     "user": (
-        ("settings", "assembly", "wire", "transports", "service"),
+        ("settings", "assembly", "wire", "transports", "diagnostics", "service"),
         ("numpy", "click", "rich"),
+    ),
+    "viewer": (
+        (
+            "core/robot",
+            "core/contacts",
+            "core/tasks",
+            "settings",
+            "views",
+            "assembly",
+            "wire",
+            "diagnostics",
+            "service",
+            "live",
+            "user",
+        ),
+        ("numpy", "pinocchio", "coal", "click", "viser", "websockets", "trimesh", "fast_simplification"),
     ),
     "cli": (
         (
@@ -185,6 +205,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "bench",
             "fuzz",
             "user",
+            "viewer",
             "identification",
             "accuracy",
         ),
@@ -200,6 +221,7 @@ RESERVED = {
     "cyclonedds": ("transports/dds*.py",),
     "rclpy": ("transports/ros2*.py", "ros2/*"),
     "plotly": ("views/plots.py", "demo/*", "campaign/plots.py"),
+    "viser": ("viewer/*",),
 }
 #: Files that lie at the top of the package: entry points, records, errors and the front door.
 TOP = {"__init__.py", "__main__.py", "cli.py", "node.py", "errors.py", "records.py"}

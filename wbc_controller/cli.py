@@ -24,6 +24,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.user.commands import echo, send, status
 from wbc_controller.user.completion import complete_config
+from wbc_controller.viewer.commands import play, view
 from wbc_controller.wire.topics import parse_remapping
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -52,7 +53,7 @@ def main() -> None:
 main.add_command(accuracy)
 main.add_command(fuzz)
 main.add_command(bench)
-for _command in (send, echo, status, replay, report):
+for _command in (send, echo, status, view, play, replay, report):
     main.add_command(_command)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.control.controller import Controller
-from wbc_controller.diagnostics.shortfall import Shortfall, _distance, in_the_way
+from wbc_controller.diagnostics.shortfall import Shortfall, _distance, in_the_way, in_words
 
 PERIOD = 0.1
 
@@ -64,4 +64,17 @@ def test_a_pose_is_short_by_a_distance_and_an_angle():
 
 def test_where_nothing_binds():
     assert in_the_way({}) == "nothing; other tasks or forces outweigh it"
-    assert in_the_way({f"cone:{i}": 1.0 for i in range(5)}) == "cone:0, cone:1, cone:2, and 2 more"
+    assert in_the_way({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("torque:left_ankle_pitch_joint:lower", "left_ankle_pitch_joint's lower torque limit"),
+        ("normal_force:left_foot:lower", "left_foot's smallest normal force"),
+        ("cone:left_foot", "left_foot's friction, or the edge of its support"),
+        ("self_collision:a/b", "self_collision:a/b"),
+    ],
+)
+def test_constraints_in_words(name, words):
+    assert in_words(name) == words

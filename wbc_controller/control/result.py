@@ -14,14 +14,12 @@ from wbc_controller.core.contacts import UnilateralContact
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, Fault, JointCommand, Mode, References, RobotState, Solution
-from wbc_controller.views.scene import Shape, draw
+from wbc_controller.views.scene import Shape, draw, friction_used
 from wbc_controller.views.tables import Table, as_html, as_text
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 #: Actuators in the table: those with the largest torques, as shares of their limits.
 _MOST = 5
-#: Normal force below which a contact counts as not loaded, in weights of the robot.
-_LOADED = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -111,7 +109,7 @@ class CycleResult:
             raise ValueError("there is nothing to draw: no state has arrived")
         dynamics = Dynamics(self.qp.model)  # that of the program has gone on
         dynamics.update(self.state.q, self.state.v)
-        return draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.solution)
+        return draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces)
 
     def plot(self) -> Any:
         """Draw contact forces, friction cones, support, centre of mass, and the torques as shares of their limits.
@@ -134,14 +132,7 @@ class CycleResult:
 
         NaN where a contact bears next to nothing.
         """
-        used, least = {}, _LOADED * self.qp.model.mass * self.qp.model.gravity
-        for name, force in self.forces.items():
-            contact = self.qp.contacts[name]
-            if isinstance(contact, UnilateralContact):
-                tangential = math.hypot(*(float(force[i]) for i in range(3) if i != contact.normal))
-                allowed = contact.friction * float(force[contact.normal])
-                used[name] = tangential / allowed if force[contact.normal] > least else math.nan
-        return used
+        return friction_used(self.qp.contacts, self.forces, self.qp.model.mass * self.qp.model.gravity)
 
     def __repr__(self) -> str:
         return as_text(self._heading(), self._tables())

@@ -18,12 +18,12 @@ from wbc_controller.assembly.references import make_board
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.contacts import UnilateralContact
 from wbc_controller.core.whole_body_qp import WholeBodyQP
-from wbc_controller.demo.geometry import build_parts
 from wbc_controller.demo.recording import Recording, supports_of
 from wbc_controller.demo.report import json_in_page, replay_data, resource
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
+from wbc_controller.views.geometry import build_parts
 
 #: Margin around what stands on the floor, m, and width of the drawing, pixels.
 _MARGIN, _WIDTH = 0.05, 560

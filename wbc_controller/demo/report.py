@@ -17,10 +17,10 @@ import pinocchio as pin
 from plotly.offline import get_plotlyjs
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.demo.geometry import Part, build_parts
 from wbc_controller.demo.plots import Plot, build_plots, phases
 from wbc_controller.demo.recording import Recording
 from wbc_controller.records import Array
+from wbc_controller.views.geometry import Part, build_parts
 
 FRAME_RATE = 30.0
 #: Largest number of frames; long runs have fewer frames per second, so that the page stays small.

@@ -54,7 +54,9 @@ class MarkerScene:
             solution: solution of the cycle, if there is one.
         """
         self._dynamics.update(state.q, state.v)
-        shapes = draw(self._dynamics, self._tasks, self._contacts, references, solution)
+        shapes = draw(
+            self._dynamics, self._tasks, self._contacts, references, solution.forces if solution is not None else {}
+        )
         return message(
             "visualization_msgs/msg/MarkerArray", markers=[self._marker(state.stamp, shape) for shape in shapes]
         )

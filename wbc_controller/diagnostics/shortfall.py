@@ -19,6 +19,9 @@ _STILL, _PATIENCE = 0.02, 1.0
 _MINOR = 0.01
 #: Constraints that are named, at most: those with the largest multipliers.
 _MOST = 3
+#: Kinds of constraints in words: of joints and actuators, and of contacts.
+_LIMITS = {"motion": "limit of motion", "torque": "torque limit"}
+_FORCES = {"normal_force": "normal force", "yaw_moment": "yaw moment", "force": "force", "moment": "moment"}
 #: Multipliers up to this share of the largest are not what is in the way.
 _NEGLIGIBLE = 1.0e-3
 
@@ -73,16 +76,20 @@ def in_the_way(binding: Mapping[str, float]) -> str:
     """The constraints with the largest multipliers, in words."""
     largest = max(binding.values(), default=0.0)
     names = sorted((name for name in binding if binding[name] > _NEGLIGIBLE * largest), key=lambda name: -binding[name])
-    words = [_in_words(name) for name in names[:_MOST]]
+    words = [in_words(name) for name in names[:_MOST]]
     more = f", and {len(names) - _MOST} more" if len(names) > _MOST else ""
     return ", ".join(words) + more if words else "nothing; other tasks or forces outweigh it"
 
 
-def _in_words(name: str) -> str:
-    """``motion:left_knee_joint:upper`` as ``left_knee_joint's upper limit of motion``."""
+def in_words(name: str) -> str:
+    """A binding constraint as a person reads it: ``motion:left_knee_joint:upper`` as its upper limit of motion."""
     kind, _, rest = name.partition(":")
     subject, _, side = rest.rpartition(":")
-    limits = {"motion": "limit of motion", "torque": "torque limit"}
-    if kind in limits and re.fullmatch(r"upper|lower", side):
-        return f"{subject}'s {side} {limits[kind]}"
+    if kind == "cone":
+        return f"{rest}'s friction, or the edge of its support"
+    if re.fullmatch(r"upper|lower", side):
+        if kind in _LIMITS:
+            return f"{subject}'s {side} {_LIMITS[kind]}"
+        if kind in _FORCES:
+            return f"{subject}'s {'largest' if side == 'upper' else 'smallest'} {_FORCES[kind]}"
     return name

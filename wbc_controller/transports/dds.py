@@ -11,7 +11,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Protocol
 
 from cyclonedds.core import DDSException, GuardCondition, Policy
 from cyclonedds.core import Qos as DdsQos
@@ -36,6 +36,21 @@ _Callback = Callable[[bytes], None]
 #: Longest time for which a full network buffer may block a publisher, ns. It is short because cyclonedds holds Python's
 #: global lock meanwhile, and losing a message is better than losing a control cycle.
 _MAX_BLOCKING_TIME = 10_000_000
+
+
+class Line(Protocol):
+    """A topic that is open for writing."""
+
+    def __call__(self, payload: bytes) -> None:
+        """Send one serialized message.
+
+        Raises:
+            TransportError: if it could not be sent.
+        """
+
+    def finds_reader(self, patience: float) -> bool:
+        """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
+        ...
 
 
 class DdsTransport:
@@ -66,6 +81,7 @@ class DdsTransport:
         self._types = TopicTypes()
         self._topics: dict[str, Any] = {}
         self._publications: list[_Publication] = []
+        self._polled: list[Any] = []
         self._dispatcher: _Dispatcher | None = None
         self._announcement: NodeAnnouncement | None = None
         self._graph: Graph | None = None
@@ -83,6 +99,10 @@ class DdsTransport:
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
+        return self._open(endpoint)
+
+    def line(self, endpoint: Endpoint) -> Line:
+        """Open a topic for writing, to send many messages on."""
         return self._open(endpoint)
 
     def _open(self, endpoint: Endpoint) -> _Publication:
@@ -115,11 +135,8 @@ class DdsTransport:
             TransportError: if it could not be sent, or was not acknowledged in time.
         """
         publication = self._open(endpoint)
-        deadline = time.monotonic() + found_within
-        while not publication.has_reader():
-            if time.monotonic() >= deadline:
-                return False
-            time.sleep(0.005)
+        if not publication.finds_reader(found_within):
+            return False
         publication(payload)
         if not publication.acknowledged(patience):
             raise TransportError(f"what was sent on {endpoint.name} was not acknowledged in {patience:g} s")
@@ -132,6 +149,27 @@ class DdsTransport:
             reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
             dispatcher.add(endpoint, reader, callback)
             announcement.add_reader(reader)
+
+    def poll(self, endpoint: Endpoint) -> Callable[[], bytes | None]:
+        """Open a topic for reading by hand: DDS keeps the newest message, and nothing runs here when one comes.
+
+        Returns:
+            A function that gives the newest message since its last call; None where none has come since.
+        """
+        with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
+            announcement, _ = self._opened(endpoint)
+            reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
+            self._polled.append(reader)
+            announcement.add_reader(reader)
+
+        def newest() -> bytes | None:
+            with self._lock, _translated(f"cannot read {endpoint.name}"):
+                if self._closed:
+                    raise TransportError(f"cannot read {endpoint.name}: the transport is closed")
+                taken = dds_raw.take(reader, endpoint.qos.depth)
+                return taken[-1] if taken else None
+
+        return newest
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Node name of each publisher on a topic, other than this node's own, sorted."""
@@ -173,6 +211,8 @@ class DdsTransport:
     def _delete_entities(self) -> None:
         for publication in self._publications:
             publication.delete()
+        for reader in self._polled:
+            dds_raw.delete(reader)
         for part in (self._dispatcher, self._announcement, self._graph):
             if part is not None:
                 part.delete()
@@ -207,8 +247,14 @@ class _Publication:
         except (DDSException, ValueError) as error:
             raise TransportError(f"cannot publish on {self._topic}: {error}") from error
 
-    def has_reader(self) -> bool:
-        return bool(self._writer.get_matched_subscriptions())
+    def finds_reader(self, patience: float) -> bool:
+        """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
+        deadline = time.monotonic() + patience
+        while not self._writer.get_matched_subscriptions():
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(0.005)
+        return True
 
     def acknowledged(self, patience: float) -> bool:
         """Wait until all readers have what was sent, for at most `patience` seconds."""

@@ -12,7 +12,7 @@ from wbc_controller.errors import WbcError
 from wbc_controller.service.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.service.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.transports.dds import DdsTransport
+from wbc_controller.transports.dds import DdsTransport, Line
 from wbc_controller.user.sentences import Request
 from wbc_controller.wire.messages import decode, encode, header_time
 from wbc_controller.wire.topics import (
@@ -91,6 +91,7 @@ class Session:
         namespace: str = "/",
         remappings: Mapping[str, str] | None = None,
         patience: float = 2.0,
+        node: str = _NODE,
     ) -> None:
         """Join the DDS domain.
 
@@ -99,14 +100,17 @@ class Session:
             namespace: namespace of the nodes.
             remappings: as in `topics.resolve`.
             patience: wall time after which a node that has not been found is not there, s.
+            node: name of the user's own node.
         """
         self.topics = topics_of(settings, namespace, remappings)
         self._settings = settings
         self._status_name = f"{namespace.strip('/')}/{NODE_NAME}: control loop".lstrip("/")
         self._patience = patience
-        self._transport = DdsTransport(_NODE, namespace)
+        self._transport = DdsTransport(node, namespace)
         self._came = threading.Condition()
         self._kept: dict[tuple[str, str, str], deque[bytes]] = {}
+        self._lines: dict[tuple[str, str, str], Line] = {}
+        self._opening = threading.Lock()
 
     def __enter__(self) -> Session:
         return self
@@ -127,6 +131,13 @@ class Session:
                 self._came.notify_all()
 
         self._transport.subscribe(counterpart(self.topics[place]), receive)
+
+    def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
+        """Follow a stream without a callback: gives the newest serialized message since the last call, or None.
+
+        It is read as best effort: whoever sends it waits for no acknowledgment of ours.
+        """
+        return self._transport.poll(dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN))
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
         """The newest message of a topic that is listened to; None before the first one."""
@@ -184,6 +195,26 @@ class Session:
             return self._ask_controller(request)
         self._deliver(request)
         return Answer(True, f"sent to the mock robot: {request.said}")
+
+    def open(self, node: str, key: str, subject: str = "") -> Line:
+        """Open a topic for `send`, which is done once: a node needs a moment to find a new sender."""
+        place = (node, key, subject)
+        with self._opening:
+            if place not in self._lines:
+                self._lines[place] = self._transport.line(counterpart(self.topics[place]))
+            return self._lines[place]
+
+    def send(self, request: Request) -> None:
+        """Send a request, and wait for nothing: its refusal is on the controller's diagnostics. From any thread.
+
+        Raises:
+            NoAnswer: where nobody reads its topic.
+            TransportError: if it could not be sent.
+        """
+        line, content = self.open(request.node, request.key, request.subject), request.make(self.hear)
+        if not line.finds_reader(self._patience):
+            raise NoAnswer(self._absent(request.node))
+        line(encode(content))
 
     def _stop(self, request: Request) -> Answer:
         """Send an emergency stop before anything is heard, then wait until the controller says that it has stopped."""

@@ -7,10 +7,11 @@ from collections import deque
 from typing import Any
 
 from rich.console import RenderableType
+from rich.text import Text
 
 from wbc_controller.settings import Settings
 from wbc_controller.user.session import Session
-from wbc_controller.user.status_view import status_view
+from wbc_controller.user.status_view import Heard, status_view
 
 #: Wall time over which cycles are counted, s.
 _WINDOW = 2.0
@@ -50,7 +51,7 @@ class Watch:
             NoAnswer: where there is no controller.
         """
         self._session.wait_for_controller()
-        self._session.until(lambda: self._look() and len(self._cycles) > 1, "the controller says nothing more")
+        self._session.until(lambda: self.look() and len(self._cycles) > 1, "the controller says nothing more")
         if self._session.mode().startswith(("active", "holding")):
             deadline = time.monotonic() + _PERIODS / self._settings.control.diagnostics_rate
             while time.monotonic() < deadline and not all(
@@ -58,30 +59,34 @@ class Watch:
             ):
                 time.sleep(0.02)
 
-    def _look(self) -> bool:
-        """Take the statuses that have come; whether there is one."""
-        now = time.monotonic()
-        for status in self._session.statuses():
+    def look(self) -> list[Any]:
+        """Take the controller's statuses that have come since, oldest first."""
+        now, came = time.monotonic(), list(self._session.statuses())
+        for status in came:
             self._status = status
             self._cycles.append((now, int(next(value.value for value in status.values if value.key == "cycle"))))
         while len(self._cycles) > 2 and now - self._cycles[0][0] > _WINDOW:
             self._cycles.popleft()
-        return self._status is not None
+        return came
 
     def picture(self) -> RenderableType:
         """The newest picture."""
-        self._look()
+        self.look()
+        heard = self.heard()
+        return Text("the controller has said nothing") if heard is None else status_view(self._settings, heard)
+
+    def heard(self) -> Heard | None:
+        """What was said last, up to the last `look`; None before the controller's first status."""
+        if self._status is None:
+            return None
         (first, before), (last, after) = self._cycles[0], self._cycles[-1]
         guard = self._session.newest("guard", "state")
         tasks = {
-            name: (
-                self._newest(name, "task_value"),
-                self._newest(name, "task_reference"),
-            )
+            name: (self._newest(name, "task_value"), self._newest(name, "task_reference"))
             for name in self._settings.tasks
         }
         rate = (after - before) / (last - first) if last > first else float("nan")
-        return status_view(self._settings, self._status, rate, tasks, "" if guard is None else str(guard.data))
+        return Heard(self._status, rate, tasks, "" if guard is None else str(guard.data))
 
     def _newest(self, name: str, key: str) -> Any | None:
         return self._session.newest("controller", key, name) if (name, key) in self._places else None

@@ -21,7 +21,7 @@ from wbc_controller.core.tasks import (
     RelativePoseTask,
     Task,
 )
-from wbc_controller.records import Array, Reference, References, Solution
+from wbc_controller.records import Array, Reference, References
 
 #: Length of the arrow for a force as large as the robot's weight, m.
 FORCE_LENGTH = 0.5
@@ -71,7 +71,7 @@ def draw(
     tasks: Mapping[str, Task],
     contacts: Mapping[str, Contact],
     references: References | None,
-    solution: Solution | None,
+    forces: Mapping[str, Array],
 ) -> list[Shape]:
     """Draw one state with what is wanted and what was answered.
 
@@ -80,12 +80,11 @@ def draw(
         tasks: by name.
         contacts: by name.
         references: what is wanted, where the controller is active.
-        solution: its answer, if there is one.
+        forces: what it counts on, by contact, in the form of `Solution.forces`; empty where there is no solution.
 
     Returns:
         The shapes that have points.
     """
-    forces = solution.forces if solution is not None else {}
     corners = {name: contact.points(dynamics) for name, contact in contacts.items()}
     feet = [name for name in (forces or corners) if _supports(contacts[name])]
     standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
@@ -111,6 +110,27 @@ def draw(
         shapes.append(_shape("task_errors", 0, LINE_LIST, 0.006, lines))
         shapes.append(_shape("references", 0, SPHERE_LIST, 0.02, lines[1::2]))
     return [shape for shape in shapes if len(shape.points)]
+
+
+def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
+    """Of each contact with a friction cone the tangential force, as a share of what friction allows.
+
+    Args:
+        contacts: by name.
+        forces: of the active ones, in the form of `Solution.forces`.
+        weight: of the robot, N.
+
+    Returns:
+        The shares by name, NaN where a contact bears next to nothing.
+    """
+    used = {}
+    for name, force in forces.items():
+        contact = contacts[name]
+        if isinstance(contact, UnilateralContact):
+            tangential = math.hypot(*(float(force[i]) for i in range(3) if i != contact.normal))
+            allowed = contact.friction * float(force[contact.normal])
+            used[name] = tangential / allowed if force[contact.normal] > _LOADED * weight else math.nan
+    return used
 
 
 def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Array] | Array) -> Shape:

@@ -8,8 +8,8 @@ from scipy.spatial import ConvexHull
 from synthetic_run import robot
 
 from wbc_controller.core.robot.from_urdf import build_model
-from wbc_controller.demo.geometry import TRIANGLES, build_parts, convex_hull
 from wbc_controller.settings.resources import share_folder
+from wbc_controller.views.geometry import TRIANGLES, build_parts, convex_hull
 
 ROBOTS = ("g1", "talos", "go2")
 PRIMITIVES = """

@@ -1,6 +1,6 @@
-"""A light visual geometry of a robot: one small convex hull for every visual of the URDF.
+"""What a robot looks like: the visuals of its URDF, and a light geometry of one small convex hull for each of them.
 
-The replay must also be drawn by a browser without a GPU, which can handle only a few thousand triangles.
+The replay in a report must also be drawn by a browser without a GPU, which can handle only a few thousand triangles.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ BONE = 0.03
 #: and sensors would only flicker.
 BADGE = 0.015
 
-_GREY = (0.62, 0.64, 0.67)
+#: Color of what has none, red, green and blue.
+GREY = (0.62, 0.64, 0.67)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,16 +59,33 @@ class Part:
     color: tuple[float, float, float]
 
 
-def build_parts(model: RobotModel) -> tuple[Part, ...]:
-    """Build the visual parts of a robot.
+@dataclass(frozen=True, slots=True, eq=False)
+class Visual:
+    """A visual of the URDF, as it is there.
 
-    Links whose meshes are missing get a bone to each of the next joints, and a warning is logged.
+    Attributes:
+        name: name of the visual.
+        joint: as in `Part`.
+        placement: of the shape in the joint's frame.
+        shape: a mesh or a primitive.
+        color: red, green and blue from 0 to 1; None where the URDF gives none.
+    """
+
+    name: str
+    joint: int
+    placement: pin.SE3
+    shape: coal.CollisionGeometry
+    color: tuple[float, float, float] | None
+
+
+def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:
+    """Read the visuals of a robot; a warning is logged for each mesh that is missing.
 
     Args:
         model: the robot's model; its URDF may name meshes as ``package://…``, ``file://…`` or by absolute path.
 
     Returns:
-        The parts, in the order of the URDF.
+        The visuals, in the order of the URDF, and the joints that move links whose meshes are missing.
 
     Raises:
         ConfigurationError: if the visual geometry of the URDF cannot be read.
@@ -82,21 +100,37 @@ def build_parts(model: RobotModel) -> tuple[Part, ...]:
         )
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: its visual geometry cannot be used: {error}") from error
-    parts = []
+    visuals = []
     for item in geometry.geometryObjects:
-        points = _points(item.geometry)
-        if points is None:
-            logger.warning("%s: a %s cannot be drawn", item.name, type(item.geometry).__name__)
-            continue
-        placed = points @ item.placement.rotation.T + item.placement.translation
         red, green, blue = np.clip(item.meshColor[:3], 0.0, 1.0)
-        color = (float(red), float(green), float(blue)) if item.overrideMaterial else _GREY
-        parts.append(Part(str(item.name), int(item.parentJoint), *convex_hull(placed), color))
+        color = (float(red), float(green), float(blue)) if item.overrideMaterial else None
+        visuals.append(Visual(str(item.name), int(item.parentJoint), item.placement, item.geometry, color))
+    return tuple(visuals), tuple(sorted({_joint_of(model, link) for link in bare_links}))
+
+
+def build_parts(model: RobotModel) -> tuple[Part, ...]:
+    """Build the light parts of a robot, in the order of the URDF; errors as for `read_visuals`.
+
+    Links whose meshes are missing get a bone to each of the next joints.
+    """
+    visuals, bare = read_visuals(model)
+    parts = [part for part in map(hull_of, visuals) if part is not None]
     parts = [part for part in parts if not any(_embedded(part, other) for other in parts)]
     drawn = {part.joint for part in parts}
-    for joint in sorted({_joint_of(model, link) for link in bare_links} - drawn):
-        parts.extend(_bones(model, joint))
+    for joint in bare:
+        if joint not in drawn:
+            parts.extend(bones(model, joint))
     return tuple(parts)
+
+
+def hull_of(visual: Visual) -> Part | None:
+    """The convex hull of a visual; None, with a warning, for a shape that has none."""
+    points = _points(visual.shape)
+    if points is None:
+        logger.warning("%s: a %s cannot be drawn", visual.name, type(visual.shape).__name__)
+        return None
+    placed = points @ visual.placement.rotation.T + visual.placement.translation
+    return Part(visual.name, visual.joint, *convex_hull(placed), visual.color or GREY)
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
@@ -220,14 +254,14 @@ def _joint_of(model: RobotModel, link: str) -> int:
     return int(model.pinocchio.frames[model.pinocchio.getFrameId(link, pin.BODY)].parentJoint)
 
 
-def _bones(model: RobotModel, joint: int) -> list[Part]:
+def bones(model: RobotModel, joint: int) -> list[Part]:
     """Make a knob at a joint, and a bar from it to each of the joints that it carries."""
     robot = model.pinocchio
     name = str(robot.names[joint])
     cube = BONE * np.array(list(product((-1.0, 1.0), repeat=3)))
-    parts = [Part(f"{name}_knob", joint, *convex_hull(cube), _GREY)]
+    parts = [Part(f"{name}_knob", joint, *convex_hull(cube), GREY)]
     for child in range(joint + 1, robot.njoints):
         if robot.parents[child] == joint:
             ends = np.vstack([0.4 * cube, 0.4 * cube + robot.jointPlacements[child].translation])
-            parts.append(Part(f"{name}_to_{robot.names[child]}", joint, *convex_hull(ends), _GREY))
+            parts.append(Part(f"{name}_to_{robot.names[child]}", joint, *convex_hull(ends), GREY))
     return parts

@@ -1,0 +1,105 @@
+"""Serves the page of a running robot, from its topics."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+
+import click
+
+from wbc_controller.errors import TransportError
+from wbc_controller.settings import Settings
+from wbc_controller.user.session import Session
+from wbc_controller.viewer.listening import Listener
+from wbc_controller.viewer.meshes import build_meshes
+from wbc_controller.viewer.moment import Robot
+from wbc_controller.viewer.page import Commands, Page
+from wbc_controller.viewer.sending import Sender
+from wbc_controller.viewer.server import Gate, address, open_server
+from wbc_controller.wire.topics import MOCK_NODE
+
+#: Name of the page's own node.
+_NODE = "wbc_page"
+#: Wall time between two looks at who publishes the joint states, s.
+_LOOK = 1.0
+
+
+def serve(
+    settings: Settings,
+    stop: threading.Event,
+    *,
+    host: str,
+    port: int,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+    commands: bool = False,
+    ready: Callable[[str], None] = lambda address: None,
+) -> None:
+    """Serve the page until the event is set.
+
+    Args:
+        settings: of the robot.
+        stop: event that ends it.
+        host: address to listen on.
+        port: port to listen on, or the next one that is free.
+        namespace: namespace of the robot's nodes.
+        remappings: of their topics.
+        commands: whether the page may command.
+        ready: called with the page's address when it can be opened.
+
+    Raises:
+        ConfigurationError: if the robot cannot be drawn, or the address is none of this computer.
+        NoAnswer: where the configuration names no URDF, and nobody publishes it.
+    """
+    with Session(settings, namespace=namespace, remappings=remappings, node=_NODE) as session:
+        urdf = None if settings.robot.urdf else str(session.hear("mock", "robot_description").data)
+        robot = Robot(settings, urdf)
+        meshes = build_meshes(robot.model)
+        gate = Gate(host)
+        server = open_server(host, port, gate)
+        try:
+            page = Page(server, robot, meshes, Listener(session, robot))
+            sender = None
+            if commands:
+                sender = Sender(settings, session.send, page.told)
+                _open_lines(session)
+                page.command(Commands(sender, _MockWatch(session)))
+                sender.start()
+            page.view_options()
+            found = address(gate, host)
+            click.echo(f"page: {found}" + ("" if commands else "  (it watches; --command lets it command)"))
+            ready(found)
+            try:
+                page.run(stop)
+            finally:
+                if sender is not None:
+                    sender.close()
+        finally:
+            server.stop()
+
+
+def _open_lines(session: Session) -> None:
+    """Open now what must not wait for being found: the stop, setpoints, and pushes."""
+    session.open("controller", "command")
+    for place in session.topics:
+        if place[:2] in (("controller", "setpoint"), ("mock", "push")):
+            session.open(*place)
+
+
+class _MockWatch:
+    """Whether the robot is a mock robot: its node publishes the joint states."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._due, self._is = session, 0.0, False
+
+    def __call__(self) -> bool:
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + _LOOK
+            try:
+                names = self._session.publishers(self._session.topics["mock", "joint_states", ""])
+            except TransportError:
+                return self._is  # the page is closing
+            self._is = any(name.rpartition("/")[2] == MOCK_NODE for name in names)
+        return self._is
