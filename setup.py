@@ -52,7 +52,9 @@ setup(
         "test": ["pytest>=7.4"],  # by this, colcon test knows that the tests are pytest's
         "plots": ["plotly>=7.1,<8"],
         "campaign": ["joblib>=1.4,<2"],  # for wbc faults
-        "demo": ["wbc_controller[robots,mock,plots,campaign]"],
+        # For wbc view and wbc play: the page, and what makes meshes small enough for a browser.
+        "view": ["viser>=1.1.1,<1.2", "websockets>=13.1,<17", "trimesh>=4,<6", "fast-simplification>=0.1.9,<0.3"],
+        "demo": ["wbc_controller[robots,mock,plots,campaign,view]"],
     },
     entry_points={
         "console_scripts": [

@@ -41,7 +41,7 @@ class Controls:
             sender: sends what they ask for.
         """
         self._gui, self._settings, self._sender = server.gui, robot.settings, sender
-        self._touched: dict[Any, float] = {}
+        self._touched: dict[int, float] = {}
         self._tasks: dict[str, tuple[Any, Any | None]] = {}
         self._contacts: dict[str, Any] = {}
         self._modes()
@@ -131,7 +131,7 @@ class Controls:
 
         def switched(event: Any) -> None:
             if event.client_id is not None:
-                self._touched[switch] = time.monotonic()
+                self._touched[id(switch)] = time.monotonic()
                 self._sender.say(*words, "on" if switch.value else "off")
 
         switch.on_update(switched)
@@ -144,7 +144,7 @@ class Controls:
 
         def moved(event: Any) -> None:
             if event.client_id is not None:
-                self._touched[slider] = time.monotonic()
+                self._touched[id(slider)] = time.monotonic()
                 self._sender.drag(f"{first} {key}", event.client_id, [first, subject, f"{slider.value:.6g}"])
 
         slider.on_update(moved)
@@ -161,5 +161,5 @@ class Controls:
         slider.on_update(moved)
 
     def _follow(self, control: Any, value: Any) -> None:
-        if time.monotonic() - self._touched.get(control, -_OWN) >= _OWN and control.value != value:
+        if time.monotonic() - self._touched.get(id(control), -_OWN) >= _OWN and control.value != value:
             control.value = value

@@ -1,0 +1,92 @@
+"""A browser without a screen: it speaks viser's own messages over the connection that its page opens."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import msgspec
+import viser
+import zstandard
+from websockets.sync.client import ClientConnection, connect
+
+#: Where the camera of a page is; the server counts a page as there when it has said so.
+_CAMERA = {
+    "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (2.0, 0.0, 1.0), "fov": 0.8, "near": 0.01, "far": 100.0,
+    "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.5), "up_direction": (0.0, 0.0, 1.0),
+}  # fmt: skip
+
+
+class Browser:
+    """One page: it keeps what the server has told it of the scene and of the controls."""
+
+    def __init__(self, port: int, *, path: str = "/", **options: Any) -> None:
+        self.positions: dict[str, tuple[float, ...]] = {}
+        self.controls: dict[str, dict[str, Any]] = {}
+        self.updates = 0
+        self._connection: ClientConnection = connect(
+            f"ws://127.0.0.1:{port}{path}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options
+        )
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+        self.say("ViewerCameraMessage", **_CAMERA)
+
+    def close(self) -> None:
+        self._connection.close()
+        self._thread.join()
+
+    def cut(self) -> None:
+        """Go without a word, as when the browser is killed."""
+        self._connection.socket.close()
+
+    def say(self, kind: str, **fields: Any) -> None:
+        """Send one of viser's messages."""
+        self._connection.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+    def drag(self, handle: str, phase: str, position: Any = (), wxyz: Any = (1.0, 0.0, 0.0, 0.0)) -> None:
+        """A handle is gripped (start), moved (update) or let go (end)."""
+        name = f"/handles/{handle}"
+        if phase == "update":
+            self.say("TransformControlsUpdateMessage", name=name, wxyz=wxyz, position=tuple(map(float, position)))
+        else:
+            self.say(f"TransformControlsDrag{phase.capitalize()}Message", name=name)
+
+    def pull(self, link: str, phase: str, start: Any, end: Any) -> None:
+        """A link is pulled on."""
+        self.say(
+            "SceneNodeDragMessage", phase=phase, name=link, instance_index=None,
+            start_position=tuple(map(float, start)), start_screen_pos=(0.5, 0.5),
+            end_position=tuple(map(float, end)), end_screen_pos=(0.5, 0.5), button="left", modifier="shift",
+        )  # fmt: skip
+
+    def set(self, label: str, value: Any) -> None:
+        """Press a button (True), or set a switch or a slider, by its label."""
+        found = [uuid for uuid, props in self.controls.items() if props.get("label") == label]
+        self.say("GuiUpdateMessage", uuid=found[0], updates={"value": value})
+
+    def until(self, condition: Any, patience: float = 20.0) -> None:
+        deadline = time.monotonic() + patience
+        while not condition():
+            assert time.monotonic() < deadline, "what was waited for has not come"
+            time.sleep(0.005)
+
+    def _read(self) -> None:
+        inflate = zstandard.ZstdDecompressor()
+        try:
+            for payload in self._connection:
+                size = int.from_bytes(payload[8:16], "little")
+                for message in msgspec.msgpack.decode(inflate.decompress(payload[16 : 16 + size]))["messages"]:
+                    self._take(message)
+        except Exception:  # noqa: S110 - the connection has been cut, which is what some tests do
+            pass
+
+    def _take(self, message: dict[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "SetPositionMessage":
+            self.positions[message["name"]] = tuple(message["position"])
+        elif kind.startswith("Gui") and "props" in message:
+            self.controls[message["uuid"]] = dict(message["props"])
+        elif kind == "GuiUpdateMessage" and message["uuid"] in self.controls:
+            self.controls[message["uuid"]] |= message["updates"]
+            self.updates += 1

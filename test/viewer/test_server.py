@@ -1,0 +1,114 @@
+"""Who may look at the page, on the real server and by real requests."""
+
+from __future__ import annotations
+
+import urllib.error
+import urllib.request
+
+import pytest
+
+viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+import websockets.asyncio.server  # noqa: E402 - after the check for viser
+from browser import Browser  # noqa: E402
+from websockets.exceptions import InvalidStatus  # noqa: E402
+
+from wbc_controller.errors import ConfigurationError, TransportError  # noqa: E402
+from wbc_controller.viewer.server import Gate, address, open_server  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def locked():
+    """A server that asks for a token, as one does on any address beyond the loopback."""
+    gate = Gate("0.0.0.0")
+    gate.server = open_server("127.0.0.1", 0, gate)
+    yield gate
+    gate.server.stop()
+
+
+@pytest.fixture(scope="module")
+def local():
+    gate = Gate("127.0.0.1")
+    server = open_server("127.0.0.1", 0, gate)
+    yield gate
+    server.stop()
+
+
+def get(gate, path="/", **headers):
+    """Status, headers and the first bytes of the answer."""
+    request = urllib.request.Request(f"http://127.0.0.1:{gate.port}{path}", headers=headers)
+    try:
+        with urllib.request.urlopen(request) as answer:
+            return answer.status, answer.headers, answer.read()
+    except urllib.error.HTTPError as refusal:
+        return refusal.code, refusal.headers, refusal.read()
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/index.html", "/?websocket"])
+def test_without_the_token_there_is_no_page(locked, path):
+    status, headers, text = get(locked, path)
+    assert (status, b"needs the token" in text, headers["Set-Cookie"]) == (403, True, None)
+
+
+@pytest.mark.parametrize("headers", [{}, {"Cookie": "wbc_token=x"}, {"Cookie": ";;=, wbc"}, {"Upgrade": "websocket"}])
+def test_without_the_token_there_is_no_connection(locked, headers):
+    with pytest.raises(InvalidStatus) as refusal:
+        Browser(locked.port, additional_headers=headers)
+    assert refusal.value.response.status_code == 403
+    assert not locked.server.get_clients()
+
+
+def test_the_address_that_is_printed_opens_the_page_and_its_connection(locked):
+    where = address(locked, "0.0.0.0")
+    assert where.endswith(f":{locked.port}/?token={locked.token}")
+    assert len(locked.token) >= 32
+    status, headers, text = get(locked, f"/?token={locked.token}")
+    assert (status, b"<html" in text.lower()) == (200, True)
+    cookie = headers["Set-Cookie"]
+    assert {"HttpOnly", "SameSite=Strict"} <= set(cookie.split("; "))
+    page = Browser(locked.port, additional_headers={"Cookie": cookie.partition(";")[0]})
+    page.until(lambda: len(locked.server.get_clients()) == 1)
+    page.close()
+
+
+def test_two_servers_have_two_tokens():
+    assert Gate("0.0.0.0").token != Gate("0.0.0.0").token
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "robot.example"},  # a name that a web site has point to this computer
+        {"Origin": "http://robot.example"},
+        {"Origin": "null"},
+    ],
+)
+def test_a_web_site_cannot_speak_to_the_page_of_this_computer(local, headers):
+    assert local.token == ""
+    assert get(local)[0] == 200
+    assert get(local, **headers)[0] == 403
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.0.0.1:9000", "[::1]:8080"])
+def test_a_tunnel_may_end_at_another_port(local, host):
+    assert get(local, Host=host, Origin=f"http://{host}")[0] == 200
+
+
+def test_nothing_is_served_where_viser_does_not_ask(monkeypatch):
+    serve = websockets.asyncio.server.serve
+    monkeypatch.setattr("wbc_controller.viewer.server._asked", _asked_nothing)
+    with pytest.raises(TransportError, match="does not ask who may see its page; nothing is served"):
+        open_server("127.0.0.1", 0, Gate("127.0.0.1"))
+    assert websockets.asyncio.server.serve is serve
+
+
+def _asked_nothing(gate):
+    import contextlib
+    import threading
+
+    return contextlib.nullcontext(threading.Event())
+
+
+def test_an_address_that_is_not_of_this_computer():
+    with pytest.raises(ConfigurationError, match=r"--host 192\.0\.2\.1: this computer cannot listen there"):
+        open_server("192.0.2.1", 0, Gate("192.0.2.1"))
