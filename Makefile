@@ -1,17 +1,20 @@
-# `make demo` and `make test` are all that a newcomer needs; each sets up what it uses, in .venv.
+# `make demo`, `make play` and `make test` are all that a newcomer needs; each sets up what it uses, in .venv.
 PYTHON ?= python3
 ROBOT ?= g1
 VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench docs lock clean
+.PHONY: help demo play test lint bench docs lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 10
 
 demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be shoved: make demo ROBOT=talos
 	$(BIN)/wbc demo $(ROBOT)
+
+play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag its hands: make play ROBOT=go2
+	$(BIN)/wbc play $(ROBOT)
 
 test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that need the processors to themselves
 	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live"
@@ -45,7 +48,7 @@ $(BIN)/python:
 
 # The locked requirements first, by hash; then this package itself, in place.
 $(VENV)/%.installed: requirements/%.txt setup.py | $(BIN)/python
-	@echo "Installing the locked requirements into $(VENV): about 375 MB to download the first time."
+	@echo "Installing the locked requirements into $(VENV): about 395 MB to download the first time."
 	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes --requirement $<
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation --editable .
 	@touch $@

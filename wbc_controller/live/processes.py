@@ -32,7 +32,15 @@ class Processes:
         processes: those that run, by name.
     """
 
-    def __init__(self, robot: str, folder: Path, domain: int, changes: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        robot: str,
+        folder: Path,
+        domain: int,
+        changes: Mapping[str, Any] | None = None,
+        *,
+        own_sessions: bool = False,
+    ) -> None:
         """Write the configuration. No process is started yet.
 
         Args:
@@ -40,6 +48,8 @@ class Processes:
             folder: for the configuration and the logs; it is made.
             domain: DDS domain.
             changes: of settings, by dotted key.
+            own_sessions: start each process in a session of its own: Ctrl-C then reaches this process alone, and Linux
+                shares the processors out between sessions, so that a busy browser does not starve the controller.
 
         Raises:
             ConfigurationError: if there is no such robot, or a value is not valid.
@@ -47,7 +57,7 @@ class Processes:
         config = load(robot).replace(changes or {})
         self.settings = config.settings
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
+        self._folder, self._own_sessions = folder, own_sessions
         self.configuration = folder / "robot.yaml"
         self.configuration.write_text(config.to_yaml(), encoding="utf-8")
         self._environment = {
@@ -80,7 +90,9 @@ class Processes:
         ours = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         try:
             with (self._folder / f"{name}.log").open("ab") as log:
-                process = subprocess.Popen(command, env=self._environment, stdout=log, stderr=log)  # noqa: S603 - our own
+                process = subprocess.Popen(  # noqa: S603 - our own
+                    command, env=self._environment, stdout=log, stderr=log, start_new_session=self._own_sessions
+                )
         finally:
             signal.signal(signal.SIGHUP, ours)
         self.processes[name] = process

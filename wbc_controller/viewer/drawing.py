@@ -25,10 +25,13 @@ GROUPS: Mapping[str, str] = {
 }
 #: Groups that are shown and hidden with another one.
 _WITH = {"references": "task_errors", "contacts": "support"}
-#: Movement below which a link is not drawn anew, m or the sine of half an angle.
-_STILL = 5.0e-5
+#: Movement below which a link, and a shape, is not drawn anew, m or the sine of half an angle: a page whose robot
+#: stands still then draws nothing, which without a GPU spares the processors that the controller runs on.
+_STILL, _STEADY = 1.0e-4, 1.0e-3
 #: Brightest and darkest grey of a link: what is white or black has no shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
+#: Opacity of a robot that is seen through.
+_TRANSLUCENT = 0.35
 
 
 class Drawing:
@@ -84,6 +87,16 @@ class Drawing:
         """Show or hide a group of shapes."""
         self._shown[group] = shown
 
+    def see_through(self, translucent: bool) -> None:
+        """Make the robot translucent, or not."""
+        for handle, _ in self.links:
+            handle.opacity = _TRANSLUCENT if translucent else None
+
+    def fine(self, fine: bool) -> None:
+        """Draw shadows and reflections, or not: without a GPU they cost several times what the rest does."""
+        self._scene.configure_default_lights(True, cast_shadow=fine)
+        self._scene.configure_environment_map("studio" if fine else None, environment_intensity=0.6)
+
     def _draw(self, shapes: Sequence[Shape]) -> None:
         absent = set(self._shapes)
         for shape in shapes:
@@ -134,7 +147,8 @@ class _Drawn:
                 made = self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size)
             self._handles.append(made)
         (handle,) = self._handles
-        handle.points = points.astype(np.float32)
+        if handle.points.shape != points.shape or np.abs(points - handle.points).max() > _STEADY:
+            handle.points = points.astype(np.float32)
         handle.visible = True
 
     def _balls(self, shape: Shape) -> None:
@@ -143,7 +157,9 @@ class _Drawn:
             ball = self._scene.add_icosphere(name, shape.size / 2.0, color=self._rgb, subdivisions=2, cast_shadow=False)
             self._handles.append(ball)
         for handle, point in zip(self._handles, shape.points, strict=False):
-            handle.position, handle.visible = point, True
+            if np.abs(point - handle.position).max() > _STEADY:
+                handle.position = point
+            handle.visible = True
         for handle in self._handles[len(shape.points) :]:
             handle.visible = False
 

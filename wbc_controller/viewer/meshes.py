@@ -19,6 +19,8 @@ from wbc_controller.views.geometry import GREY, Visual, bones, hull_of, read_vis
 TRIANGLES = 60_000
 #: Fewest triangles of a mesh that has as many.
 _FEWEST = 200
+#: How fast triangles are removed, from 0 to 10: with less care, parts come apart at their edges.
+_CAREFUL = 3
 #: Angle between two triangles from which on their edge is drawn sharp, rad.
 _SHARP = 0.6
 #: Vertices closer than this are one, m: a file of triangles has each of its corners several times.
@@ -76,7 +78,9 @@ def _mesh(visual: Visual, most: int) -> Mesh | None:
     _, first, same = np.unique(np.round(points / _SAME), axis=0, return_index=True, return_inverse=True)
     points, corners = points[first], same.reshape(-1)[corners]
     if len(corners) > most:
-        points, corners = fast_simplification.simplify(points.astype(np.float32), corners, target_count=most)
+        points, corners = fast_simplification.simplify(
+            points.astype(np.float32), corners, target_count=most, agg=_CAREFUL
+        )
     placed = points @ visual.placement.rotation.T + visual.placement.translation
     return Mesh(visual.name, visual.joint, *_drawn(placed, corners), color)
 

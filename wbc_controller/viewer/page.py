@@ -13,7 +13,7 @@ import numpy as np
 import viser
 import viser.uplot
 
-from wbc_controller.settings import Settings
+from wbc_controller.records import Array
 from wbc_controller.viewer import panels
 from wbc_controller.viewer.controls import Controls
 from wbc_controller.viewer.drawing import GROUPS, Drawing
@@ -94,6 +94,7 @@ class Page:
         gui.set_panel_label(robot.model.name)
         self._look_of(server, robot)
         self.drawing = Drawing(server, robot, meshes)
+        self.drawing.fine(False)
         panel = gui.add_panel()
         with panel.add_tab("Controller"):
             self._now = gui.add_html("")
@@ -111,14 +112,13 @@ class Page:
         scene = server.scene
         scene.set_up_direction("+z")
         scene.add_grid(
-            "/floor", infinite_grid=True, fade_distance=12.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.25,
-            cell_color=(222, 226, 230), section_color=(190, 196, 203), plane_color=(248, 249, 250), plane_opacity=1.0,
+            "/floor", infinite_grid=True, fade_distance=12.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.2,
+            cell_color=(222, 226, 230), section_color=(190, 196, 203),
         )  # fmt: skip
-        scene.configure_environment_map("studio", environment_intensity=0.6)
-        height = max(0.5, 1.45 * float(robot.dynamics.com[2] - min(robot.dynamics.frames[:, 11])))
-        server.initial_camera.position = (1.25 * height, -1.15 * height, 0.95 * height)
-        server.initial_camera.look_at = (0.0, 0.0, 0.47 * height)
-        server.initial_camera.fov = 0.75
+        position, look_at, fov = camera(robot)
+        server.initial_camera.position = position
+        server.initial_camera.look_at = look_at
+        server.initial_camera.fov = fov
 
     def command(self, commands: Commands) -> None:
         """Let the page command; before `run`."""
@@ -146,6 +146,10 @@ class Page:
             for group, label in GROUPS.items():
                 box = gui.add_checkbox(label, True)
                 box.on_update(lambda event, group=group, box=box: self.drawing.toggle(group, box.value))
+            through = gui.add_checkbox("See through it", False, hint="A translucent robot.")
+            through.on_update(lambda event: self.drawing.see_through(through.value))
+            fine = gui.add_checkbox("Shadows", False, hint="Shadows and reflections: for browsers with a GPU.")
+            fine.on_update(lambda event: self.drawing.fine(fine.value))
         if self._commands is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page watches. '
                          "Start it with --command to command.</div>")  # fmt: skip
@@ -238,6 +242,8 @@ class Page:
             cycles.data = (time, cycle)
 
 
-def page_label(settings: Settings, robot: str) -> str:
-    """What the page is called."""
-    return f"{robot} · {settings.control.rate:g} Hz"
+def camera(robot: Robot) -> tuple[Array, Array, float]:
+    """Where the camera is at first and what it looks at, (3,) each in m, and its vertical angle of view, rad."""
+    dynamics = robot.dynamics
+    height = max(0.5, 1.45 * float(dynamics.com[2] - dynamics.frames[:, 11].min()))
+    return height * np.array([1.55, -1.35, 1.0]), height * np.array([0.0, 0.0, 0.47]), 0.75

@@ -48,7 +48,7 @@ def play(robot: str, stop: threading.Event, *, host: str, port: int, domain: int
     trouble: list[str] = []
     with (
         tempfile.TemporaryDirectory(prefix="wbc_play_") as folder,
-        contextlib.closing(Processes(robot, Path(folder), domain)) as processes,
+        contextlib.closing(Processes(robot, Path(folder), domain, own_sessions=True)) as processes,
     ):
         processes.start("mock")
         processes.start("controller", "--activate")

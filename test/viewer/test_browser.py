@@ -1,0 +1,200 @@
+"""`wbc play` in a real browser: each button, a handle, a shove and a slider, and what topics and robot make of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+playwright = pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright, of requirements/dev")
+
+from domains import own_domain  # noqa: E402 - after the checks for what is not always there
+
+from wbc_controller.assembly.robot import make_model  # noqa: E402
+from wbc_controller.settings.config import load  # noqa: E402
+from wbc_controller.user.session import Session  # noqa: E402
+from wbc_controller.viewer.moment import Robot  # noqa: E402
+from wbc_controller.viewer.page import camera  # noqa: E402
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium or google-chrome on this computer"),
+]
+# Without a GPU, the browser takes both processors of a small computer, and torques are late: that is not tested here.
+CONFIG = load("g1").replace({"safety.state_timeout": 1.0})
+SIZE = {"width": 1280, "height": 800}
+
+
+@pytest.fixture(scope="module")
+def playing(tmp_path_factory):
+    """The process of `wbc play`, and the address of its page."""
+    folder, domain = tmp_path_factory.mktemp("play"), own_domain()
+    robot = folder / "g1.yaml"
+    robot.write_text(CONFIG.to_yaml(), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
+        patch.delenv("DISPLAY", raising=False)
+        command = [sys.executable, "-m", "wbc_controller", "play", str(robot), "--port", "0", "--domain", str(domain)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        address = ""
+        for line in process.stdout:
+            if found := re.match(r"page: (\S+)", line):
+                address = found[1]
+                break
+        assert address, "wbc play has ended"
+        yield process, address
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def session(playing):
+    with Session(CONFIG.settings, patience=30.0) as made:
+        made.listen("controller", "state")
+        made.until(lambda: made.mode() == "active", "the controller is not active", 60.0)
+        yield made
+
+
+@pytest.fixture(scope="module")
+def page(playing, session):
+    flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=flags)
+        page = browser.new_page(viewport=SIZE)
+        page.set_default_timeout(60_000)
+        page.goto(playing[1])
+        page.get_by_text("active", exact=True).wait_for()
+        page.get_by_role("button", name="Hold").wait_for()
+        yield page
+        browser.close()
+
+
+class Pixels:
+    """Where points of the world are on the page, before anybody has turned the view."""
+
+    def __init__(self, page):
+        robot = Robot(CONFIG.settings)
+        self.position, self.look_at, self.fov = camera(robot)
+        self.box = page.locator("canvas").first.bounding_box()
+
+    def __call__(self, point):
+        forward = (self.look_at - self.position) / np.linalg.norm(self.look_at - self.position)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        up = np.cross(right, forward)
+        ray = np.asarray(point) - self.position
+        scale = self.box["height"] / 2.0 / np.tan(self.fov / 2.0) / (ray @ forward)
+        return (
+            self.box["x"] + self.box["width"] / 2.0 + scale * (ray @ right),
+            self.box["y"] + self.box["height"] / 2.0 - scale * (ray @ up),
+        )
+
+
+def drag(page, start, end, steps=12):
+    page.mouse.move(*start)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    for share in np.linspace(0.0, 1.0, steps):
+        page.mouse.move(*(np.array(start) + share * (np.array(end) - np.array(start))))
+        page.wait_for_timeout(30)
+    page.wait_for_timeout(200)
+    page.mouse.up()
+
+
+def first(messages, patience=30.0):
+    """The first message that comes, and all others with it."""
+    deadline = time.monotonic() + patience
+    while time.monotonic() < deadline:
+        found = messages(0.1)
+        if found:
+            return found
+    raise AssertionError("no message has come")
+
+
+def position(content):
+    point = content.pose.position if hasattr(content, "pose") else content.point
+    return np.array([point.x, point.y, point.z])
+
+
+def test_a_handle_that_is_dragged_moves_the_hand(page, session):
+    updates = session.follow(session.topics["controller", "update", ""])
+    setpoints = session.follow(session.topics["controller", "setpoint", "left_hand"])
+    start = position(session.hear("controller", "task_value", "left_hand"))
+    pixels = Pixels(page)
+    along = np.array([0.0, 0.0, 0.12])  # the tip of the vertical arrow
+    drag(page, pixels(start + along), pixels(start + along + [0.0, 0.0, 0.15]))
+    (begun, *_) = first(updates)
+    assert begun.data.startswith("{tasks: {left_hand: {enabled: true, setpoint: [")
+    asked = position(first(setpoints)[-1])
+    assert np.abs(asked - start)[:2].max() < 0.01
+    assert asked[2] > start[2] + 0.05
+    session.until(
+        lambda: position(session.newest("controller", "task_value", "left_hand"))[2] > start[2] + 0.04,
+        "the hand has not moved",
+    )
+
+
+def test_a_pull_on_the_torso_shoves_the_robot(page, session):
+    pushes = session.follow(session.topics["mock", "push", ""])
+    session.listen("mock", "odom")
+    model = make_model(CONFIG.settings)
+    chest = np.array([0.06, 0.0, 1.0])
+    pixels = Pixels(page)
+    page.keyboard.down("Shift")
+    drag(page, pixels(chest), pixels(chest + [0.0, 0.25, 0.0]))
+    page.keyboard.up("Shift")
+    (push,) = first(pushes)
+    assert push.header.frame_id in {frame.name for frame in model.pinocchio.frames}
+    assert push.wrench.force.y > 10.0
+    session.until(lambda: abs(session.newest("mock", "odom").twist.twist.linear.y) > 0.01, "the robot has not swayed")
+
+
+def test_a_slider_makes_the_sensors_noisy(page, session):
+    faults = session.follow(session.topics["mock", "fault", ""])
+    page.get_by_role("slider").nth(1).focus()
+    page.keyboard.press("ArrowRight")
+    assert "kind: joint_noise, sigma: 0.0005" in first(faults)[-1].data
+    page.keyboard.press("ArrowLeft")
+    assert first(faults)[-1].data == "clear"
+
+
+def test_each_button_does_what_it_says(page, session):
+    holds = session.follow(session.topics["mock", "hold", ""])
+
+    def press(name, mode="", patience=30.0):
+        page.get_by_role("button", name=name, exact=True).click()
+        if mode:
+            session.until(lambda: session.mode().startswith(mode), f"{name}: not {mode} but {session.mode()}", patience)
+
+    press("Hold")
+    assert first(holds)[-1].data is True
+    time.sleep(1.0)  # the hoist lifts it
+    press("Deactivate", "inactive")
+    press("Activate", "active")
+    press("Release")
+    assert first(holds)[-1].data is False
+    press("STOP", "fault ESTOP")
+    page.get_by_text("Next: when it is safe").wait_for()
+    press("Hold")
+    press("Reset", "inactive")
+    press("Activate", "active")
+    press("Damp", "damping")
+
+
+def test_the_end_of_the_page_ends_the_robot(playing, session):
+    process, _ = playing
+    nodes = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
+    assert len(nodes.split()) >= 2
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=60.0) == 0
+    assert not [pid for pid in nodes.split() if os.path.exists(f"/proc/{pid}")]
