@@ -184,6 +184,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "assembly",
             "wire",
             "diagnostics",
+            "recording",
             "service",
             "live",
             "user",

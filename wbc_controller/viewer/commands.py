@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -30,12 +31,16 @@ _HOST = click.option("--host", default="127.0.0.1", show_default=True,
 @click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes' topics.")
 @click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A renamed topic; may be repeated.")
 def view(config: str, commands: bool, host: str, port: int, namespace: str, remaps: tuple[str, ...]) -> None:
-    """Show a running robot in the browser, over its topics alone: docs/page.md."""
+    """Show a running robot in the browser, over its topics alone, or a recording, FILE.mcap: docs/page.md."""
     needs_viser()
-    from wbc_controller.viewer.serving import serve
+    from wbc_controller.viewer.serving import serve, serve_recording
 
-    settings = load_settings(find_configuration(config))
     stop = threading.Event()
+    if config.endswith(".mcap"):
+        with set_by_signals(stop):
+            serve_recording(Path(config), stop, host=host, port=port)
+        return
+    settings = load_settings(find_configuration(config))
     with set_by_signals(stop):
         serve(
             settings,

@@ -50,6 +50,14 @@ class Source(Protocol):
         ...
 
 
+class TimeLine(Protocol):
+    """Where one is in a recording."""
+
+    def show(self) -> None:
+        """Follow the time."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Commands:
     """What a page needs to command.
@@ -82,6 +90,7 @@ class Page:
         self.shown = 0
         self.server, self._robot, self._source = server, robot, source
         self._commands: Commands | None = None
+        self._line: TimeLine | None = None
         self._said: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_LINES)
         self._unread = False
         self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
@@ -139,6 +148,10 @@ class Page:
             commands.sender.forget(client.client_id)
             self._handles.let_go(client.client_id)
 
+    def play(self, line: TimeLine) -> None:
+        """Show the time of a recording; before `run`."""
+        self._line = line
+
     def view_options(self) -> None:
         """The switches for what is shown; last, so that they stand below what commands."""
         gui = self.server.gui
@@ -150,7 +163,7 @@ class Page:
             through.on_update(lambda event: self.drawing.see_through(through.value))
             fine = gui.add_checkbox("Shadows", False, hint="Shadows and reflections: for browsers with a GPU.")
             fine.on_update(lambda event: self.drawing.fine(fine.value))
-        if self._commands is None:
+        if self._commands is None and self._line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page watches. '
                          "Start it with --command to command.</div>")  # fmt: skip
 
@@ -181,6 +194,8 @@ class Page:
         self.drawing.show(moment)
         if self._commands is not None:
             self._handles.show(moment)
+        if self._line is not None:
+            self._line.show()
         if count % _PANELS == 0:
             for sentence in self._source.look():
                 self._note(f"refused: {sentence}", done=False)

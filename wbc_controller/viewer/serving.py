@@ -5,16 +5,19 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import click
 
 from wbc_controller.errors import TransportError
+from wbc_controller.recording.reading import Recorded
 from wbc_controller.settings import Settings
 from wbc_controller.user.session import Session
 from wbc_controller.viewer.listening import Listener
 from wbc_controller.viewer.meshes import build_meshes
 from wbc_controller.viewer.moment import Robot
 from wbc_controller.viewer.page import Commands, Page
+from wbc_controller.viewer.playback import Playback, TimeLine
 from wbc_controller.viewer.sending import Sender
 from wbc_controller.viewer.server import Gate, address, open_server
 from wbc_controller.wire.topics import MOCK_NODE
@@ -77,6 +80,25 @@ def serve(
                     sender.close()
         finally:
             server.stop()
+
+
+def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) -> None:
+    """Serve the page of a recording until the event is set; arguments and errors as for `serve`."""
+    recorded = Recorded(path)
+    robot = Robot(recorded.config.settings, recorded.config.urdf)
+    click.echo(f"{path}: {recorded.count} cycles of {recorded.about['robot']}")
+    playback = Playback(recorded, robot)
+    meshes = build_meshes(robot.model)
+    gate = Gate(host)
+    server = open_server(host, port, gate)
+    try:
+        page = Page(server, robot, meshes, playback)
+        page.play(TimeLine(server, playback))
+        page.view_options()
+        click.echo(f"page: {address(gate, host)}")
+        page.run(stop)
+    finally:
+        server.stop()
 
 
 def _open_lines(session: Session) -> None:
