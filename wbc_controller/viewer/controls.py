@@ -78,7 +78,7 @@ class Controls:
 
     def _modes(self) -> None:
         stop = self._gui.add_button("STOP", color="red", hint="Zero torque at once: the robot falls. wbc send estop")
-        stop.on_click(lambda event: self._sender.say("estop"))
+        stop.on_click(self._says("estop"))
         for label, word, hint in (
             ("Activate", "activate", "The controller takes the robot: torques are ramped in."),
             ("Deactivate", "deactivate", "Torques are ramped out."),
@@ -86,14 +86,17 @@ class Controls:
             ("Reset", "reset", "Out of a fault, or a stop."),
         ):
             button = self._gui.add_button(label, hint=f"{hint} wbc send {word}")
-            button.on_click(lambda event, word=word: self._sender.say(word))
+            button.on_click(self._says(word))
+
+    def _says(self, word: str) -> Callable[[Any], None]:
+        return lambda event: self._sender.say(word)
 
     def _hoist(self) -> None:
         for label, word, hint in (
             ("Hold", "hold", "The hoist lifts it to where it began."),
             ("Release", "release", "The hoist lets go."),
         ):
-            self._gui.add_button(label, hint=hint).on_click(lambda event, word=word: self._sender.say(word))
+            self._gui.add_button(label, hint=hint).on_click(self._says(word))
 
     def _trouble(self) -> None:
         """Sliders for what is wrong with the mock robot: the faults on its topic are always all of them together."""
@@ -113,7 +116,8 @@ class Controls:
             listed = ", ".join(f"{fault}, duration: {_LASTS:g}}}" for fault in faults)
             self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
 
-        for control in (as_built, friction, *(slider for slider, _ in sliders)):
+        controls: list[Any] = [as_built, friction, *(slider for slider, _ in sliders)]
+        for control in controls:
             control.on_update(changed)
 
     def _task(self, name: str, settings: Settings) -> None:

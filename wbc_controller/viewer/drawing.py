@@ -66,7 +66,7 @@ class Drawing:
                 f"/robot/{mesh.joint}/{mesh.name}",
                 mesh.vertices,
                 mesh.triangles,
-                color=tuple(int(255 * part) for part in color),
+                color=np.array(255 * color, dtype=np.uint8),
                 cast_shadow=True,
             )
             self.links.append((handle, mesh.joint))
@@ -114,7 +114,7 @@ class _Drawn:
 
     def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
         red, green, blue, self._opacity = COLORS[shape.group]
-        self._rgb = tuple(int(255 * part) for part in (red, green, blue))
+        self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)
         self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
         self._handles: list[Any] = []
 
@@ -137,6 +137,7 @@ class _Drawn:
             self._lines(points.reshape(-1, 2, 3), shape)
 
     def _lines(self, points: Array, shape: Shape) -> None:
+        made: Any
         if not self._handles:
             if shape.kind == ARROW:
                 made = self._scene.add_arrows(

@@ -158,7 +158,7 @@ class Page:
         with gui.add_folder("Show", expand_by_default=self._commands is None):
             for group, label in GROUPS.items():
                 box = gui.add_checkbox(label, True)
-                box.on_update(lambda event, group=group, box=box: self.drawing.toggle(group, box.value))
+                box.on_update(self._toggles(group))
             through = gui.add_checkbox("See through it", False, hint="A translucent robot.")
             through.on_update(lambda event: self.drawing.see_through(through.value))
             fine = gui.add_checkbox("Shadows", False, hint="Shadows and reflections: for browsers with a GPU.")
@@ -166,6 +166,9 @@ class Page:
         if self._commands is None and self._line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page watches. '
                          "Start it with --command to command.</div>")  # fmt: skip
+
+    def _toggles(self, group: str) -> Callable[[Any], None]:
+        return lambda event: self.drawing.toggle(group, event.target.value)
 
     def told(self, said: Said) -> None:
         """Take note of what came of a request; from any thread."""

@@ -159,7 +159,9 @@ class Playback:
 
     def _statuses(self) -> tuple[list[float], list[Heard]]:
         """What the controller said of itself, with the times."""
-        times, said, contents, count = [], [], Contents(), 0
+        times: list[float] = []
+        said: list[Heard] = []
+        contents, count = Contents(), 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
         for number, stamp, payload in read(self._recorded.path, contents):
             if not contents.channels[number].topic.endswith("/diagnostics"):
@@ -186,7 +188,7 @@ class TimeLine:
             self._play.on_click(self._pressed)
             speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
             speed.on_update(lambda event: setattr(playback, "speed", _SPEEDS[speed.value]))
-            self._slider = gui.add_slider("Time [s]", 0.0, max(0.01, round(playback.duration, 2)), 0.01, 0.0)
+            self._slider: Any = gui.add_slider("Time [s]", 0.0, max(0.01, round(playback.duration, 2)), 0.01, 0.0)
             self._slider.on_update(self._moved)
             gui.add_html(strip(playback))
             names = {f"{mark.time:.2f} s  {mark.text}"[:70]: mark.time for mark in playback.marks}
