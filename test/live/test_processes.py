@@ -52,6 +52,32 @@ def test_what_does_not_come_true_is_said_with_what_is_known():
     assert asked == [1]
 
 
+def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path):
+    """Also where that one is killed, and cannot end them."""
+    script = (
+        "import sys, time, pathlib\n"
+        "from wbc_controller.live.processes import Processes\n"
+        "processes = Processes('go2', pathlib.Path(sys.argv[1]), 0, own_sessions=True)\n"
+        "started = processes.launch('sleeper', [sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "print(started.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    child = int(parent.stdout.readline())
+    assert os.getsid(child) == child
+    parent.kill()
+    parent.wait()
+    until(lambda: _ended(child), "the process to end")
+
+
+def _ended(process):
+    try:
+        with open(f"/proc/{process}/stat", encoding="ascii") as stat:
+            return stat.read().rpartition(")")[2].split()[0] == "Z"  # nobody has waited for it yet
+    except FileNotFoundError:
+        return True
+
+
 def test_a_process_hears_a_hang_up_also_under_nohup(tmp_path):
     ours = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     processes = Processes("go2", tmp_path, 0)

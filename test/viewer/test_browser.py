@@ -31,7 +31,9 @@ pytestmark = [
 ]
 # Without a GPU, the browser takes both processors of a small computer, and torques are late: that is not tested here.
 CONFIG = load("g1").replace({"safety.state_timeout": 1.0})
-SIZE = {"width": 1280, "height": 800}
+SIZE = {"width": 1100, "height": 700}
+#: Has viser's page draw with fewer pixels than it shows: the browser has no GPU here.
+COARSE = "?fixedDpr=0.4"
 
 
 @pytest.fixture(scope="module")
@@ -53,8 +55,8 @@ def playing(tmp_path_factory):
         assert address, "wbc play has ended"
         yield process, address
         if process.poll() is None:
-            process.kill()
-            process.wait()
+            process.send_signal(signal.SIGINT)
+            process.wait(timeout=60.0)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +74,7 @@ def page(playing, session):
         browser = started.chromium.launch(executable_path=CHROMIUM, args=flags)
         page = browser.new_page(viewport=SIZE)
         page.set_default_timeout(60_000)
-        page.goto(playing[1])
+        page.goto(playing[1] + COARSE)
         page.get_by_text("active", exact=True).wait_for()
         page.get_by_role("button", name="Hold").wait_for()
         yield page

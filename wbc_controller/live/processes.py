@@ -6,6 +6,7 @@ What a process uses is read from /proc: Linux alone.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -19,6 +20,8 @@ from typing import Any
 from wbc_controller.errors import WbcError
 from wbc_controller.settings.config import load
 
+#: The C library, and the number of the request in <sys/prctl.h>.
+_C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1
 #: Wall time after which something that should have happened has not, s.
 PATIENCE = 30.0
 
@@ -49,7 +52,8 @@ class Processes:
             domain: DDS domain.
             changes: of settings, by dotted key.
             own_sessions: start each process in a session of its own: Ctrl-C then reaches this process alone, and Linux
-                shares the processors out between sessions, so that a busy browser does not starve the controller.
+                shares the processors out between sessions, so that a busy browser does not starve the controller. They
+                end where this process is killed.
 
         Raises:
             ConfigurationError: if there is no such robot, or a value is not valid.
@@ -91,7 +95,12 @@ class Processes:
         try:
             with (self._folder / f"{name}.log").open("ab") as log:
                 process = subprocess.Popen(  # noqa: S603 - our own
-                    command, env=self._environment, stdout=log, stderr=log, start_new_session=self._own_sessions
+                    command,
+                    env=self._environment,
+                    stdout=log,
+                    stderr=log,
+                    start_new_session=self._own_sessions,
+                    preexec_fn=_end_with_parent if self._own_sessions else None,
                 )
         finally:
             signal.signal(signal.SIGHUP, ours)
@@ -114,6 +123,11 @@ class Processes:
         """What a process has written."""
         path = self._folder / f"{name}.log"
         return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this process when the thread that started it ends, however it does."""
+    _C.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def until(

@@ -26,6 +26,8 @@ from wbc_controller.views.scene import friction_used
 
 #: Moments drawn per second, and of these those after which the panels and the plots are written.
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
+#: Wall time between two looks whether anybody has come, s.
+_IDLE = 0.05
 #: Time that the plots show, s, and their points per second.
 _SHOWN, _POINTS = 12.0, 10.0
 #: Lines of what was sent.
@@ -182,9 +184,12 @@ class Page:
         self._unread = True
 
     def run(self, stop: threading.Event) -> None:
-        """Draw until the event is set."""
+        """Draw until the event is set; while nobody looks, nothing is drawn."""
         due, count, stamp = time.monotonic(), 0, -1
         while not stop.is_set():
+            if not self.server.get_clients():
+                stop.wait(_IDLE)
+                continue
             moment = self._source.moment()
             self._draw(moment, count)
             if moment.stamp != stamp:

@@ -27,6 +27,8 @@ MOST = 20_000
 _PUSH = 0.1
 #: Marks of the same kind and text are one for this time, s.
 _ONE = 0.5
+#: Longest step of time that plays, s: while nobody looks, it stands still.
+_LONGEST = 0.5
 _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 
@@ -86,7 +88,7 @@ class Playback:
         """The moment at the present time, which passes where it plays."""
         now = time.monotonic()
         if self.playing:
-            self.time += self.speed * (now - self._now)
+            self.time += self.speed * min(now - self._now, _LONGEST)
             if self.time >= self.duration:
                 self.time, self.playing = self.duration, False
         self._now = now
