@@ -227,7 +227,7 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
     gaps, record = _gaps(recorded), columns(recorded)
     stamps, modes, totals = record["stamp"], record["mode"], record["seconds/total"]
     stopped = ~record["tau"].any(axis=1) & (modes == "fault")
-    found = []
+    found, period = [], 1.0 / rig.settings.control.rate
     for stop in stops:
         after = stamps > stop.known
         obeyed = np.flatnonzero(after & stopped)
@@ -235,14 +235,15 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
         found.append(
             StopTrial(
                 flood=kind,
-                cycles=int(after[: obeyed[0] + 1].sum()) + lost,
+                # More than its sender waited for the zero torques cannot lack.
+                cycles=int(after[: obeyed[0] + 1].sum()) + min(lost, math.ceil(stop.seen / period) + 1),
                 seen=stop.seen,
                 slowest=float(totals[(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)),
                 late=stop.late,
                 sent=stop.sent,
                 rate=stop.sent / stop.seconds,
                 said=stop.said,
-                period=1.0 / rig.settings.control.rate,
+                period=period,
             )
         )
     return found
