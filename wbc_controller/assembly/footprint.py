@@ -136,6 +136,27 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
     return enclosing_points(element)
 
 
+def fewer_corners(polygon: Array, most: int) -> Array:
+    """Leave out of a convex polygon, (n, 2) or (n, 3), the corners that cut off the least area, until it has few."""
+    corners = np.pad(polygon, ((0, 0), (0, 3 - polygon.shape[1])))
+    while len(corners) > most:
+        before, after = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners
+        corners = np.delete(corners, np.argmin(np.linalg.norm(np.cross(after, before), axis=1)), axis=0)
+    return np.asarray(corners[:, : polygon.shape[1]])
+
+
+def fitted_ball(points: Array) -> tuple[Array, float] | None:
+    """Centre, (3,), and radius of the ball that points, (n, 3), fit best; None where they are in one plane, as of many.
+
+    |p - c|² = r² is linear in c and in r² - |c|².
+    """
+    origin = points.mean(axis=0)
+    around = points - origin
+    terms = np.column_stack([2.0 * around, np.ones(len(around))])
+    (*centre, rest), _, rank, _ = np.linalg.lstsq(terms, np.sum(around**2, axis=1), rcond=1.0e-6)
+    return None if rank < 4 else (origin + centre, float(np.sqrt(rest + np.dot(centre, centre))))
+
+
 def _touching(element: pin.GeometryObject, axes: Array) -> Array:
     """Points of an element's outline that may touch a plane with these axes, (n, 3): of a ball the lowest one alone."""
     geometry = element.geometry

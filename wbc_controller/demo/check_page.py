@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.assembly.contact_shapes import undersides
 from wbc_controller.assembly.finding import Finding
@@ -17,6 +16,7 @@ from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.references import make_board
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.contacts import UnilateralContact
+from wbc_controller.core.contacts.support import support_polygon
 from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.demo.recording import Recording, supports_of
 from wbc_controller.demo.report import json_in_page, replay_data, resource
@@ -135,7 +135,7 @@ def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array
 
     def shape(points: Array, kind: str, title: str) -> str:
         said = f"<title>{html.escape(title)}</title>"
-        corners = _outline(points)
+        corners = support_polygon(points)
         if len(corners) < 3:
             dots = [f'cx="{x}" cy="{y}" r="{_DOT * _WIDTH}"' for x, y in map(at, points)]
             return "".join(f'<circle class="{kind}" {dot}>{said}</circle>' for dot in dots)
@@ -156,10 +156,3 @@ def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array
         f'<text class="scale" x="{12 + length / 2:.1f}" y="{scale * height - 18:.1f}">100 mm</text>'
     )
     return f'<svg viewBox="0 0 {_WIDTH} {scale * height:.1f}" role="img">{"".join(parts)}</svg>'
-
-
-def _outline(points: Array) -> Array:
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):  # fewer than three points, or all on a line
-        return points[:0]

@@ -19,6 +19,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.assembly.collision_elements import enclosing_points, read_collision_elements
+from wbc_controller.assembly.footprint import fewer_corners, fitted_ball
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -165,7 +166,7 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
         outline = ConvexHull(flat @ np.linalg.svd(normal[None, :])[2][1:].T)
     except (QhullError, ValueError):  # less than three corners, or all in a line: an edge or a tip, which is no sole
         return [], hull
-    corners = _fewer(flat[outline.vertices])
+    corners = fewer_corners(flat[outline.vertices], MOST_CORNERS)
     # The mesh keeps off the floor as long as the sole is on it.
     behind = np.where(low[:, None], hull - np.outer(SOLE_DEPTH - depth, normal), hull)
     balls = [
@@ -191,23 +192,15 @@ def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
     """
     reach = hull @ down
     tip = hull[reach > reach.max() - TIP_DEPTH]
-    # |p - c|² = r² is linear in c and in r² - |c|²; four points make a ball, more tell whether there is one.
-    terms = np.column_stack([2.0 * tip, np.ones(len(tip))])
-    (*centre, rest), _, rank, _ = np.linalg.lstsq(terms, np.sum(tip**2, axis=1), rcond=None)
-    radius = float(np.sqrt(rest + np.dot(centre, centre)))
-    off = np.linalg.norm(hull - centre, axis=1) - radius
-    if rank < 4 or len(tip) <= 4 or not np.abs(off[reach > reach.max() - TIP_DEPTH]).max() < TIP_ERROR:
+    fitted = fitted_ball(tip)
+    if fitted is None or len(tip) <= 4:  # four points make a ball, more tell whether there is one
         return [], hull
-    ball = Shape(mujoco.mjtGeom.mjGEOM_SPHERE, pin.SE3(np.eye(3), np.array(centre)), (radius,))
+    centre, radius = fitted
+    off = np.linalg.norm(hull - centre, axis=1) - radius
+    if not np.abs(off[reach > reach.max() - TIP_DEPTH]).max() < TIP_ERROR:
+        return [], hull
+    ball = Shape(mujoco.mjtGeom.mjGEOM_SPHERE, pin.SE3(np.eye(3), centre), (radius,))
     return [ball], hull[off > TIP_ERROR]
-
-
-def _fewer(outline: Array) -> Array:
-    """Leave out of a polygon, (n, 3), the corners that cut off the least area, until it has few enough."""
-    while len(outline) > MOST_CORNERS:
-        ahead, back = np.roll(outline, -1, axis=0) - outline, np.roll(outline, 1, axis=0) - outline
-        outline = np.delete(outline, np.argmin(np.linalg.norm(np.cross(ahead, back), axis=1)), axis=0)
-    return outline
 
 
 def _mesh(hull: Array) -> Shape:

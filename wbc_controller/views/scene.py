@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.core.contacts import Contact, UnilateralContact
+from wbc_controller.core.contacts.support import support_polygon
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import (
     CapturePointTask,
@@ -99,7 +99,8 @@ def draw(
             cones += pyramid
     shapes.append(_shape("friction_cones", 0, LINE_LIST, 0.003, cones))
     if forces and feet:
-        hull = [np.append(point, ground) for point in _outline(standing[:, :2])]
+        around = support_polygon(standing[:, :2])
+        hull = [np.append(point, ground) for point in (*around, *around[:1])]
         shapes.append(_shape("support", 0, LINE_STRIP, 0.008, hull))
     shapes += _balance(dynamics, ground)
     if references is not None:
@@ -197,12 +198,3 @@ def _supports(contact: Contact) -> bool:
 def _edges(corners: Sequence[Array] | Array) -> list[Array]:
     """A closed outline as pairs of points."""
     return [corners[j % len(corners)] for i in range(len(corners)) for j in (i, i + 1)]
-
-
-def _outline(points: Array) -> Array:
-    """The convex hull of points on the ground, (n, 2), in order and closed; empty where they span no area."""
-    try:
-        hull = points[ConvexHull(points).vertices]
-    except (QhullError, ValueError):  # less than three, or on a line
-        return np.zeros((0, 2))
-    return np.concatenate([hull, hull[:1]])

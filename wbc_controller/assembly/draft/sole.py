@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from wbc_controller.assembly.footprint import footprint, outline
+from wbc_controller.assembly.footprint import fewer_corners, fitted_ball, footprint, outline
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -203,7 +203,7 @@ def _sole(
     corners = (
         half * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
         if rectangle
-        else _fewer(found.polygon - middle)
+        else fewer_corners(found.polygon - middle, _MOST_CORNERS)
     )
     return Foot(joint, link, "surface", placement, corners, rectangle, known="the foot's shape near its sole")
 
@@ -212,14 +212,6 @@ def _area(polygon: Array) -> float:
     """Area of a polygon, (n, 2), in m²; zero of a line or point."""
     after = np.roll(polygon, -1, axis=0)
     return float(0.5 * abs((polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]).sum()))
-
-
-def _fewer(polygon: Array) -> Array:
-    """A convex polygon within the given one, with few corners: those that cut off least are left out, (n, 2)."""
-    while len(polygon) > _MOST_CORNERS:
-        before, after = np.roll(polygon, 1, axis=0) - polygon, np.roll(polygon, -1, axis=0) - polygon
-        polygon = np.delete(polygon, np.argmin(np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])), axis=0)
-    return polygon
 
 
 def _ball(points: Array, down: Array) -> float | None:
@@ -231,13 +223,9 @@ def _ball(points: Array, down: Array) -> float | None:
     chosen = np.unique(hull.simplices[hull.equations[:, :3] @ down > _CAP])
     if len(chosen) < 6:
         return None
-    cap = points[chosen]
-    origin = cap.mean(axis=0)
-    system = np.column_stack([2.0 * (cap - origin), np.ones(len(cap))])
-    solution, _, rank, _ = np.linalg.lstsq(system, ((cap - origin) ** 2).sum(axis=1), rcond=1e-6)
-    square = solution[3] + solution[:3] @ solution[:3]
-    if rank < 4 or not (0.0 < square < _LARGEST_BALL**2):
+    ball = fitted_ball(points[chosen])
+    if ball is None or not ball[1] < _LARGEST_BALL:
         return None
-    radius = float(np.sqrt(square))
-    away = np.linalg.norm(cap - origin - solution[:3], axis=1) - radius
+    centre, radius = ball
+    away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
     return radius if np.abs(away).max() <= _BALL * radius else None

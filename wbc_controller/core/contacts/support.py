@@ -155,6 +155,14 @@ class Polygon:
         return polygon_wrench_cone(friction, self.vertices)
 
 
+def support_polygon(points: Array) -> Array:
+    """The corners of the convex hull of points on the ground, (n, 2), in order; none where they span no area."""
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):  # less than three, or on a line
+        return points[:0]
+
+
 def _stands_out(others: Array, point: Array, least: float) -> bool:
     """Whether a point is outside the convex hull of the other points by more than a distance."""
     try:
