@@ -207,6 +207,7 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     assert [mode for _, mode in made.modes] == ["active", "inactive", "active"]
     reached = made.com_reference[60] - made.com_reference[20]
     assert reached[0] > 0.0
+    assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, with no weight on its way
     assert np.isfinite(made.frame_errors["com"]).all()
     assert [event.name for event in made.events] == ["activate", "deactivate", "activate"]
 
