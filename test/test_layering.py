@@ -118,7 +118,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "service",
             "mock",
         ),
-        ("numpy", "scipy", "pinocchio", "rich", "plotly"),
+        ("numpy", "pinocchio", "rich", "plotly"),
     ),
     "replay": (
         ("core/robot", "core/references", "core/tasks", "settings", "control", "views", "recording", "demo"),
