@@ -29,8 +29,9 @@ pytestmark = [
     pytest.mark.live,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium or google-chrome on this computer"),
 ]
-# Without a GPU, the browser takes both processors of a small computer, and torques are late: that is not tested here.
+# Without a GPU, the browser takes both processors of a small computer. In slow motion the torques still come in time.
 CONFIG = load("g1").replace({"safety.state_timeout": 1.0})
+SLOW_MOTION = "0.3"
 SIZE = {"width": 1100, "height": 700}
 #: Has viser's page draw with fewer pixels than it shows: the browser has no GPU here.
 COARSE = "?fixedDpr=0.4"
@@ -46,6 +47,7 @@ def playing(tmp_path_factory):
         patch.setenv("ROS_DOMAIN_ID", str(domain))
         patch.delenv("DISPLAY", raising=False)
         command = [sys.executable, "-m", "wbc_controller", "play", str(robot), "--port", "0", "--domain", str(domain)]
+        command += ["--real-time-factor", SLOW_MOTION]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         address = ""
         for line in process.stdout:

@@ -58,7 +58,9 @@ def view(config: str, commands: bool, host: str, port: int, namespace: str, rema
 @_HOST
 @_PORT
 @click.option("--domain", type=click.IntRange(0, 232), help="DDS domain; by default one that nobody uses here.")
-def play(robot: str, host: str, port: int, domain: int | None) -> None:
+@click.option("--real-time-factor", "factor", default=1.0, show_default=True, type=click.FloatRange(0.0, min_open=True),
+              help="Simulated seconds per second: slow motion, or a computer that is slow.")  # fmt: skip
+def play(robot: str, host: str, port: int, domain: int | None, factor: float) -> None:
     """Play with a robot in the browser: a mock robot, its controller, and a page that commands them.
 
     ROBOT is as CONFIG elsewhere. Ctrl-C ends all of it.
@@ -68,7 +70,7 @@ def play(robot: str, host: str, port: int, domain: int | None) -> None:
 
     stop = threading.Event()
     with set_by_signals(stop):
-        run(robot, stop, host=host, port=port, domain=domain)
+        run(robot, stop, host=host, port=port, domain=domain, factor=factor)
 
 
 def needs_viser() -> None:

@@ -29,7 +29,9 @@ _LOOK = 0.5
 _LINES = 12
 
 
-def play(robot: str, stop: threading.Event, *, host: str, port: int, domain: int | None = None) -> None:
+def play(
+    robot: str, stop: threading.Event, *, host: str, port: int, domain: int | None = None, factor: float = 1.0
+) -> None:
     """Start mock robot and controller, activate, and serve the page until the event is set; then end them.
 
     Args:
@@ -38,6 +40,7 @@ def play(robot: str, stop: threading.Event, *, host: str, port: int, domain: int
         host: address that the page listens on.
         port: its port, or the next one that is free.
         domain: DDS domain; None for one that nobody uses on this computer.
+        factor: simulated seconds per second.
 
     Raises:
         WbcError: where a process ends by itself, with the end of its log.
@@ -50,8 +53,8 @@ def play(robot: str, stop: threading.Event, *, host: str, port: int, domain: int
         tempfile.TemporaryDirectory(prefix="wbc_play_") as folder,
         contextlib.closing(Processes(robot, Path(folder), domain, own_sessions=True)) as processes,
     ):
-        processes.start("mock")
-        processes.start("controller", "--activate")
+        processes.start("mock", "--real-time-factor", f"{factor:g}")
+        processes.start("controller", "--activate", *(("--use-sim-time",) if factor != 1.0 else ()))
         starter = threading.Thread(target=_stand, args=(processes.settings, stop, trouble), name="starter", daemon=True)
         watcher = threading.Thread(target=_watch, args=(processes, stop, trouble), name="watcher", daemon=True)
         starter.start()
