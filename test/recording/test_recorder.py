@@ -177,7 +177,7 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     run.stand(10)
     nonsense = encode(make.string("{tasks: {com: {stiffness: [" + "1, " * 400 + "]}}}"))
     large = encode(make.string("x" * 500_000))
-    for _ in range(40):
+    for _ in range(16):
         for _ in range(50):
             run.bench.send_bytes("update", nonsense)
         run.go(1)
@@ -189,8 +189,8 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     counts = {topic: count for topic, _, count in found.topics()}
     (update,) = [topic for topic in counts if topic.endswith("/update")]
     left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
-    assert counts[update] + left_out == 2000
-    assert counts[update] * len(nonsense) < 40 / 8 * (80 << 10)
+    assert counts[update] + left_out == 800
+    assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three times eight cycles
     assert counts["/joint_states"] == counts["/odom"] == found.count
     assert [count for topic, count in counts.items() if topic.endswith("/tasks/com/setpoint")] == [1]
     assert f"messages on {update}" in told(found)
