@@ -79,6 +79,9 @@ def page(playing, session):
         page.goto(playing[1] + COARSE)
         page.get_by_text("active", exact=True).wait_for()
         page.get_by_role("button", name="Hold").wait_for()
+        for close in page.locator(".mantine-Notification-closeButton").all():
+            close.click()  # that the browser draws without a GPU
+        page.wait_for_timeout(2000)  # the handles follow
         yield page
         browser.close()
 

@@ -30,6 +30,8 @@ _WITH = {"references": "task_errors", "contacts": "support"}
 _STILL, _STEADY = 1.0e-4, 1.0e-3
 #: Brightest and darkest grey of a link: what is white or black has no shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
+#: Brightness of the light from all sides, without reflections.
+_LIGHT = 2.2
 #: Opacity of a robot that is seen through.
 _TRANSLUCENT = 0.35
 
@@ -58,6 +60,9 @@ class Drawing:
         self.placements: list[pin.SE3] = []
         self._shown = dict.fromkeys(GROUPS, True)
         self._shapes: dict[tuple[str, int], _Drawn] = {}
+        self._light = self._scene.add_light_hemisphere(
+            "/light", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=_LIGHT
+        )
         for joint in sorted({mesh.joint for mesh in meshes}):
             self._frames[joint] = self._scene.add_frame(f"/robot/{joint}", show_axes=False)
         for mesh in meshes:
@@ -95,6 +100,7 @@ class Drawing:
     def fine(self, fine: bool) -> None:
         """Draw shadows and reflections, or not: without a GPU they cost several times what the rest does."""
         self._scene.configure_default_lights(True, cast_shadow=fine)
+        self._light.visible = not fine  # what reflections light up otherwise
         self._scene.configure_environment_map("studio" if fine else None, environment_intensity=0.6)
 
     def _draw(self, shapes: Sequence[Shape]) -> None:

@@ -75,6 +75,8 @@ class _Handle:
         self._kind = robot.settings.tasks[task].type
         self._moves, self._can_turn = _KINDS[self._kind]
         self._turns = False
+        #: Orientation that is kept while the handle is only moved, (w, x, y, z); its arrows are the world's then.
+        self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
         self._dragging: int | None = None
         self._rests_until = -np.inf
         self._off = True
@@ -109,7 +111,7 @@ class _Handle:
         """The sentence that asks for where the handle is."""
         numbers = [] if self._kind == "frame_orientation" else list(self._gizmo.position)
         if self._can_turn:
-            w, x, y, z = self._gizmo.wxyz
+            w, x, y, z = self._gizmo.wxyz if self._turns else self._orientation
             numbers += [x, y, z, w]
         values = ", ".join(f"{float(number):.5f}" for number in numbers)
         if self._off:  # switched on where it is wanted, in one step
@@ -144,7 +146,10 @@ class _Handle:
         position, turned = self._place(at)
         if np.abs(position - self._gizmo.position).max() > 1.0e-4:
             self._gizmo.position = position
-        if self._can_turn and 1.0 - abs(float(turned @ self._gizmo.wxyz)) > 1.0e-7:
+        self._orientation = turned
+        if not self._turns:
+            turned = np.array([1.0, 0.0, 0.0, 0.0])
+        if 1.0 - abs(float(turned @ self._gizmo.wxyz)) > 1.0e-7:
             self._gizmo.wxyz = turned
 
     def _value(self) -> Array | None:

@@ -269,4 +269,4 @@ def camera(robot: Robot) -> tuple[Array, Array, float]:
     """Where the camera is at first and what it looks at, (3,) each in m, and its vertical angle of view, rad."""
     dynamics = robot.dynamics
     height = max(0.5, 1.45 * float(dynamics.com[2] - dynamics.frames[:, 11].min()))
-    return height * np.array([1.55, -1.35, 1.0]), height * np.array([0.0, 0.0, 0.47]), 0.75
+    return height * np.array([1.7, -1.5, 1.15]), height * np.array([0.0, 0.0, 0.5]), 0.75

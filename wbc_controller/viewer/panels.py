@@ -35,6 +35,7 @@ STYLE = """<style>
 .wbc table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
 .wbc td, .wbc th { padding: 1.5px 4px 1.5px 0; text-align: left; vertical-align: top; font-weight: 400; }
 .wbc th { opacity: .6; font-size: 11px; } .wbc .n { text-align: right; white-space: nowrap; }
+.wbc td.key { opacity: .6; white-space: nowrap; padding-right: 8px; overflow-wrap: normal; }
 .wbc tr.off { opacity: .45; } .wbc .muted { opacity: .6; }
 .wbc .bar { position: relative; height: 9px; min-width: 92px; background: #8882; border-radius: 2px; margin-top: 4px; }
 .wbc .bar i { position: absolute; top: 0; bottom: 0; border-radius: 2px; }
@@ -124,7 +125,7 @@ def _tasks(robot: Robot, heard: Heard) -> str:
 def _loop(heard: Heard) -> str:
     left_out = ("binding", "next")  # which stand above
     rows = "".join(
-        f'<tr><td class="muted">{escape(name)}</td><td>{escape(text)}</td></tr>'
+        f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
         for name, text in facts(heard)
         if name not in left_out
     )

@@ -27,7 +27,7 @@ from wbc_controller.errors import ConfigurationError, TransportError
 
 #: Wall time between two signs of life that are asked of a page, and until its answer is missed, s. A page whose network
 #: is cut is dropped after both: what its user did meanwhile must not arrive and move the robot once it is back.
-PING_EVERY, PING_PATIENCE = 0.5, 1.5
+PING_EVERY, PING_PATIENCE = 0.5, 2.5
 #: Name of the cookie by which a page that was opened with the token shows it again; a cookie is of all ports of a host.
 _COOKIE = "wbc_token_{port}"
 #: What a browser calls the loopback.

@@ -24,6 +24,11 @@ from wbc_controller.wire.topics import MOCK_NODE
 
 #: Name of the page's own node.
 _NODE = "wbc_page"
+#: What the page sends on: node, and row of its table.
+_SENT = {
+    *(("controller", key) for key in ("command", "update", "setpoint", "weight", "task_enable", "contact_enable")),
+    *(("mock", key) for key in ("hold", "push", "fault")),
+}
 #: Wall time between two looks at who publishes the joint states, s.
 _LOOK = 1.0
 
@@ -102,10 +107,9 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
 
 
 def _open_lines(session: Session) -> None:
-    """Open now what must not wait for being found: the stop, setpoints, and pushes."""
-    session.open("controller", "command")
+    """Open now what the page sends on: the first request must not wait until its topic has been found."""
     for place in session.topics:
-        if place[:2] in (("controller", "setpoint"), ("mock", "push")):
+        if place[:2] in _SENT:
             session.open(*place)
 
 
