@@ -42,6 +42,32 @@ def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
     np.testing.assert_allclose(error_of(rig)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
 
 
+def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch):
+    class Still:
+        def __init__(self, *_):
+            self.settings = SimpleNamespace(control=SimpleNamespace(rate=10.0))
+
+        def stand(self):
+            pass
+
+        def run(self, seconds, look):
+            for _ in range(4):
+                look()
+
+    error, P = np.arange(1.0, 10.0), np.diag(np.arange(1.0, 10.0) ** 2)  # each of its own standard deviation
+    looks = iter([(error, P), (2.0 * error, P), (2.0 * error, 2.0 * P), (3.0 * error, 5.0 * P)])
+    monkeypatch.setattr("wbc_controller.accuracy.standing.Rig", Still)
+    monkeypatch.setattr("wbc_controller.accuracy.standing.error_of", lambda rig: next(looks))
+    found = stand("go2", "good", 3, 1.0)
+    factor = np.sqrt((1.0 + 4.0 + 4.0 + 9.0) / 4.0)
+    assert found.tilt == pytest.approx(factor * np.hypot(1.0, 2.0))
+    assert found.velocity == pytest.approx(factor * np.linalg.norm([4.0, 5.0, 6.0]))
+    assert found.height == pytest.approx(9.0 * np.sqrt((0.0 + 1.0 + 1.0 + 4.0) / 4.0))
+    assert found.drift == pytest.approx(2.0 * np.hypot(7.0, 8.0) / (0.3 / 60.0))
+    np.testing.assert_allclose(found.seen, [5.0, 20.0, 10.0, 9.0])
+    np.testing.assert_allclose(found.drifting[1:], [4.0, 4.0])  # 1 of 1, and 4 of 4, of each of four
+
+
 def test_what_goes_wrong_is_said():
     rig = Rig("go2", {"safety.activation_ramp": 0.0})
     rig.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]

@@ -10,9 +10,11 @@ import pytest
 import yaml
 
 from wbc_controller import Simulation
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.identification.command import fitted, identify, report
-from wbc_controller.identification.equations import Equations
+from wbc_controller.identification.equations import Equations, moments
 from wbc_controller.identification.fit import fit
 from wbc_controller.mock.faults.fault import Site
 from wbc_controller.mock.faults.world import MassError
@@ -76,6 +78,24 @@ def test_what_the_equations_do_not_show_stays_as_the_model_has_it_and_nothing_is
     assert found.values[0] == pytest.approx(1.0)
     assert found.values[2] == pytest.approx(0.0, abs=1e-6)
     assert [found.determined(i) for i in range(3)] == [False, True, False]
+
+
+def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
+    settings = load("go2").settings
+    model = make_model(settings)
+    contacts = make_qp(settings, model).contacts
+    columns = {name: values[:300].copy() for name, values in recording.items()}
+    columns[f"force/{next(iter(contacts))}"][100:] = np.nan
+    columns["stamp"][200:] += 50_000_000
+    seen = moments(columns, model, contacts)
+    places = [int(np.flatnonzero((columns["q"] == q).all(axis=1))[0]) for q in seen.q]
+    assert {len(held) for place, held in zip(places, seen.contacts, strict=True) if place < 100} == {4}
+    assert {len(held) for place, held in zip(places, seen.contacts, strict=True) if place > 100} == {3}
+    half = round(0.5 * 0.03 / 0.002) - 1
+    for change in (100, 200):
+        assert min(place for place in places if place > change) >= change + half
+        assert max(place for place in places if place < change) < change - half
+    assert len(places) > 10
 
 
 @pytest.mark.parametrize(
