@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo play test lint bench docs lock clean
+.PHONY: help demo browser play test lint bench docs lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 10
@@ -17,8 +17,11 @@ play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag
 	$(BIN)/wbc play $(ROBOT)
 
 test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that need the processors to themselves
-	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live"
+	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live and not browser"
 	$(BIN)/python -m pytest --durations 12 -m live
+
+browser: $(VENV)/dev.installed  ## press, drag and pull on the live page in headless Chromium, which has to be installed
+	$(BIN)/python -m pytest -m browser
 
 lint: $(VENV)/dev.installed  ## ruff and mypy
 	$(BIN)/ruff check .

@@ -26,7 +26,7 @@ from wbc_controller.viewer.page import camera  # noqa: E402
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [
-    pytest.mark.live,
+    pytest.mark.browser,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium or google-chrome on this computer"),
 ]
 # Without a GPU, the browser takes both processors of a small computer. In slow motion the torques still come in time.
