@@ -242,7 +242,7 @@ def test_what_the_controller_says_is_on_the_page_and_is_no_html(rig, browser):
     rig.story.now = before
     assert "&lt;script&gt;joint_states" in panel()
     assert "Next: see that the robot&#x27;s driver runs" in panel()
-    assert "left_knee_joint&#x27;s upper torque limit" in panel()
+    assert "left knee&#x27;s upper torque limit" in panel()
 
 
 def test_a_page_that_watches_has_nothing_to_command_with():

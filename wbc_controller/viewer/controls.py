@@ -85,7 +85,8 @@ class Controls:
             ("Damp", "damp", "The joints are damped: the robot sinks down."),
             ("Reset", "reset", "Out of a fault, or a stop."),
         ):
-            button = self._gui.add_button(label, hint=f"{hint} wbc send {word}")
+            color: Any = "green" if word == "activate" else "gray"
+            button = self._gui.add_button(label, color=color, hint=f"{hint} wbc send {word}")
             button.on_click(self._says(word))
 
     def _says(self, word: str) -> Callable[[Any], None]:
@@ -96,7 +97,7 @@ class Controls:
             ("Hold", "hold", "The hoist lifts it to where it began."),
             ("Release", "release", "The hoist lets go."),
         ):
-            self._gui.add_button(label, hint=hint).on_click(self._says(word))
+            self._gui.add_button(label, color="gray", hint=hint).on_click(self._says(word))
 
     def _trouble(self) -> None:
         """Sliders for what is wrong with the mock robot: the faults on its topic are always all of them together."""

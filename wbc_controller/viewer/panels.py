@@ -103,7 +103,7 @@ def _binding(heard: Heard) -> str:
         return '<h4>What binds</h4><span class="muted">nothing: no limit is in the way</span>'
     most = max(_leading(cost) for _, cost in found) or 1.0
     rows = "".join(
-        f"<tr><td>{escape(in_words(name))}</td><td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
+        f"<tr><td>{escape(_plain(in_words(name)))}</td><td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
         f'<td class="n muted">{escape(cost)}</td></tr>'
         for name, cost in found[:_NAMED]
     )
@@ -191,7 +191,8 @@ def _short(error: float) -> str:
 
 
 def _plain(name: str) -> str:
-    return name.removesuffix("_joint").replace("_", " ")
+    """Names as a person reads them: ``left_knee_joint's upper torque limit`` without the marks of a program."""
+    return name.replace("_joint", "").replace("_", " ")
 
 
 def sent(lines: Sequence[tuple[str, bool]]) -> str:
