@@ -15,7 +15,7 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.views.geometry import GREY, Visual, bones, hull_of, read_visuals
 
-#: Most triangles of a robot. Software without a GPU draws so many about 20 times a second.
+#: Triangles of a robot, about. Software without a GPU draws so many a few times a second.
 TRIANGLES = 60_000
 #: Fewest triangles of a mesh that has as many.
 _FEWEST = 200
@@ -51,7 +51,7 @@ def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:
 
     Args:
         model: the robot's model.
-        most: number of triangles that they shall have together, at most.
+        most: number of triangles that they shall have together, about: a mesh of many separate shells stays larger.
 
     Raises:
         ConfigurationError: if the visual geometry of the URDF cannot be read.
