@@ -54,7 +54,7 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
             for _ in range(4):
                 look()
 
-    error, P = np.arange(1.0, 10.0), np.diag(np.arange(1.0, 10.0) ** 2)  # each of its own standard deviation
+    error, P = np.arange(1.0, 10.0), np.eye(9)
     looks = iter([(error, P), (2.0 * error, P), (2.0 * error, 2.0 * P), (3.0 * error, 5.0 * P)])
     monkeypatch.setattr("wbc_controller.accuracy.standing.Rig", Still)
     monkeypatch.setattr("wbc_controller.accuracy.standing.error_of", lambda rig: next(looks))
@@ -64,8 +64,9 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
     assert found.velocity == pytest.approx(factor * np.linalg.norm([4.0, 5.0, 6.0]))
     assert found.height == pytest.approx(9.0 * np.sqrt((0.0 + 1.0 + 1.0 + 4.0) / 4.0))
     assert found.drift == pytest.approx(2.0 * np.hypot(7.0, 8.0) / (0.3 / 60.0))
-    np.testing.assert_allclose(found.seen, [5.0, 20.0, 10.0, 9.0])
-    np.testing.assert_allclose(found.drifting[1:], [4.0, 4.0])  # 1 of 1, and 4 of 4, of each of four
+    tilt_and_velocity, heading_and_position = 1 + 4 + 16 + 25 + 36, 9 + 49 + 64 + 81
+    np.testing.assert_allclose(found.seen, tilt_and_velocity * np.array([1.0, 4.0, 4.0 / 2.0, 9.0 / 5.0]))
+    np.testing.assert_allclose(found.drifting[1:], heading_and_position * np.array([1.0, 4.0 / 4.0]))
 
 
 def test_what_goes_wrong_is_said():

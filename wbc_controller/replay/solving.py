@@ -147,16 +147,17 @@ def _state(cycle: Cycle) -> RobotState | None:
 
 def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
     """A memory for a controller of another configuration: what both have, with the weights and gains of the latter."""
-    fresh = controller.memory()
+    fresh, plans = controller.memory(), controller.live.newest.board.tasks
     board = {}
     for name, own in fresh["board"].items():
         taken = memory["board"][name]  # type: ignore[index]
         if name in ("_weights", "_tuning"):
             taken = own
-        elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_enabled", "_trajectories"):
+        elif name == "_trajectories":  # a controller that has not begun has none; new tasks get theirs when switched on
+            taken = {task: taken[task] for task in plans if task in taken}
+        elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_enabled"):
             taken = {key: taken.get(key, value) for key, value in own.items()}
         board[name] = taken
-    plans = controller.live.newest.board.tasks
     ramps = board["_weight_ramps"]
     for name, plan in plans.items():
         ramp = ramps[name]
