@@ -240,19 +240,21 @@ class Page:
         shares = gui.add_uplot(
             (empty, empty, empty),
             (
-                series(label="s"),
+                series(label="s, now at 0"),
                 series(label="largest torque, % of its limit", stroke="#228be6", width=2),
                 series(label="friction used, %", stroke="#f08c00", width=2),
             ),
             scales={"x": viser.uplot.Scale(time=False, auto=True), "y": viser.uplot.Scale(range=(0.0, 100.0))},
             height=230,
+            padding=(12, 24, 0, 0),
             title="Against the limits",
         )
         cycle = gui.add_uplot(
             (empty, empty),
-            (series(label="s"), series(label="cycle time, ms", stroke="#7950f2", width=2)),
+            (series(label="s, now at 0"), series(label="cycle time, ms", stroke="#7950f2", width=2)),
             scales={"x": viser.uplot.Scale(time=False, auto=True), "y": viser.uplot.Scale(auto=True)},
             height=200,
+            padding=(12, 24, 0, 0),
             title="Cycle time",
         )
         return shares, cycle
@@ -261,8 +263,8 @@ class Page:
         if len(self._history) > 1:
             time, torque, friction, cycle = np.array(self._history).T
             shares, cycles = self._plots
-            shares.data = (time, torque, friction)
-            cycles.data = (time, cycle)
+            shares.data = (time - time[-1], torque, friction)
+            cycles.data = (time - time[-1], cycle)
 
 
 def camera(robot: Robot) -> tuple[Array, Array, float]:

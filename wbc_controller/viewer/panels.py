@@ -161,7 +161,7 @@ def _torques(robot: Robot, moment: Moment) -> str:
     if moment.torques is None:
         return '<h4>Torques against their limits</h4><span class="muted">no torques are sent</span>'
     shares = effort_shares(robot, moment.torques)
-    taus = shares * robot.model.effort_limits
+    taus = np.round(shares * robot.model.effort_limits, 1) + 0.0  # no minus zero
     rows = "".join(
         f'<tr><td>{escape(_plain(name))}</td><td class="n">{tau:.1f}</td><td>{_bar(share, signed=True)}</td></tr>'
         for name, tau, share in zip(robot.model.actuators, taus.tolist(), shares.tolist(), strict=True)
