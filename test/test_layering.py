@@ -125,7 +125,19 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "click"),
     ),
     "campaign": (
-        ("core/robot", "safety", "settings", "assembly", "control", "wire", "transports", "service", "mock"),
+        (
+            "core/robot",
+            "safety",
+            "settings",
+            "assembly",
+            "control",
+            "wire",
+            "transports",
+            "service",
+            "mock",
+            "recording",
+            "replay",
+        ),
         ("numpy", "scipy", "pinocchio", "pydantic", "rich", "plotly", "joblib", "distributed", "ray"),
     ),
     "identification": (

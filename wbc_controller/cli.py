@@ -157,6 +157,9 @@ def mock(
               help="Folder of the results; what is missing there is run.")  # fmt: skip
 @click.option("--backend", default="loky", show_default=True, help="loky (this machine), dask or ray.")
 @click.option("--address", help="Address of the dask scheduler or the ray cluster.")
+@click.option("--recordings", type=click.Path(path_type=Path, file_okay=False),
+              help="Folder for the recordings that faults leave: each has to name its fault, and to come out bit for "
+              "bit. Trials that are in the results already are not recorded.")  # fmt: skip
 def faults(
     robots: tuple[str, ...],
     kinds: str,
@@ -166,6 +169,7 @@ def faults(
     folder: Path,
     backend: str,
     address: str | None,
+    recordings: Path | None,
 ) -> None:
     """Run a campaign of faults on mock robots, and report what came of each: g1, talos and go2 by default.
 
@@ -181,6 +185,7 @@ def faults(
         jobs=jobs,
         backend=backend,
         address=address,
+        recordings=recordings,
     )
     sys.exit(0 if good else 1)
 

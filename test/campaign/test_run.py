@@ -24,8 +24,9 @@ class Bench:
         self.console = Console(file=io.StringIO(), width=150)
         monkeypatch.setattr(run_module, "run_trial", self.run)
 
-    def run(self, robot, kind, seed):
+    def run(self, robot, kind, seed, recordings):
         self.keys.append((robot, kind, seed))
+        self.recordings = recordings
         return self.outcome(kind, seed, robot=robot)
 
     def campaign(self, folder, robots=("go2",), kinds=("kick", "push"), seeds=(0, 1), **options) -> bool:
@@ -46,6 +47,12 @@ def test_every_kind_runs_with_every_seed_on_every_robot(bench, tmp_path):
     assert sorted(bench.keys) == sorted((r, k, s) for r in ("go2", "g1") for k in ("kick", "push") for s in (0, 1))
     assert "8 trials, 2 kinds of fault, 2 robots: 8 survived" in bench.said
     assert (tmp_path / "faults.md").exists()
+    assert bench.recordings is None
+
+
+def test_recordings_are_asked_of_every_trial(bench, tmp_path):
+    assert bench.campaign(tmp_path, recordings=tmp_path / "recordings")
+    assert bench.recordings == tmp_path / "recordings"
 
 
 def test_a_second_call_runs_what_is_missing_and_reports_all(bench, tmp_path):
@@ -136,7 +143,7 @@ def stalled(seconds):
 def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, monkeypatch, again, good):
     repeated = []
 
-    def in_new_process(key):
+    def in_new_process(key, trial):
         repeated.append(key)
         return outcome(key.kind, key.seed, robot=key.robot, **again)
 
@@ -157,4 +164,4 @@ def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, m
 
 def test_a_trial_in_a_new_process_is_the_same_trial():
     key = Key("go2", "estop", 4)
-    assert run_module._in_new_process(key).repeatable() == run_module.run_trial(*key).repeatable()
+    assert run_module._in_new_process(key, run_module.run_trial).repeatable() == run_module.run_trial(*key).repeatable()

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from wbc_controller.campaign import trial
 from wbc_controller.cli import main
 from wbc_controller.recording.reading import Recorded
-from wbc_controller.recording.recorder import Recorder
 from wbc_controller.replay.comparing import compare
 from wbc_controller.replay.reporting import recording_of
 from wbc_controller.replay.solving import Replay
@@ -215,23 +213,3 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, with no weight on its way
     assert np.isfinite(made.frame_errors["com"]).all()
     assert [event.name for event in made.events] == ["activate", "deactivate", "activate"]
-
-
-@pytest.mark.parametrize("kind", ["joint_absurd", "odom_jump", "stamp_zero"])
-def test_a_fault_of_the_campaign_is_named_by_its_recording(kind, tmp_path, monkeypatch):
-    recorders = []
-
-    def make_loop(controller, *words, **given):
-        settings = controller.config.replace({"recorder.folder": str(tmp_path)}).settings
-        recorders.append(Recorder(settings, patient=True, name="go2"))
-        return original(controller, *words, **given, recorder=recorders[-1])
-
-    original = trial.make_loop
-    monkeypatch.setattr(trial, "make_loop", make_loop)
-    outcome = trial.run_trial("go2", kind, 0)
-    recorders[-1].close()
-    assert outcome.code
-    (path,) = tmp_path.glob("*.mcap")
-    named = Recorded(path).faults[0].fault
-    assert (named.code, named.sentence) == (outcome.code, outcome.sentence)
-    assert outcome.sentence in wbc("replay", path, "--only-tell")[1].replace("\n", " ")

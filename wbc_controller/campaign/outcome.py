@@ -19,6 +19,7 @@ ALL_VIOLATIONS: Mapping[str, str] = {
     "undetected": "a fault that must be detected was not, or too late",
     "wrong_reason": "damping for a reason that this kind of fault does not have, or with one that is harmless",
     "fell": f"the robot lay on the ground for {UNSEEN:g} s while its controller was active",
+    "recording": "the fault's recording does not name it, or does not come out bit for bit when it is solved again",
     "diverged": "the physics of the mock robot diverged: the trial says nothing",
 }
 

@@ -28,7 +28,7 @@ _COLUMNS = (
 #: Violations from the worst to the least, for the one trial that is named.
 _WORST = (
     "not_finite", "unreadable", "over_limit", "over_rate", "stale", "internal_error", "logged", "stall", "fell",
-    "undetected", "wrong_reason", "early", "start", "diverged",
+    "undetected", "wrong_reason", "recording", "early", "start", "diverged",
 )  # fmt: skip
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def run_campaign(
     jobs: int = 1,
     backend: str = "loky",
     address: str | None = None,
+    recordings: Path | None = None,
     console: Console | None = None,
 ) -> bool:
     """Run the trials that are missing in a folder, and write the report of all.
@@ -54,6 +56,7 @@ def run_campaign(
         jobs: trials at once; -1 for as many as there are processors.
         backend: one of `BACKENDS`.
         address: of the scheduler or cluster of the backend, where it has one.
+        recordings: folder for the recordings that faults leave, which are then looked at; None records nothing.
         console: for progress and tables.
 
     Returns:
@@ -80,11 +83,12 @@ def run_campaign(
         console.print(f"{len(wanted) - len(missing)} of {len(wanted)} trials are there already")
     interrupted = False
     try:
-        with _parallel(jobs, backend, address) as run, _progress(console, len(missing)) as done:
+        trial = partial(run_trial, recordings=recordings)
+        with _parallel(jobs, backend, address, trial) as run, _progress(console, len(missing)) as done:
             for outcome in run(missing):
                 results.add(outcome)
                 done(outcome)
-        _repeat_stalls(results, wanted)
+        _repeat_stalls(results, wanted, trial)
     except KeyboardInterrupt:
         interrupted = True
         console.print(f"interrupted; the same command goes on with what is missing in {results.path}")
@@ -108,7 +112,7 @@ def run_campaign(
     return bad is None and not interrupted
 
 
-def _repeat_stalls(results: Results, wanted: Sequence[Key]) -> None:
+def _repeat_stalls(results: Results, wanted: Sequence[Key], trial: Callable[..., Outcome]) -> None:
     """Repeat the trials with stalls, each in a new process.
 
     A trial computes the same in every run, the first time of a process too. A host that halts a processor of a virtual
@@ -116,12 +120,12 @@ def _repeat_stalls(results: Results, wanted: Sequence[Key]) -> None:
     """
     for key in wanted:
         if "stall" in results.outcomes[key].violations and key not in results.repeated:
-            results.add(_in_new_process(key))
+            results.add(_in_new_process(key, trial))
 
 
-def _in_new_process(key: Key) -> Outcome:
+def _in_new_process(key: Key, trial: Callable[..., Outcome]) -> Outcome:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(run_trial, *key).result()
+        return pool.submit(trial, *key).result()
 
 
 def _console() -> Console:
@@ -130,7 +134,7 @@ def _console() -> Console:
 
 
 @contextlib.contextmanager
-def _parallel(jobs: int, backend: str, address: str | None) -> Iterator[Any]:
+def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
     """A function that runs trials and gives their outcomes as they come."""
     try:
         import joblib
@@ -149,7 +153,7 @@ def _parallel(jobs: int, backend: str, address: str | None) -> Iterator[Any]:
             streamed = "generator_unordered" if backend == "loky" else "list"
             parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
             for chunk in [keys] if backend == "loky" else _chunks(keys):
-                yield from parallel(joblib.delayed(run_trial)(*key) for key in chunk)
+                yield from parallel(joblib.delayed(trial)(*key) for key in chunk)
 
         yield run
 

@@ -14,6 +14,7 @@ import math
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from wbc_controller.assembly.robot import make_model
 from wbc_controller.campaign.body import Body
 from wbc_controller.campaign.expectations import Expectation, expect
 from wbc_controller.campaign.outcome import UNSEEN, Outcome
+from wbc_controller.campaign.recordings import Place
 from wbc_controller.campaign.user import User
 from wbc_controller.campaign.user_faults import USER_KINDS, UserFault
 from wbc_controller.campaign.watch import Watch
@@ -30,6 +32,7 @@ from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
 from wbc_controller.mock.faults.catalogue import KINDS, draw
 from wbc_controller.mock.faults.fault import Fault
 from wbc_controller.mock.robot import MockRobot
+from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Mode
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.controller_service import clock_of, make_loop
@@ -59,6 +62,7 @@ def run_trial(
     *,
     parameters: Mapping[str, Any] | None = None,
     prepare: Callable[[Controller], None] = lambda controller: None,
+    recordings: Path | None = None,
 ) -> Outcome:
     """Run one trial.
 
@@ -68,6 +72,8 @@ def run_trial(
         seed: decides when the fault begins, how long it lasts, and its parameters.
         parameters: of the fault, in place of those that are drawn.
         prepare: called with the controller before the trial, for tests.
+        recordings: folder for the recording that a fault leaves, which then has to name the fault, and to come out bit
+            for bit when it is solved again; None records nothing.
 
     Raises:
         ConfigurationError: where the kind is unknown, or the configuration cannot be used.
@@ -83,10 +89,15 @@ def run_trial(
         **(parameters or {}),
     }
     fault = draw(ALL_KINDS[kind], rng, **given)
+    place = None if recordings is None else Place(recordings, f"{Path(robot).stem}-{kind}-{seed}")
+    if place is not None:
+        place.clear()
     with _log() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
-        trial = _Trial(robot, fault, prepare, rng, synchronized=seed % 2 == 1)
+        trial = _Trial(robot, fault, prepare, rng, place, synchronized=seed % 2 == 1)
         with _few_objects_to_collect():
             trial.run()
+        if place is not None:
+            trial.look_at(place)
     if logged:
         trial.watch.found("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
@@ -101,10 +112,12 @@ class _Trial:
         fault: Fault,
         prepare: Callable[[Controller], None],
         rng: np.random.Generator,
+        place: Place | None,
         *,
         synchronized: bool,
     ) -> None:
         changes = {
+            **(place.settings if place is not None else {}),
             "safety.activation_ramp": 0.0,
             "safety.synchronized_clocks": synchronized,
             "control.markers_rate": 0.0,
@@ -127,6 +140,7 @@ class _Trial:
         controller = Controller(settings, preflight=False, model=model)
         prepare(controller)
         transport = MemoryTransport(bus)
+        self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
         self._manual = ManualClock()
         self._read = 0.0  # processor time of reading in the last cycle, which a thread of its own does in a service
         self._loop = make_loop(
@@ -136,6 +150,7 @@ class _Trial:
             topics,
             timer=time.thread_time,
             observers=(self.watch.cycle, lambda report: setattr(self, "_read", report.stage_seconds["read"])),
+            recorder=self._recorder,
         )
         user_transport = MemoryTransport(bus)
         self._user = User(settings, model, topics, user_transport)
@@ -165,6 +180,16 @@ class _Trial:
             self.watch.found("diverged", str(error))
         finally:
             self._simulated = self._robot.plant.time
+            if self._recorder is not None:
+                self._recorder.close()
+
+    def look_at(self, place: Place) -> None:
+        """See whether the recording that a fault has left names it, and comes out again."""
+        left = self.watch.left
+        if left is not None and left[2]:
+            lacks = place.lacks(left[1], left[2])
+            if lacks:
+                self.watch.found("recording", lacks)
 
     def _stand(self) -> None:
         """Activate with the base held until the torques are those of standing, and let it go."""
