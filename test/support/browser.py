@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from typing import Any
 
 import msgspec
@@ -25,6 +26,7 @@ class Browser:
         self.positions: dict[str, tuple[float, ...]] = {}
         self.controls: dict[str, dict[str, Any]] = {}
         self.updates = 0
+        self.moved: Counter[str] = Counter()  # messages that moved something, by name
         self._connection: ClientConnection = connect(
             f"ws://127.0.0.1:{port}{path}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options
         )
@@ -85,6 +87,7 @@ class Browser:
         kind = message["type"]
         if kind == "SetPositionMessage":
             self.positions[message["name"]] = tuple(message["position"])
+            self.moved[message["name"]] += 1
         elif kind.startswith("Gui") and "props" in message:
             self.controls[message["uuid"]] = dict(message["props"])
         elif kind == "GuiUpdateMessage" and message["uuid"] in self.controls:

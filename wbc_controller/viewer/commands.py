@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -13,9 +12,6 @@ from wbc_controller.service.signals import set_by_signals
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.user.completion import complete_config
 from wbc_controller.wire.topics import parse_remapping
-
-if TYPE_CHECKING:
-    pass
 
 _PORT = click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535),
                      help="Port of the page; where it is taken, the next one that is free.")  # fmt: skip

@@ -1,0 +1,124 @@
+"""What the page costs the loop, how fast it draws, and whether its memory grows: with it and without it, in turn.
+
+A mock robot sways on its controller, which records every cycle. Three browsers without a screen look at `wbc view`,
+which is halted in every other block. Run: python benchmarks/page.py [ROBOT] [--minutes M]
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import re
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "test/support"))
+
+from browser import Browser
+
+from wbc_controller.live.processes import Processes, memory, processor_time, until
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.user.sentences import read_sentence
+from wbc_controller.user.session import Session
+from wbc_controller.viewer.playing import free_domain
+
+BROWSERS = 3
+#: Duration of a block, s, and what of its beginning is not looked at. The page drops a browser that is silent for 3 s.
+BLOCK, SETTLE = 2.0, 0.3
+#: Time for all meshes to come, s.
+LOADING = 10.0
+#: Words that the robot sways by, one per block with the page.
+SWAY = (["com", "20mm", "right"], ["com", "20mm", "left"])
+PATIENCE = 120.0
+
+
+def measure(robot: str, minutes: float, folder: Path) -> list[tuple[str, np.ndarray]]:
+    """Run the blocks, print what the page did, and give the times of the loop's cycles in s, by kind of block."""
+    os.environ |= {"ROS_DOMAIN_ID": str(free_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    recording = folder / "page.mcap"
+    windows: dict[str, list[tuple[int, int]]] = {"without": [], "with": []}
+    drawn: list[float] = []
+    with (
+        contextlib.closing(Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), own_sessions=True)) as processes,
+        Session(processes.settings, patience=PATIENCE) as session,
+    ):
+        processes.start("mock")
+        processes.start("controller", "--activate", "--record", str(recording))
+        session.listen("controller", "state")
+        session.until(lambda: session.mode().startswith("active"), "the controller is not active", PATIENCE)
+        time.sleep(processes.settings.safety.activation_ramp)
+        session.ask(read_sentence(["release"], processes.settings))
+        command = [sys.executable, "-u", "-m", "wbc_controller", "view", str(processes.configuration), "--port", "0"]
+        view = processes.launch("view", command)
+        until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
+        port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
+        browsers = [Browser(port) for _ in range(BROWSERS)]
+        time.sleep(LOADING)
+        first, used = memory(view.pid), processor_time(view.pid)
+        for block in range(round(60.0 * minutes / BLOCK)):
+            kind = "with" if block % 2 else "without"
+            view.send_signal(signal.SIGCONT if kind == "with" else signal.SIGSTOP)
+            if block % 2:
+                session.ask(read_sentence(SWAY[block // 2 % 2], processes.settings))
+            time.sleep(SETTLE)
+            before, begin = [Counter(each.moved) for each in browsers], time.time_ns()
+            time.sleep(BLOCK - SETTLE)
+            end = time.time_ns()
+            windows[kind].append((begin, end))
+            if kind == "with":
+                seconds = 1e-9 * (end - begin)
+                drawn += [
+                    max((each.moved - old).values(), default=0) / seconds
+                    for each, old in zip(browsers, before, strict=True)
+                ]
+        view.send_signal(signal.SIGCONT)
+        last, used = memory(view.pid), processor_time(view.pid) - used
+        mode = session.mode()
+        for each in browsers:
+            each.close()
+    print(f"{robot}, {minutes:g} min, {BROWSERS} browsers; the controller's mode at the end: {mode}")
+    slow = np.quantile(drawn, 0.05)
+    print(f"states drawn per second: {np.median(drawn):.1f} in the median, {slow:.1f} or more in 95 % of the blocks")
+    print(f"the page's process: {first / 1024:.1f} MB at the beginning, {last / 1024:.1f} MB at the end")
+    print(f"it used {100.0 * used / (30.0 * minutes):.0f} % of one processor")
+    return loop_times(recording, windows)
+
+
+def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> list[tuple[str, np.ndarray]]:
+    """The times of the cycles within the windows, s."""
+    cycles = [(each.time, each.number_of("seconds/total")) for each in Recorded(recording).cycles()]
+    times, seconds = (np.array(column) for column in zip(*cycles, strict=True))
+    found = []
+    for kind, spans in windows.items():
+        inside = np.zeros(len(times), dtype=bool)
+        for begin, end in spans:
+            inside |= (times >= begin) & (times < end)
+        found.append((kind, seconds[inside & np.isfinite(seconds)]))
+    return found
+
+
+def main() -> None:
+    """Measure, and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robot", nargs="?", default="g1")
+    parser.add_argument("--minutes", type=float, default=10.0, help="duration, half of it with the page")
+    parser.add_argument("--keep", type=Path, help="folder for the recording and the logs; removed where none is given")
+    words = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="wbc_page_") as folder:
+        found = measure(words.robot, words.minutes, words.keep or Path(folder))
+    print(f"\n{'the loop, us':14}{'cycles':>9}{'median':>9}{'p99':>9}{'p99.9':>9}")
+    for kind, seconds in found:
+        print(
+            f"{kind:14}{len(seconds):9}" + "".join(f"{1e6 * np.quantile(seconds, q):9.0f}" for q in (0.5, 0.99, 0.999))
+        )
+
+
+if __name__ == "__main__":
+    main()
