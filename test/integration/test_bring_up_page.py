@@ -44,6 +44,7 @@ def test_a_robot_is_brought_up(tmp_path, processes, name):
     assert "the controller is active, and its torques are ramped in" in logs
     assert "refused" not in logs.split("-send.log", 1)[1]
     if name == "anymal.yaml":
+        assert re.search(r"the last seconds are written to '\S+the-push\.mcap'", logs.split("-send.log", 1)[1])
         status = logs.rpartition("-status.log\n")[2]
         assert status.startswith("anymal: active\n"), status
         assert re.search(r"^ com +com +50 +\S+ \S+ \S+ ", status, re.MULTILINE)

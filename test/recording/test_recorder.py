@@ -76,7 +76,7 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
     assert found.last >= fault.cycle
 
 
-def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_path, make):
+def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_path, make, caplog):
     folder = tmp_path / "faults"
     folder.mkdir()
     for i in range(4):
@@ -87,11 +87,19 @@ def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_p
     other.write_bytes(b"")
     run = record(changes={"recorder": {"folder": str(folder), "files": 3}})
     run.stand(20)
+    assert run.recorder.status() == {"recorder": "the last 10 s are kept", "recorder_said": "0"}
     run.bench.send("record", make.string("look / here"))
-    run.go(10)
+    run.go(5)
+    run.bench.send("record", make.string("and here"))
+    run.go(5)
     run.recorder.close()
     (path,) = folder.glob("*look-here.mcap")
     assert Recorded(path).count == 33
+    assert [said.split(repr(str(path))) for said in caplog.messages if repr(str(path)) in said] == [
+        ["the last seconds are written to ", " (look / here)"],
+        ["the last seconds are in ", " already, which goes on (and here)"],
+    ]
+    assert run.recorder.status()["recorder_said"] == "2"
     assert sorted(each.name for each in folder.glob("*OLD*")) == [
         "go2-20200101-000002-OLD.mcap", "go2-20200101-000003-OLD.mcap",
     ]  # fmt: skip

@@ -1,8 +1,6 @@
 """The launch file, on its own processes: a robot stands, and everything ends as it should."""
 
 import itertools
-import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -10,10 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from domains import own_domain
+from launching import PATIENCE, ROOT, launch
 
 try:
-    import rclpy
     from geometry_msgs.msg import PointStamped, WrenchStamped
     from nav_msgs.msg import Odometry
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -28,61 +25,6 @@ from wbc_controller.assembly.robot import make_model
 from wbc_controller.settings.files import find_configuration, load_settings
 
 pytestmark = pytest.mark.live
-
-#: Wall time after which something that should have happened has not, s; at load 8 a process takes 20 s to start.
-PATIENCE = 120.0
-ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def environment(tmp_path):
-    """An installation as colcon makes it, of this checkout; and a domain of its own."""
-    binaries, index = tmp_path / "lib/wbc_controller", tmp_path / "share/ament_index/resource_index/packages"
-    share = tmp_path / "share/wbc_controller"
-    for folder in (binaries, index, share):
-        folder.mkdir(parents=True)
-    (index / "wbc_controller").touch()
-    for name in ("config", "launch", "layouts"):
-        shutil.copytree(ROOT / name, share / name)
-    for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main"), ("guard", "guard_main")):
-        (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
-        (binaries / name).chmod(0o755)
-    return os.environ | {
-        "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ.get('AMENT_PREFIX_PATH', '')}",
-        "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}",
-        "ROS_DOMAIN_ID": str(own_domain()),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_LOG_DIR": str(tmp_path / "log"),
-    }
-
-
-@pytest.fixture
-def user(environment, monkeypatch):
-    """A node that commands and listens."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
-    node = rclpy.create_node("user", context=context)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def until(condition, seconds=PATIENCE):
-        deadline = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < deadline, f"not within {seconds} s"
-            executor.spin_once(timeout_sec=0.05)
-
-    yield node, until
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
-
-
-def launch(environment, *arguments, file="wbc.launch.py"):
-    return subprocess.Popen(
-        ["ros2", "launch", "wbc_controller", file, *arguments],
-        env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
 
 
 def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):

@@ -40,6 +40,8 @@ def made(text, hear=nothing_is_asked):
         ("task left_hand on", "controller", "task_enable", "left_hand", True),
         ("weight com 30", "controller", "weight", "com", 30.0),
         ("update {tasks: {com: {weight: 5}}}", "controller", "update", "", "{tasks: {com: {weight: 5}}}"),
+        ("record", "controller", "record", "", ""),
+        ("record a fine step", "controller", "record", "", "a-fine-step"),
         ("fault clear", "mock", "fault", "", "clear"),
     ],
 )

@@ -183,6 +183,8 @@ def test_each_button_does_what_it_says(page, session):
         if mode:
             session.until(lambda: session.mode().startswith(mode), f"{name}: not {mode} but {session.mode()}", patience)
 
+    press("Record")
+    page.get_by_text("the last seconds are written to ").wait_for()
     press("Hold")
     assert first(holds)[-1].data is True
     time.sleep(1.0)  # the hoist lifts it

@@ -133,6 +133,7 @@ def test_the_robot_is_drawn_at_the_page_s_rate_whatever_comes(rig, browser):
         ("Deactivate", "deactivate"),
         ("Damp", "damp"),
         ("Reset", "reset"),
+        ("Record", "the last seconds are written to a file"),
         ("Hold", "the hoist holds the robot where it began"),
         ("Release", "the hoist lets go of the robot"),
     ],

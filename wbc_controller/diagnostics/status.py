@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,14 @@ _LEVELS = {
 class StatusSummary:
     """Collects the reports since the last message, and summarises them."""
 
-    def __init__(self, node: str, hardware: str, scheduling: str = "", model: RobotModel | None = None) -> None:
+    def __init__(
+        self,
+        node: str,
+        hardware: str,
+        scheduling: str = "",
+        model: RobotModel | None = None,
+        recorder: Callable[[], Mapping[str, str]] = dict,
+    ) -> None:
         """Make a summary.
 
         Args:
@@ -34,9 +41,11 @@ class StatusSummary:
             hardware: name of the robot.
             scheduling: how the process is scheduled; empty where that is not known.
             model: of the robot, to say at which joints forces act beside it; None to say nothing of them.
+            recorder: gives what became of the recordings, by key.
         """
         self._model = model
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
+        self._recorder = recorder
         self._scheduling = {"scheduling": scheduling} if scheduling else {}
         self._reports: list[CycleReport] = []
         self._taken = 0
@@ -73,6 +82,7 @@ class StatusSummary:
             level = _ERROR
         text = "; ".join([last.mode.value, *warnings])
         values["requests_taken"] = str(self._taken)
+        values |= self._recorder()
         return diagnostics(wall, level, self._name, text, self._hardware, self._scheduling | values)
 
 

@@ -35,6 +35,8 @@ class Link:
 
     Attributes:
         lost: number of batches that could not be sent.
+        dead: whether the process has ended.
+        said: how many sentences the process has said, and the last one.
     """
 
     def __init__(self, plan: dict[str, Any], *, patient: bool) -> None:
@@ -63,19 +65,22 @@ class Link:
                 fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE)
         os.set_blocking(self._pipe, patient)
         self._rest: memoryview | None = None  # of a batch that did not fit
-        self._dead = self._closed = False
+        self.dead = self._closed = False
         self.lost = 0
+        self.said = 0, ""
         self._listener = threading.Thread(target=self._listen, args=(heard,), name="recorder", daemon=True)
         self._listener.start()
 
     def _listen(self, heard: int) -> None:
         with os.fdopen(heard, "rb") as lines:
             for line in lines:
-                _log.warning("%s", line.decode("utf-8", "replace").rstrip())
+                sentence = line.decode("utf-8", "replace").rstrip()
+                self.said = self.said[0] + 1, sentence
+                _log.warning("%s", sentence)
 
     def send(self, batch: bytes) -> bool:
         """Send whole frames; says whether they went out, or will. Called by one thread at a time."""
-        if self._dead:
+        if self.dead:
             return False
         try:
             if self._rest is not None:
@@ -85,7 +90,7 @@ class Link:
                 return False
             self._rest = self._pushed(memoryview(batch))
         except OSError as error:
-            self._dead = True
+            self.dead = True
             _log.warning("the recorder has ended (%s): nothing is recorded any more", error.strerror or error)
             return False
         return True
@@ -105,13 +110,13 @@ class Link:
             return
         self._closed = True
         ends = time.monotonic() + _PATIENCE
-        while not self._dead and not self.send(frame(END, 0, b"")) and time.monotonic() < ends:
+        while not self.dead and not self.send(frame(END, 0, b"")) and time.monotonic() < ends:
             time.sleep(_AGAIN)
-        while not self._dead and self._rest is not None and time.monotonic() < ends:
+        while not self.dead and self._rest is not None and time.monotonic() < ends:
             self.send(b"")
             time.sleep(_AGAIN)
         os.close(self._pipe)
-        self._dead = True
+        self.dead = True
         try:
             self._process.wait(_PATIENCE)
         except subprocess.TimeoutExpired:

@@ -64,6 +64,8 @@ _SHARE = 64 << 10
 _LARGEST = 1 << 20
 #: Time for which the same warning is not repeated, s.
 _SILENCE = 10.0
+#: What is said where there is no recorder.
+NOT_RECORDED = "nothing is recorded: recorder.seconds is 0"
 #: Topics of the recorder itself, below the controller's name.
 OWN = "recording"
 #: Packages on which the last bit of a torque depends.
@@ -102,6 +104,7 @@ class Recorder:
             name: of the robot, for the names of files.
         """
         seconds = settings.recorder.seconds
+        self._kept = f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
         folder = str(folder_of(settings)) if seconds > 0.0 else None
         plan = {
             "file": str(file) if file is not None else None,
@@ -209,6 +212,15 @@ class Recorder:
         self._taken[channel] = taken + len(payload)
         self._waiting += len(payload)
         self._messages.append((channel, self._stamp(), payload))
+
+    def status(self) -> dict[str, str]:
+        """What became of the recordings, for `/diagnostics`: the last sentence, and how many there were."""
+        count, sentence = self._link.said
+        if self._link.dead:
+            sentence = "the recorder has ended: nothing is recorded any more"
+        elif self._lost:
+            sentence = f"the recorder does not keep up: {self._lost} cycles lack"
+        return {"recorder": sentence or self._kept, "recorder_said": str(count)}
 
     def request(self, reason: str = "REQUEST") -> None:
         """Have the last seconds written; from any thread."""

@@ -191,6 +191,7 @@ class Writer:
         now = time.monotonic()
         if self._burst is not None:
             self._until = min(now + _AFTER, self._latest)
+            self._say(f"the last seconds are in {str(self._burst.path)!r} already, which goes on ({reason})")
             return
         self.flush()
         folder = Path(self._plan["folder"])

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from wbc_controller.control.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
-from wbc_controller.recording.recorder import Recorder, folder_of, start_recorder
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, folder_of, start_recorder
 from wbc_controller.records import Mode
 from wbc_controller.ros2.answers import RECORD, SERVICES, Answers
 from wbc_controller.ros2.declaration import declare, values
@@ -282,7 +282,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             response.success = True
             response.message = f"the last seconds are written to {folder_of(self._settings)}"
         elif recorder is None and gate is not None:
-            response.message = "nothing is recorded: recorder.seconds is 0"
+            response.message = NOT_RECORDED
         else:
             response.message = "the node is not active; ros2 lifecycle says how it is"
         return response

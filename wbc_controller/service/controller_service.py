@@ -16,7 +16,7 @@ from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.task_states import TaskStates
 from wbc_controller.errors import InputRefused
-from wbc_controller.recording.recorder import Recorder, recording
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
 from wbc_controller.records import CycleReport
 from wbc_controller.service.audit import make_audit
 from wbc_controller.service.clock import Clock, MonotonicClock, SimulatedClock
@@ -158,6 +158,7 @@ def make_loop(
             markers_period,
             node,
             scheduling,
+            recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED},
         ),
         make_audit(settings, model),
         Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),
@@ -176,7 +177,7 @@ def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics:
 
     def receive(payload: bytes) -> None:
         if recorder is None:
-            _log.warning("%s: refused: nothing is recorded (recorder.seconds is 0)", endpoint.name)
+            _log.warning("%s: refused: %s", endpoint.name, NOT_RECORDED)
             return
         try:
             recorder.request(decode(payload, endpoint.type).data.strip()[:_LONGEST_REASON] or "REQUEST")

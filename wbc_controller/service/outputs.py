@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class Outputs:
         markers_period: float,
         node: str,
         scheduling: str = "",
+        recorder: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         """Advertise every outgoing topic.
 
@@ -55,6 +56,7 @@ class Outputs:
             markers_period: time between two marker messages, s; inf for none.
             node: name of the node, with its namespace.
             scheduling: how the process is scheduled, for diagnostics.
+            recorder: gives what became of the recordings, by key, for diagnostics.
         """
         self._actuation = model.actuation
         self._contacts = contacts
@@ -81,7 +83,7 @@ class Outputs:
             for name, contact in contacts.items()
         }
         self._state_said: tuple[object, object] | None = None
-        self._summary = StatusSummary(node, model.name, scheduling, model)
+        self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
         self._contested_said: tuple[str, ...] = ()

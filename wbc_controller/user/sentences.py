@@ -40,6 +40,7 @@ FORMS = {
     "task": "TASK on|off",
     "weight": "TASK NUMBER",
     "update": "YAML",
+    "record": "[NAME]",
     "fault": "YAML",
 }
 
@@ -95,6 +96,9 @@ def read_sentence(words: Sequence[str], settings: Settings) -> Request:
             raise InputRefused(f"{first} takes YAML, see docs/{'topics' if first == 'update' else 'faults'}.md")
         text = " ".join(rest)
         return Request("controller" if first == "update" else "mock", first, "", f"{first} {text}", _says(text))
+    if first == "record":
+        name = "-".join(rest)
+        return Request("controller", "record", "", "the last seconds are written to a file", _says(name))
     if len(rest) != 2:
         raise InputRefused(f"{first} is followed by {form}, not by {' '.join(rest)!r}")
     name = _one_of(rest[0], settings.tasks if first in ("task", "weight") else settings.contacts, first)

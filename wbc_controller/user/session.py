@@ -191,6 +191,8 @@ class Session:
         """
         if (request.node, request.key, request.said) == ("controller", "command", "estop"):
             return self._stop(request)
+        if request.key == "record":
+            return self._ask_recorder(request)
         if request.node == "controller":
             return self._ask_controller(request)
         self._deliver(request)
@@ -265,6 +267,24 @@ class Session:
         if request.key == "command":
             return self._obeyed(request.said)
         return Answer(True, f"accepted: {request.said}")
+
+    def _ask_recorder(self, request: Request) -> Answer:
+        self.wait_for_controller()
+        said: list[tuple[str, str]] = []
+
+        def heard() -> bool:
+            for status in self.statuses():
+                values = {value.key: value.value for value in status.values}
+                said.append((values.get("recorder_said", ""), values["recorder"]))
+            return bool(said)
+
+        self.until(heard, "no controller of this name says anything on /diagnostics")
+        before, sentence = said[-1]
+        if not before:
+            return Answer(False, f"refused: {sentence}")
+        self._deliver(request)
+        self.until(lambda: heard() and said[-1][0] != before, f"the recorder does not answer; it said: {sentence}")
+        return Answer(True, said[-1][1])
 
     def statuses(self) -> Iterator[Any]:
         """Take the controller's statuses that have come, oldest first: diagnostic_msgs/DiagnosticStatus."""

@@ -88,6 +88,8 @@ def facts(heard: Heard) -> list[tuple[str, str]]:
     ]
     if audit:
         found.append(("audit", "; ".join(audit)))
+    if "recorder" in values:
+        found.append(("recorder", values["recorder"]))
     advice = next_step(heard.status.message)
     if advice:
         found.append(("next", advice))

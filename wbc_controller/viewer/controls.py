@@ -84,6 +84,7 @@ class Controls:
             ("Deactivate", "deactivate", "Torques are ramped out."),
             ("Damp", "damp", "The joints are damped: the robot sinks down."),
             ("Reset", "reset", "Out of a fault, or a stop."),
+            ("Record", "record", "The last seconds are written to a file, for wbc view and wbc replay."),
         ):
             color: Any = "green" if word == "activate" else "gray"
             button = self._gui.add_button(label, color=color, hint=f"{hint} wbc send {word}")

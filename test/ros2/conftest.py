@@ -1,0 +1,57 @@
+"""What the tests on a real graph share: an installation of this checkout, and a node that commands and listens."""
+
+import os
+import shutil
+import sys
+import time
+
+import pytest
+from domains import own_domain
+from launching import PATIENCE, ROOT
+
+
+@pytest.fixture
+def environment(tmp_path):
+    """An installation as colcon makes it, of this checkout; and a domain of its own."""
+    binaries, index = tmp_path / "lib/wbc_controller", tmp_path / "share/ament_index/resource_index/packages"
+    share = tmp_path / "share/wbc_controller"
+    for folder in (binaries, index, share):
+        folder.mkdir(parents=True)
+    (index / "wbc_controller").touch()
+    for name in ("config", "launch", "layouts"):
+        shutil.copytree(ROOT / name, share / name)
+    for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main"), ("guard", "guard_main")):
+        (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
+        (binaries / name).chmod(0o755)
+    return os.environ | {
+        "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ.get('AMENT_PREFIX_PATH', '')}",
+        "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}",
+        "ROS_DOMAIN_ID": str(own_domain()),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+    }
+
+
+@pytest.fixture
+def user(environment, monkeypatch):
+    """A node that commands and listens."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("user", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def until(condition, seconds=PATIENCE):
+        deadline = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < deadline, f"not within {seconds} s"
+            executor.spin_once(timeout_sec=0.05)
+
+    yield node, until
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
