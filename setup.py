@@ -62,6 +62,7 @@ setup(
             "wbc_controller = wbc_controller.node:main",
             "mock_robot = wbc_controller.node:mock_main",
             "guard = wbc_controller.node:guard_main",
+            "base_estimator = wbc_controller.node:estimator_main",
         ],
     },
 )

@@ -25,7 +25,7 @@ from wbc_controller.settings.service import SensorQuality
 from wbc_controller.user.commands import echo, send, status
 from wbc_controller.user.completion import complete_config
 from wbc_controller.viewer.commands import play, view
-from wbc_controller.wire.topics import parse_remapping
+from wbc_controller.wire.topics import ESTIMATOR_NODE, parse_remapping
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -201,6 +201,22 @@ def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -
     settings, remappings = _load(config), _remappings(remaps)
     with _stop_on_signals() as stop, _dds(NODE_NAME, namespace) as transport, _naming(config):
         run_guard(settings, transport, stop, namespace=namespace, remappings=remappings)
+
+
+@main.command()
+@click.argument("config", shell_complete=complete_config)
+@_node_options
+def estimate(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -> None:
+    """Estimate where the base is, from an IMU and the legs, and publish it as odometry: docs/estimation.md.
+
+    `wbc run` needs it only where `estimation.base_state` is odom: with imu, it estimates its base itself.
+    """
+    from wbc_controller.service.estimator_service import run_estimator
+
+    _log_to_stderr(verbose)
+    settings, remappings = _load(config), _remappings(remaps)
+    with _stop_on_signals() as stop, _dds(ESTIMATOR_NODE, namespace) as transport, _naming(config):
+        run_estimator(settings, transport, stop, namespace=namespace, remappings=remappings)
 
 
 @main.command()

@@ -23,6 +23,11 @@ def guard_main() -> None:
     _run("guard_node", "wbc guard g1")
 
 
+def estimator_main() -> None:
+    """Run the node that estimates the base: the executable `base_estimator`."""
+    _run("estimator_node", "wbc estimate g1")
+
+
 def _run(node: str, instead: str) -> NoReturn:
     # Until the node is up, Ctrl-C ends the process at once, where Python would print where in the imports it was.
     signal.signal(signal.SIGINT, signal.SIG_DFL)

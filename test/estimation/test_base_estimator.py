@@ -227,3 +227,52 @@ def test_the_imu_may_be_on_another_link():
     estimator._running._last = ImuSample(0.6, np.array(seen.angular), force)
     estimator.filter.columns[:, 0] = hand.rotation @ seen.linear
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
+
+
+def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
+    scene = Scene("talos")  # whose IMU is neither at the base's origin nor in its axes
+    scene.run(0.8)
+    running, found = scene.estimator._running, scene.estimator.filter
+    running._interval = np.inf  # without the noise of the last sample
+    size = len(found.P)
+    half = np.random.default_rng(1).normal(size=(size, size)) * 1e-3
+    found.P = half @ half.T
+    before, step = {name: np.copy(getattr(found, name)) for name in ("rotation", "columns", "gyroscope_bias")}, 1e-7
+
+    def moved(error):
+        """Pose and twist of the base where the errors (ξ_R, ξ_v, ξ_p, δb_g) have been added: X̂ = exp(ξ) X."""
+        turn = pin.exp3(error[:3])
+        found.rotation = turn @ before["rotation"]
+        found.columns = turn @ before["columns"]
+        found.columns[:, 0] += error[3:6]
+        found.columns[:, 1] += error[6:9]
+        found.gyroscope_bias = before["gyroscope_bias"] + error[9:]
+        return running.base()
+
+    pose, twist = moved(np.zeros(12))
+    by = []
+    for error in step * np.eye(12):
+        other, moving = moved(error)
+        turned = pin.log3(pin.Quaternion(other[3:]).matrix() @ pin.Quaternion(pose[3:]).matrix().T)
+        by.append(np.concatenate([other[:3] - pose[:3], turned, moving - twist]) / step)
+    moved(np.zeros(12))
+    J, own = np.array(by).T, [*range(9), *range(size - 6, size - 3)]
+    expected = J @ found.P[np.ix_(own, own)] @ J.T
+    of_pose, of_twist = scene.estimator.covariance
+    np.testing.assert_allclose(of_pose, expected[:6, :6], atol=1e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(of_twist, expected[6:, 6:], atol=1e-5 * np.abs(expected).max())
+    running._interval = 0.002
+    noisier = scene.estimator.covariance[1] - of_twist
+    np.testing.assert_allclose(noisier[3:, 3:], found.noise.gyroscope**2 / 0.002 * np.eye(3), atol=1e-12)
+    assert np.linalg.eigvalsh(noisier).min() > -1e-12
+
+
+def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
+    scene = Scene("go2")
+    assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)
+    scene.run(0.7)
+    assert scene.estimator.stamp == pytest.approx(scene.simulation.time, abs=1.1 * scene.controller.period)
+    for part in scene.estimator.covariance:
+        assert (np.diag(part) > 0.0).all()
+    scene.estimator.restart()
+    assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)

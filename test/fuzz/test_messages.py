@@ -15,6 +15,7 @@ from wbc_controller.cli import main
 from wbc_controller.control.cycle import ControlCycle
 from wbc_controller.core.references.board import ReferenceBoard
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.fuzz.controller_target import ControllerTarget
 from wbc_controller.fuzz.messages import fuzz_messages, load, payload_for, replay, save
 from wbc_controller.fuzz.target import fuzzed_robot
@@ -23,7 +24,14 @@ from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.service.inputs import Inputs
 from wbc_controller.wire import decoding
 from wbc_controller.wire.messages import decode, encode, message
-from wbc_controller.wire.topics import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES, Direction
+from wbc_controller.wire.topics import (
+    CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    MOCK_TOPICS,
+    TASK_TYPES,
+    Direction,
+)
 
 ROBOT = "go2"
 #: Messages here; `wbc fuzz messages` sends a million.
@@ -38,7 +46,9 @@ def test_no_message_on_any_input_of_any_node_breaks_it():
     outcome = fuzz_messages(ROBOT, COUNT, 0)
     assert whys(outcome) == []
     assert outcome.sent == COUNT
-    tables = {"controller": CONTROLLER_TOPICS, "guard": GUARD_TOPICS, "mock": MOCK_TOPICS}
+    tables = {
+        "controller": CONTROLLER_TOPICS, "guard": GUARD_TOPICS, "mock": MOCK_TOPICS, "estimator": ESTIMATOR_TOPICS,
+    }  # fmt: skip
     wanted = {
         f"{node}: {topic.key}"
         for node, table in tables.items()
@@ -151,6 +161,24 @@ class TestWhatIsBrokenIsFound:
         monkeypatch.setitem(decoding.READERS, "weight", slow)
         assert "ms of processor time; at most 50 ms" in self.found("controller").why
 
+    def test_an_estimate_that_is_answered_to_a_refused_message(self, monkeypatch):
+        original = Inputs._attempt
+
+        def broken(self, endpoint, read):
+            reason = original(self, endpoint, read)
+            if reason is not None and self.estimator is not None and self.estimator.base is not None:
+                self.estimator._running._last = dataclasses.replace(
+                    self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
+                )
+            return reason
+
+        monkeypatch.setattr(Inputs, "_attempt", broken)
+        assert "was refused" in self.found("estimator", 200).why
+
+    def test_an_estimate_without_a_covariance(self, monkeypatch):
+        monkeypatch.setattr(BaseEstimator, "covariance", (-np.eye(6), np.eye(6)))
+        assert "the covariance of the estimate is none" in self.found("estimator", 200).why
+
     def test_a_guard_that_believes_torques_over_the_limits(self, monkeypatch):
         original = Guard._take_over
 
@@ -206,5 +234,6 @@ def test_an_unknown_node_is_refused():
     result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
     assert result.exit_code == 2
     assert (
-        "no node is named 'controler'; did you mean 'controller'? Valid: controller, guard, mock, urdf" in result.output
+        "no node is named 'controler'; did you mean 'controller'? Valid: controller, guard, mock, urdf, estimator"
+        in result.output
     )

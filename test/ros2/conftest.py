@@ -20,7 +20,13 @@ def environment(tmp_path):
     (index / "wbc_controller").touch()
     for name in ("config", "launch", "layouts"):
         shutil.copytree(ROOT / name, share / name)
-    for name, main in (("wbc_controller", "main"), ("mock_robot", "mock_main"), ("guard", "guard_main")):
+    executables = {
+        "wbc_controller": "main",
+        "mock_robot": "mock_main",
+        "guard": "guard_main",
+        "base_estimator": "estimator_main",
+    }
+    for name, main in executables.items():
         (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
         (binaries / name).chmod(0o755)
     return os.environ | {

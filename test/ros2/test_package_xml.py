@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from wbc_controller.wire.topics import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES
+from wbc_controller.wire.topics import CONTROLLER_TOPICS, ESTIMATOR_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file
@@ -48,7 +48,10 @@ def test_no_dependency_stands_twice():
 
 def test_every_package_of_a_message_is_a_dependency():
     types = {
-        topic.type for table in (CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS) for topic in table if "/" in topic.type
+        topic.type
+        for table in (CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS, ESTIMATOR_TOPICS)
+        for topic in table
+        if "/" in topic.type
     }
     types |= {name for kinds in TASK_TYPES.values() for name in kinds.values()}
     assert len(types) > 10

@@ -24,10 +24,11 @@ from wbc_controller.ros2.security_policy import (
 )
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.estimator_service import EstimatorService
 from wbc_controller.service.guard_service import NODE_NAME as GUARD
 from wbc_controller.service.guard_service import GuardService
 from wbc_controller.service.wiring import controller_endpoints
-from wbc_controller.wire.topics import GUARD_TOPICS, Direction, endpoints
+from wbc_controller.wire.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
 
 CONTROLLER = "wbc_controller"
 #: What an element may hold and which attributes it has to have, by SROS 2's schema; `?` where it need not have it.
@@ -80,14 +81,16 @@ def read(text):
 def opened(settings, model, namespace="/", remappings=None):
     """What each node opens when it runs."""
     places = {"namespace": namespace, "remappings": remappings}
-    controller, mock, guard = Recorder(), Recorder(), Recorder()
+    controller, mock, guard, estimator = (Recorder() for _ in range(4))
     topics = controller_endpoints(settings, model, **places)
     make_loop(Controller(settings, preflight=False, model=model), controller, ManualClock(), topics)
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
     robot = describe(model.urdf, settings.robot)
     GuardService(settings, robot, list(endpoints(GUARD_TOPICS, GUARD, **places)), guard, ManualClock())
-    return {CONTROLLER: controller, MOCK: mock, GUARD: guard}
+    topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places))
+    EstimatorService(settings, model, topics, estimator, ManualClock())
+    return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
 
 
 @pytest.mark.parametrize("name", ["g1", "go2"])
@@ -98,7 +101,7 @@ def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespac
     settings, model = robot_of(name)
     allowed = read(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
-    assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, OPERATOR)}
+    assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE, OPERATOR)}
     for node, recorder in opened(settings, model, namespace, remappings).items():
         rules, own = allowed[f"{prefix}/{node}"], f"{prefix}/{node}/"
         lifecycle = node == CONTROLLER

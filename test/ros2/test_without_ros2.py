@@ -8,7 +8,13 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    ("main", "instead"), [("main", "wbc run g1"), ("mock_main", "wbc mock g1"), ("guard_main", "wbc guard g1")]
+    ("main", "instead"),
+    [
+        ("main", "wbc run g1"),
+        ("mock_main", "wbc mock g1"),
+        ("guard_main", "wbc guard g1"),
+        ("estimator_main", "wbc estimate g1"),
+    ],
 )
 def test_the_executables_say_how_to_do_without(main, instead):
     # None in sys.modules makes an import fail, on machines that have ROS 2 too.
@@ -33,7 +39,7 @@ from wbc_controller.node import {main}
 """
 
 
-@pytest.mark.parametrize("main", ["main", "mock_main", "guard_main"])
+@pytest.mark.parametrize("main", ["main", "mock_main", "guard_main", "estimator_main"])
 def test_ctrl_c_while_a_node_is_imported_ends_it_without_a_traceback(main):
     ended = subprocess.run(
         [sys.executable, "-c", INTERRUPTED.format(main=main)], capture_output=True, text=True, timeout=60, check=False

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.assembly.estimation import estimates_base, make_estimator
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Mode
 from wbc_controller.wire.messages import header, message
@@ -161,10 +161,16 @@ def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):
 def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, changed):
     settings, model = robot_of("go2")
     settings = changed(settings, IMU)
-    with pytest.raises(ConfigurationError, match=r"estimation.base_state = 'imu': no contact .*take odom"):
+    with pytest.raises(
+        ConfigurationError, match=r"no contact of the configuration .*take estimation.base_state = 'odom'"
+    ):
         make_estimator(settings, model, {})
-    assert make_estimator(changed(settings, {"estimation": {"base_state": "odom"}}), model, {}) is None
-    assert make_estimator(settings, SimpleNamespace(floating_base=False), {}) is None  # there is nothing to estimate
+    fixed = SimpleNamespace(floating_base=False)
+    with pytest.raises(ConfigurationError, match="there is no base to estimate"):
+        make_estimator(settings, fixed, {})
+    assert estimates_base(settings, model)
+    assert not estimates_base(settings, fixed)
+    assert not estimates_base(changed(settings, {"estimation": {"base_state": "odom"}}), model)
 
 
 def test_a_clock_that_begins_anew_ends_the_estimate(robot):

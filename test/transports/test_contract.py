@@ -13,6 +13,7 @@ from wbc_controller.wire.messages import decode, encode, message
 from wbc_controller.wire.topics import (
     COMMAND_OUT,
     CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     LATCHED,
     MOCK_TOPICS,
@@ -43,7 +44,12 @@ def texts(payloads):
 
 @pytest.mark.parametrize(
     ("node", "table"),
-    [("wbc_controller", CONTROLLER_TOPICS), ("mock_robot", MOCK_TOPICS), ("guard", GUARD_TOPICS)],
+    [
+        ("wbc_controller", CONTROLLER_TOPICS),
+        ("mock_robot", MOCK_TOPICS),
+        ("guard", GUARD_TOPICS),
+        ("base_estimator", ESTIMATOR_TOPICS),
+    ],
 )
 def test_every_row_of_the_table_carries_its_message(join, eventually, example, node, table):
     owner, other = join(node), join("other")

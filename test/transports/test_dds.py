@@ -19,6 +19,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.wire.messages import decode, encode, message
 from wbc_controller.wire.topics import (
     CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     LATCHED,
     MOCK_TOPICS,
@@ -48,7 +49,7 @@ LOOPBACK = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interf
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 TABLE_TYPES = sorted(
-    {row.type for row in (*CONTROLLER_TOPICS, *MOCK_TOPICS, *GUARD_TOPICS) if "/" in row.type}
+    {row.type for row in (*CONTROLLER_TOPICS, *MOCK_TOPICS, *GUARD_TOPICS, *ESTIMATOR_TOPICS) if "/" in row.type}
     | {type_name for columns in TASK_TYPES.values() for type_name in columns.values()}
     | {INFO}
 )

@@ -10,6 +10,7 @@ from participants import DdsParticipants, Ros2Participants
 from wbc_controller.wire.messages import decode, encode, message
 from wbc_controller.wire.topics import (
     CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     LATCHED,
     MOCK_TOPICS,
@@ -35,7 +36,11 @@ def pair(monkeypatch):
 
 
 @pytest.mark.parametrize("to_dds", [True, False])
-@pytest.mark.parametrize("table", [CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS], ids=["controller", "mock", "guard"])
+@pytest.mark.parametrize(
+    "table",
+    [CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS, ESTIMATOR_TOPICS],
+    ids=["controller", "mock", "guard", "estimator"],
+)
 def test_every_row_crosses(pair, eventually, example, table, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
     rows = endpoints(

@@ -11,6 +11,8 @@ from wbc_controller.wire.messages import TYPES
 from wbc_controller.wire.topics import (
     BY_TASK,
     CONTROLLER_TOPICS,
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     MOCK_TOPICS,
     TASK_TYPES,
@@ -192,6 +194,22 @@ def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_gu
             assert writer.qos.latched >= reader.qos.latched
     written = {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.OUT}
     assert not written & {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.IN}
+
+
+def test_the_estimator_hears_the_robot_and_the_controller_who_may_hear_it():
+    others = [
+        endpoint
+        for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
+        for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS, contacts=("left",))
+    ]
+    for endpoint in endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace="/r", contacts=("left",)):
+        met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
+        assert met or endpoint.key in ("holds", "tf", "diagnostics"), endpoint.name
+        for other in met:
+            assert other.type == endpoint.type
+            writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
+            assert writer.qos.reliable >= reader.qos.reliable
+            assert writer.qos.latched >= reader.qos.latched
 
 
 def test_there_is_no_dead_row(bench):

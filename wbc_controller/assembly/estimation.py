@@ -53,8 +53,13 @@ def make_beside_the_model(settings: Settings, model: RobotModel) -> BesideTheMod
     return BesideTheModel(estimate, known, 1.0 / settings.control.rate)
 
 
-def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator | None:
-    """Make the estimator of a floating base; None where its state is measured elsewhere, or the base is fixed.
+def estimates_base(settings: Settings, model: RobotModel) -> bool:
+    """Whether the controller itself estimates its base: it floats, and is not measured elsewhere."""
+    return settings.estimation.base_state == "imu" and model.floating_base
+
+
+def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
+    """Make the estimator of a floating base.
 
     Args:
         settings: the robot's settings.
@@ -62,17 +67,17 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
         contacts: its contacts, by name.
 
     Raises:
-        ConfigurationError: where the IMU has no frame, or no contact could carry an estimate.
+        ConfigurationError: where the base is fixed, the IMU has no frame, or no contact could carry an estimate.
     """
     known = settings.estimation
-    if known.base_state == "odom" or not model.floating_base:
-        return None
+    if not model.floating_base:
+        raise ConfigurationError(f"robot.base = {settings.robot.base!r}: there is no base to estimate; Valid: floating")
     frames = {name: contact.frame for name, contact in settings.contacts.items()}
     legs = LegKinematics(model, contacts, frames, imu_frame(settings, model))
     if not legs.points:
         raise ConfigurationError(
-            "estimation.base_state = 'imu': no contact of the configuration stays where it is (surface, point, fixed; "
-            "not wheels, and not contacts between two links), so that nothing holds the estimate; take odom"
+            "the base cannot be estimated: no contact of the configuration stays where it is (surface, point, fixed; "
+            "not wheels, and not contacts between two links); take estimation.base_state = 'odom'"
         )
     noise = ImuNoise(
         known.gyroscope_noise,

@@ -110,6 +110,16 @@ class BaseEstimator:
         """Pose of the base in the world, (7,), and its twist in its own axes, (6,); None where there is no estimate."""
         return self._running.base() if self._running is not None else None
 
+    @property
+    def stamp(self) -> float:
+        """Stamp of the newest sample that the estimate has taken, s; minus infinity where there is no estimate."""
+        return self._running.stamp if self._running is not None else -np.inf
+
+    @property
+    def covariance(self) -> tuple[Array, Array] | None:
+        """Covariances of `base`, (6, 6) each: of position and turns about the world's axes, and of the twist."""
+        return self._running.covariance() if self._running is not None else None
+
     def restart(self) -> None:
         """Forget everything: the robot has to stand still again."""
         self._running, self._still = None, []
@@ -209,11 +219,17 @@ class _Running:
         self.filter = filter
         self.slipping: tuple[str, ...] = ()
         self._last = last
+        self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
         self._sensors = sensors
         self._rolled: dict[str, Array] = {}  # by how far the centre of each ball has rolled, in the world, (3,) in m
         sizes = {len(points) for points in kinematics.points.values()}
         self._limits = {k: float(chdtri(3 * k, _SLIP)) for k in sizes}
+
+    @property
+    def stamp(self) -> float:
+        """Stamp of the newest sample, s."""
+        return self._last.stamp
 
     def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> str | None:
         """Take measurements; why the estimate cannot go on, where it cannot."""
@@ -241,9 +257,29 @@ class _Running:
         pose = np.concatenate([found.position - R @ legs.imu_position, pin.Quaternion(R).coeffs()])
         return pose, np.concatenate([velocity, omega])
 
+    def covariance(self) -> tuple[Array, Array]:
+        """Covariances of the base's pose, position and turns about the world's axes, and of its twist, (6, 6) each.
+
+        From X̂ X⁻¹ = exp(ξ), to first order: the base at p has the errors ξ_p - pₓ ξ_R and ξ_R, and its velocity in its
+        own axes Rᵀ ξ_v + rₓ δω, where r is the place of the IMU, and δω what bias and noise of the gyroscope make.
+        """
+        found, legs = self.filter, self._kinematics
+        P, own = found.P, list(range(9)) + list(range(len(found.P) - 6, len(found.P) - 3))
+        R = found.rotation @ legs.imu_rotation.T
+        arm = hat(legs.imu_position)
+        errors = np.zeros((12, 12))
+        errors[0:3, 0:3], errors[0:3, 6:9] = -hat(found.position - R @ legs.imu_position), np.eye(3)
+        errors[3:6, 0:3] = np.eye(3)
+        errors[6:9, 3:6], errors[6:9, 9:12] = R.T, -arm @ legs.imu_rotation
+        errors[9:12, 9:12] = -legs.imu_rotation
+        C = errors @ P[np.ix_(own, own)] @ errors.T
+        noise = np.vstack([arm, np.eye(3)])
+        C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)
+        return C[:6, :6], C[6:, 6:]
+
     def _pass(self, sample: ImuSample, dt: float) -> None:
         """Propagate to a sample of the IMU, with the mean of it and the one before."""
-        last, self._last = self._last, sample
+        last, self._last, self._interval = self._last, sample, dt
         self.filter.propagate(
             0.5 * (sample.angular_velocity + last.angular_velocity),
             0.5 * (sample.specific_force + last.specific_force),

@@ -52,7 +52,7 @@ def _live(function: F) -> F:
 @fuzz.command()
 @click.argument("robot", default="go2")
 @click.option("--count", default=1_000_000, show_default=True, help="Messages, over all nodes.")
-@click.option("--nodes", default="controller,guard,mock,urdf", show_default=True, help="Nodes under test.")
+@click.option("--nodes", default="controller,guard,mock,urdf,estimator", show_default=True, help="Nodes under test.")
 @click.option("--first", default=0, show_default=True, help="Number of the first episode of each node.")
 @click.option(
     "--replay", type=click.Path(path_type=Path), help="Send the messages of a failure again, and nothing else."

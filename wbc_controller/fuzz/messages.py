@@ -27,6 +27,7 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.fuzz.contents import hostile, hostile_text
 from wbc_controller.fuzz.controller_target import ControllerTarget
+from wbc_controller.fuzz.estimator_target import EstimatorTarget
 from wbc_controller.fuzz.mutations import mutated_bytes, pick
 from wbc_controller.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
 from wbc_controller.fuzz.target import Broken, Slow, Target, fuzzed_robot, listening
@@ -39,6 +40,7 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "guard": (GuardTarget, 0.15),
     "mock": (MockTarget, 0.15),
     "urdf": (UrdfTarget, 0.05),
+    "estimator": (EstimatorTarget, 0.1),
 }
 #: Messages of an episode, at most.
 _EPISODE = 400

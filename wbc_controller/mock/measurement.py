@@ -11,6 +11,7 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
 from wbc_controller.wire import messages
+from wbc_controller.wire.odometry import odometry, quaternion, vector
 
 #: Reference frame of poses.
 WORLD_FRAME = "world"
@@ -62,7 +63,7 @@ class Measurement:
         if stream == "clock":
             return messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp))
         if stream == "odom":
-            return _odometry(stamp, self.base, self.pose, self.twist)
+            return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
             return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
@@ -101,63 +102,22 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
     )
 
 
-def transform(stamp: int, base: str, pose: Array) -> Any:
-    """Make a TFMessage from the world to the base, from its pose, (7,)."""
-    content = messages.message(
-        "geometry_msgs/msg/TransformStamped",
-        header=messages.header(stamp, WORLD_FRAME),
-        child_frame_id=base,
-        transform=messages.message(
-            "geometry_msgs/msg/Transform", translation=_vector(pose[:3]), rotation=_quaternion(pose[3:])
-        ),
-    )
-    return messages.message("tf2_msgs/msg/TFMessage", transforms=[content])
-
-
 def wrench_message(stamp: int, frame: str, wrench: Array) -> Any:
     """Make a WrenchStamped from a force, (3,) in N, or a wrench, (6,) in N and N·m."""
     torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
-    content = messages.message("geometry_msgs/msg/Wrench", force=_vector(wrench[:3]), torque=_vector(torque))
+    content = messages.message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(torque))
     return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
 
 
-def _vector(values: Array) -> Any:
-    x, y, z = values.tolist()
-    return messages.message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
-def _quaternion(values: Array) -> Any:
-    x, y, z, w = values.tolist()
-    return messages.message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-
-def _odometry(stamp: int, base: str, position_and_quaternion: Array, twist: Array) -> Any:
-    x, y, z = position_and_quaternion[:3].tolist()
-    pose = messages.message(
-        "geometry_msgs/msg/Pose",
-        position=messages.message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=_quaternion(position_and_quaternion[3:]),
-    )
-    velocity = messages.message("geometry_msgs/msg/Twist", linear=_vector(twist[:3]), angular=_vector(twist[3:]))
-    exact = np.zeros(36)
-    return messages.message(
-        "nav_msgs/msg/Odometry",
-        header=messages.header(stamp, WORLD_FRAME),
-        child_frame_id=base,
-        pose=messages.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=exact),
-        twist=messages.message("geometry_msgs/msg/TwistWithCovariance", twist=velocity, covariance=exact),
-    )
-
-
-def _imu(stamp: int, frame: str, quaternion: Array, angular_velocity: Array, specific_force: Array) -> Any:
+def _imu(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",
         header=messages.header(stamp, frame),
-        orientation=_quaternion(quaternion),
+        orientation=quaternion(attitude),
         orientation_covariance=exact,
-        angular_velocity=_vector(angular_velocity),
+        angular_velocity=vector(angular_velocity),
         angular_velocity_covariance=exact,
-        linear_acceleration=_vector(specific_force),
+        linear_acceleration=vector(specific_force),
         linear_acceleration_covariance=exact,
     )

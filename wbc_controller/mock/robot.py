@@ -29,13 +29,14 @@ from wbc_controller.mock.faults.catalogue import read_faults
 from wbc_controller.mock.faults.fault import Fault
 from wbc_controller.mock.faults.injector import Injector
 from wbc_controller.mock.inbox import Inbox
-from wbc_controller.mock.measurement import STREAMS, WORLD_FRAME, measure, transform, wrench_message
+from wbc_controller.mock.measurement import STREAMS, WORLD_FRAME, measure, wrench_message
 from wbc_controller.mock.plant import Plant
 from wbc_controller.mock.sensors import PARTS, ImperfectSensors
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire import messages
+from wbc_controller.wire.odometry import transform
 from wbc_controller.wire.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
 
 #: Name of the node, and prefix of its private topics.
@@ -205,7 +206,7 @@ class MockRobot:
                 self._send(stream, stamp, payload)
         if self._periods % self._slow_decimation == 0:
             if self._robot.floating_base:
-                self._publish("tf", "", transform(stamp, base, self.plant.state()[0][:7]))
+                self._publish("tf", "", transform(stamp, WORLD_FRAME, base, self.plant.state()[0][:7]))
             for name, wrench in self.plant.contact_wrenches().items():
                 frame = name if wrench.size == 6 else self._contacts[name].against or WORLD_FRAME
                 self._publish("contact_wrench", name, wrench_message(stamp, frame, wrench))

@@ -16,6 +16,8 @@ from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME as CONTROLLER
 from wbc_controller.settings import Settings
 from wbc_controller.wire.topics import (
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     MOCK_TOPICS,
     REQUEST,
@@ -73,8 +75,13 @@ def security_policy(
         MOCK: endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts, namespace=namespace, remappings=remappings),
         GUARD: endpoints(GUARD_TOPICS, GUARD, namespace=namespace, remappings=remappings),
     }
+    if model.floating_base:
+        nodes[ESTIMATOR_NODE] = endpoints(
+            ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        )
     opened = {
-        node: [endpoint for endpoint in table if _is_used(endpoint, settings, model)] for node, table in nodes.items()
+        node: [endpoint for endpoint in table if _is_used(endpoint, node, settings, model)]
+        for node, table in nodes.items()
     }
     policy = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(policy, "enclaves")
@@ -100,10 +107,10 @@ def security_policy(
     return ElementTree.tostring(policy, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _is_used(endpoint: Endpoint, settings: Settings, model: RobotModel) -> bool:
+def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotModel) -> bool:
     """Whether a node opens a topic of its table with these settings."""
     if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
-        return model.floating_base and endpoint.key == settings.estimation.base_state
+        return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
     if endpoint.key in ("odom", "tf"):
         return model.floating_base
     if endpoint.key == "robot_description" and endpoint.direction is Direction.IN:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.assembly.estimation import estimates_base, make_estimator
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.shortfall import Shortfall
@@ -144,7 +144,7 @@ def make_loop(
             clock,
             partial(controller.live.prepare, source="update"),
             clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
-            estimator=make_estimator(settings, model, published),
+            estimator=make_estimator(settings, model, published) if estimates_base(settings, model) else None,
         ),
         Outputs(
             model,

@@ -17,6 +17,8 @@ from wbc_controller.user.sentences import Request
 from wbc_controller.wire.messages import decode, encode, header_time
 from wbc_controller.wire.topics import (
     CONTROLLER_TOPICS,
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     MOCK_NODE,
     MOCK_TOPICS,
@@ -61,6 +63,7 @@ def topics_of(
         "controller": (CONTROLLER_TOPICS, NODE_NAME),
         "mock": (MOCK_TOPICS, MOCK_NODE),
         "guard": (GUARD_TOPICS, GUARD_NODE),
+        "estimator": (ESTIMATOR_TOPICS, ESTIMATOR_NODE),
     }
     return {
         (owner, topic.key, topic.subject): topic

@@ -222,6 +222,30 @@ GUARD_TOPICS: tuple[Topic, ...] = (
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "The guard's state, with message ages, the number of takeovers, and refused inputs."),
 )
+
+#: Name of the node that estimates the base.
+ESTIMATOR_NODE = "base_estimator"
+
+ESTIMATOR_TOPICS: tuple[Topic, ...] = (
+    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+          "Positions and velocities of the joints: each message is answered by an estimate."),
+    Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
+          "Angular velocity and specific force in the axes of `estimation.imu_frame`. The orientation is not used."),
+    Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
+          "Whether a contact holds, from a foot switch or another controller; until the first one, as below."),
+    Topic("contact_wrench", "wbc_controller/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _IN,
+          STATE_IN, "The contacts for which the controller sends forces hold; while it sends none, those hold that are "
+          "enabled in the configuration."),
+    Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
+          "The URDF, used if the configuration names no file."),
+    Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT,
+          "Pose of the base in `odom`, where the robot began, and twist in the base's axes (REP 105), with "
+          "covariances; nothing while there is no estimate."),
+    Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT, "Transform from `odom` to the base, 50 times a second."),
+    Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
+          "Whether the base is estimated, or what that waits for; contacts that hold, and those that slip; refused "
+          "inputs."),
+)
 # fmt: on
 
 

@@ -1,0 +1,77 @@
+"""`wbc view` beside a controller and a mock robot on rclpy: it shows what they say, and commands them."""
+
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from launching import PATIENCE, launch
+
+try:
+    from nav_msgs.msg import Odometry
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+from browser import Browser
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture
+def page(environment, tmp_path):
+    """A browser on the page of Go2, which may command."""
+    log = tmp_path / "view.log"
+    with log.open("wb") as output:
+        view = subprocess.Popen(
+            [sys.executable, "-u", "-m", "wbc_controller", "view", "go2", "--command", "--port", "0"],
+            env=environment, stdout=output, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+    browsers = []
+
+    def opened(until):
+        until(lambda: "page: " in log.read_text() or view.poll() is not None)
+        (port,) = re.findall(r"page: http://\S+?:(\d+)", log.read_text())
+        browsers.append(Browser(int(port)))
+        return browsers[-1]
+
+    yield opened
+    for browser in browsers:
+        browser.close()
+    view.send_signal(signal.SIGINT)
+    assert view.wait(PATIENCE) == 0, log.read_text()
+
+
+def test_it_shows_and_commands_nodes_of_ros2(environment, user, page):
+    node, until = user
+    states, base = [], []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, "/wbc_controller/state", lambda m: states.append(m.data), latched)
+    node.create_subscription(Odometry, "/odom", lambda m: base.append(m.pose.pose.position), 1)
+    nodes = launch(environment, "robot:=go2", "activate:=true", "real_time_factor:=0.5", "use_sim_time:=true")
+    try:
+        until(lambda: states[-1:] == ["active"])
+        browser = page(until)
+
+        def says(text):
+            return any(text in str(value) for props in list(browser.controls.values()) for value in props.values())
+
+        until(lambda: says("active") and says("com"))
+        until(lambda: "/robot/1" in browser.positions)
+        at = base[-1]
+        assert browser.positions["/robot/1"] == pytest.approx((at.x, at.y, at.z), abs=5e-3)
+        browser.set("Release", True)
+        until(lambda: base[-1].z < at.z - 1e-4)
+        until(lambda: abs(browser.positions["/robot/1"][2] - base[-1].z) < 1e-3)
+        browser.set("Deactivate", True)
+        until(lambda: states[-1] == "inactive")
+        until(lambda: says("inactive"))
+    finally:
+        nodes.send_signal(signal.SIGINT)
+        output, _ = nodes.communicate(timeout=PATIENCE)
+        print(states, output)  # shown by pytest where the test fails

@@ -1,0 +1,225 @@
+"""The estimator of the base as a node: an IMU and the legs in, by `estimation.base_estimator`, odometry for all out.
+
+The controller that estimates its base itself, with `estimation.base_state: imu`, needs no such node.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.assembly.contacts import make_contact
+from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.errors import InputRefused
+from wbc_controller.service.clock import Clock, MonotonicClock
+from wbc_controller.service.inputs import Inputs
+from wbc_controller.service.urdf import wait_for_urdf
+from wbc_controller.service.wiring import make_vocabulary
+from wbc_controller.settings import Settings
+from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.messages import decode, diagnostics, encode
+from wbc_controller.wire.odometry import odometry, transform
+from wbc_controller.wire.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
+
+#: Frame in which the base is estimated (REP 105): it drifts, and does not jump.
+FRAME = "odom"
+#: Time for which a force that the controller has sent says that a contact holds, s.
+_FRESH = 0.1
+#: Time between two transforms, s.
+_TRANSFORMS = 0.02
+#: Longest wait for joint states until the diagnostics are seen to, s.
+_WAIT = 0.1
+#: Largest message about a contact, bytes.
+_LARGEST = 1 << 12
+
+_OK, _WARN = 0, 1
+_log = logging.getLogger(__name__)
+
+
+class EstimatorService:
+    """Answers each joint state with an estimate of the base.
+
+    The transport's callbacks store messages; they are decoded on the thread that calls `cycle`.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        model: RobotModel,
+        topics: Sequence[Endpoint],
+        transport: Transport,
+        clock: Clock,
+        namespace: str = "/",
+    ) -> None:
+        """Open the topics.
+
+        Args:
+            settings: the robot's settings.
+            model: its model.
+            topics: endpoints of the estimator's node.
+            transport: carries the messages.
+            clock: gives each message its time of arrival.
+            namespace: namespace of the node, for diagnostics.
+
+        Raises:
+            ConfigurationError: where the base is fixed, the IMU has no frame, or no contact could carry an estimate.
+            TransportError: if a topic cannot be opened.
+        """
+        contacts = {name: make_contact(name, spec, model) for name, spec in settings.contacts.items()}
+        self.estimator = make_estimator(settings, model, contacts)
+        self._enabled = frozenset(name for name, spec in settings.contacts.items() if spec.enabled)
+        self._base, self._clock = model.base_link, clock
+        self._name, self._hardware = f"{namespace.strip('/')}/{ESTIMATOR_NODE}: base".strip("/"), model.name
+        self._lock = threading.Lock()
+        self._pushed: dict[str, float] = {}  # time of the newest force of each contact
+        self._told: dict[str, bytes] = {}  # what each topic `holds` has said last
+        self._holds: dict[str, bool] = {}
+        self._types = {topic.key: topic.type for topic in topics}
+        self._publish: dict[str, Publish] = {
+            topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
+        }
+        for topic in topics:
+            if topic.key in ("holds", "contact_wrench"):
+                transport.subscribe(topic, partial(self._take, topic.key, topic.subject))
+        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu")]
+        tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
+        self._inputs = Inputs(
+            model, make_vocabulary(settings, model), sensors, transport, clock,
+            clock_tolerance=tolerance, estimator=self.estimator,
+        )  # fmt: skip
+        self._stamp = -math.inf
+        self._transform_due = self._diagnostics_due = -math.inf
+        self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
+        self._refused: dict[str, None] = {}
+        self._said = ""
+
+    def _take(self, key: str, contact: str, payload: bytes) -> None:
+        with self._lock:
+            if key == "contact_wrench":
+                self._pushed[contact] = self._clock.now()
+            elif len(payload) <= _LARGEST:
+                self._told[contact] = payload
+
+    def holding(self) -> frozenset[str]:
+        """Names of the contacts that hold: by their own topic, or else by the controller's forces.
+
+        Where the controller sends no forces, those that are enabled in the configuration.
+        """
+        now = self._clock.now()
+        with self._lock:
+            told, self._told = self._told, {}
+            pushed = {name for name, at in self._pushed.items() if now - at <= _FRESH}
+        for name, payload in told.items():
+            try:
+                self._holds[name] = bool(decode(payload, self._types["holds"]).data)
+            except InputRefused as refusal:
+                self._refuse(f"{name}: {refusal}")
+        found = pushed or self._enabled
+        said_so = {name for name, holds in self._holds.items() if holds}
+        return frozenset(name for name in found if name not in self._holds) | said_so
+
+    def cycle(self) -> None:
+        """Take what has come, and publish the estimate where it is new."""
+        holding = self.holding()
+        latched = self._inputs.latch(holding)
+        for sentence in latched.refused:
+            self._refuse(sentence)
+        estimator, state = self.estimator, latched.state
+        if state is not None and estimator.base is not None and estimator.stamp > self._stamp:
+            self._stamp = estimator.stamp
+            pose, twist = estimator.base
+            content = odometry(state.stamp, FRAME, self._base, pose, twist, estimator.covariance)
+            self._publish["odom"](encode(content))
+            now = self._clock.now()
+            if now >= self._transform_due:
+                self._transform_due = now + _TRANSFORMS
+                self._publish["tf"](encode(transform(state.stamp, FRAME, self._base, pose)))
+        elif estimator.base is None:
+            self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
+        self._say(holding, latched.notes)
+
+    def _refuse(self, sentence: str) -> None:
+        self._refused[sentence] = None
+
+    def _say(self, holding: frozenset[str], notes: Mapping[str, str]) -> None:
+        """Publish diagnostics if they are due, or what they say has changed."""
+        estimator, now = self.estimator, self._clock.now()
+        text = estimator.waits_for if estimator.base is None else "the base is estimated"
+        if estimator.slipping:
+            text += f"; {', '.join(estimator.slipping)} moves, and is left out"
+        changed = text.partition(":")[0] != self._said.partition(":")[0]
+        if not changed and now < self._diagnostics_due:
+            return
+        if changed:
+            _log.info("%s", text)
+        self._said, self._diagnostics_due = text, now + self._diagnostics_period
+        refused, self._refused = list(self._refused), {}
+        values: dict[str, str] = {"holding": ", ".join(sorted(holding)) or "none"}
+        values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()}
+        found = estimator.covariance
+        if found is not None:
+            turned, moving = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
+            values["tilt"] = f"one standard deviation {turned:.5f} rad"
+            values["velocity"] = f"one standard deviation {moving:.5f} m/s"
+        values |= {f"note/{name}": note for name, note in notes.items()}
+        values |= {f"refused/{i}": sentence for i, sentence in enumerate(refused)}
+        level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
+        self._publish["diagnostics"](self._encoded(level, text, values))
+
+    def _encoded(self, level: int, text: str, values: Mapping[str, str]) -> Any:
+        return encode(diagnostics(time.time_ns(), level, self._name, text, self._hardware, values))
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until stopped."""
+        gc.collect()
+        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
+        arrived = self._inputs.arrived
+        while not stop.is_set():
+            if arrived.wait(_WAIT):
+                arrived.clear()
+            self.cycle()
+
+
+def run_estimator(
+    settings: Settings,
+    transport: Transport,
+    stop: threading.Event,
+    *,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> None:
+    """Run the estimator until stopped.
+
+    Args:
+        settings: the robot's settings.
+        transport: carries the messages.
+        stop: event that ends the run.
+        namespace: namespace of the node.
+        remappings: topic remappings, from name to name.
+
+    Raises:
+        ConfigurationError: as `EstimatorService` does.
+        TransportError: if a topic cannot be opened.
+    """
+    urdf = None
+    if not settings.robot.urdf:
+        urdf = wait_for_urdf(transport, stop, ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace, remappings)
+        if stop.is_set():
+            return
+    model = make_model(settings, urdf)
+    topics = list(
+        endpoints(
+            ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        )
+    )
+    EstimatorService(settings, model, topics, transport, MonotonicClock(), namespace).run(stop)
