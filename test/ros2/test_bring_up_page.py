@@ -6,7 +6,7 @@ import signal
 import subprocess
 
 import pytest
-from launching import PATIENCE, ROOT, launch
+from launching import PATIENCE, ROOT, launch, patient
 
 try:
     from diagnostic_msgs.msg import DiagnosticArray
@@ -53,7 +53,9 @@ def robot(environment, user, tmp_path):
     def make(name):
         path = tmp_path / name
         path.write_text(FILES[name], encoding="utf-8")
-        started.append(launch(environment, f"config:={path}", "real_time_factor:=0.5", "use_sim_time:=true"))
+        started.append(
+            launch(environment, f"config:={patient(path, tmp_path)}", "real_time_factor:=0.5", "use_sim_time:=true")
+        )  # fmt: skip
         until(lambda: states == ["inactive"] and "/joint_states" in seen)
 
         def run(words):

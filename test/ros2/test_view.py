@@ -6,12 +6,12 @@ import subprocess
 import sys
 
 import pytest
-from launching import PATIENCE, launch
+from launching import PATIENCE, launch, patient
 
 try:
     from nav_msgs.msg import Odometry
     from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import String
+    from std_msgs.msg import Bool, String
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
@@ -47,13 +47,17 @@ def page(environment, tmp_path):
     assert view.wait(PATIENCE) == 0, log.read_text()
 
 
-def test_it_shows_and_commands_nodes_of_ros2(environment, user, page):
+def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
     node, until = user
-    states, base = [], []
+    states, base, holds = [], [], []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(String, "/wbc_controller/state", lambda m: states.append(m.data), latched)
     node.create_subscription(Odometry, "/odom", lambda m: base.append(m.pose.pose.position), 1)
-    nodes = launch(environment, "robot:=go2", "activate:=true", "real_time_factor:=0.5", "use_sim_time:=true")
+    node.create_subscription(Bool, "/mock_robot/hold", lambda m: holds.append(m.data), 10)
+    nodes = launch(
+        environment, f"config:={patient('go2', tmp_path)}", "activate:=true", "real_time_factor:=0.5",
+        "use_sim_time:=true",
+    )  # fmt: skip
     try:
         until(lambda: states[-1:] == ["active"])
         browser = page(until)
@@ -66,8 +70,10 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page):
         at = base[-1]
         assert browser.positions["/robot/1"] == pytest.approx((at.x, at.y, at.z), abs=5e-3)
         browser.set("Release", True)
-        until(lambda: base[-1].z < at.z - 1e-4)
+        until(lambda: holds == [False])
         until(lambda: abs(browser.positions["/robot/1"][2] - base[-1].z) < 1e-3)
+        browser.set("Hold", True)
+        until(lambda: holds == [False, True])
         browser.set("Deactivate", True)
         until(lambda: states[-1] == "inactive")
         until(lambda: says("inactive"))
