@@ -1,7 +1,7 @@
 """What the page costs the loop, how fast it draws, and whether its memory grows: with it and without it, in turn.
 
-A mock robot sways on its controller, which records every cycle. Three browsers without a screen look at `wbc view`,
-which is halted in every other block. Run: python benchmarks/page.py [ROBOT] [--minutes M]
+A mock robot sways on its controller, which records every cycle. Browsers without a screen look at `wbc view`,
+which is halted in every other block. Run: python benchmarks/page.py [ROBOT] [--minutes M] [--browsers N]
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from wbc_controller.user.sentences import read_sentence
 from wbc_controller.user.session import Session
 from wbc_controller.viewer.playing import free_domain
 
-BROWSERS = 3
 #: Duration of a block, s, and what of its beginning is not looked at. The page drops a browser that is silent for 3 s.
 BLOCK, SETTLE = 2.0, 0.3
 #: Time for all meshes to come, s.
@@ -37,11 +36,11 @@ LOADING = 10.0
 #: Words that the robot sways by, one per block with the page.
 SWAY = (["com", "20mm", "right"], ["com", "20mm", "left"])
 PATIENCE = 120.0
-#: A robot that is late is measured too: it is not to be stopped.
-LATE = {"safety.state_timeout": 1.0, "mock.command_timeout": 1.0}
+#: A robot that is late is measured too, and moves for all of a block: the page sends what moves.
+CHANGES = {"safety.state_timeout": 1.0, "mock.command_timeout": 1.0, "tasks.com.setpoint_duration": BLOCK}
 
 
-def measure(robot: str, minutes: float, folder: Path) -> list[tuple[str, np.ndarray]]:
+def measure(robot: str, minutes: float, count: int, folder: Path) -> list[tuple[str, np.ndarray]]:
     """Run the blocks, print what the page did, and give the times of the loop's cycles in s, by kind of block."""
     os.environ |= {"ROS_DOMAIN_ID": str(free_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     recording = folder / "page.mcap"
@@ -49,7 +48,7 @@ def measure(robot: str, minutes: float, folder: Path) -> list[tuple[str, np.ndar
     drawn: list[float] = []
     with (
         contextlib.closing(
-            Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), LATE, own_sessions=True)
+            Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), CHANGES, own_sessions=True)
         ) as processes,
         Session(processes.settings, patience=PATIENCE) as session,
     ):
@@ -63,7 +62,7 @@ def measure(robot: str, minutes: float, folder: Path) -> list[tuple[str, np.ndar
         view = processes.launch("view", command)
         until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
         port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
-        browsers = [Browser(port) for _ in range(BROWSERS)]
+        browsers = [Browser(port) for _ in range(count)]
         time.sleep(LOADING)
         first, used = memory(view.pid), processor_time(view.pid)
         for block in range(round(60.0 * minutes / BLOCK)):
@@ -89,7 +88,7 @@ def measure(robot: str, minutes: float, folder: Path) -> list[tuple[str, np.ndar
             raise SystemExit(f"the robot has not stood to the end: {mode}")
         for each in browsers:
             each.close()
-    print(f"{robot}, {minutes:g} min, {BROWSERS} browsers")
+    print(f"{robot}, {minutes:g} min, {count} browsers")
     slow = np.quantile(drawn, 0.05)
     print(f"states drawn per second: {np.median(drawn):.1f} in the median, {slow:.1f} or more in 95 % of the blocks")
     print(f"the page's process: {first / 1024:.1f} MB at the beginning, {last / 1024:.1f} MB at the end")
@@ -115,10 +114,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robot", nargs="?", default="g1")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration, half of it with the page")
+    parser.add_argument("--browsers", type=int, default=3, help="number of pages that are open")
     parser.add_argument("--keep", type=Path, help="folder for the recording and the logs; removed where none is given")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="wbc_page_") as folder:
-        found = measure(words.robot, words.minutes, words.keep or Path(folder))
+        found = measure(words.robot, words.minutes, words.browsers, words.keep or Path(folder))
     print(f"\n{'the loop, us':14}{'cycles':>9}{'median':>9}{'p99':>9}{'p99.9':>9}")
     for kind, seconds in found:
         print(
