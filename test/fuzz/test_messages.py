@@ -234,6 +234,6 @@ def test_an_unknown_node_is_refused():
     result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
     assert result.exit_code == 2
     assert (
-        "no node is named 'controler'; did you mean 'controller'? Valid: controller, guard, mock, urdf, estimator"
+        "no node is named 'controler'; did you mean 'controller'? Valid: controller, estimator, guard, mock, urdf"
         in result.output
     )
