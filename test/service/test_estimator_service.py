@@ -146,6 +146,15 @@ def test_a_long_silence_begins_the_estimate_anew(robot):
     assert len(robot.heard["odom"]) > before
 
 
+def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
+    robot.run(0.7)
+    robot.node._stamp = 1e6  # as where the clock went further before
+    robot.node.estimator.restart()
+    before = len(robot.heard["odom"])
+    robot.run(0.7)
+    assert len(robot.heard["odom"]) > before
+
+
 def test_which_contacts_hold(robot):
     assert robot.node.holding() == FEET  # nobody has said anything: those of the configuration
     robot.clock.time = 1.0
