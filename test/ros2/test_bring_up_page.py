@@ -4,6 +4,7 @@ import re
 import shlex
 import signal
 import subprocess
+import threading
 
 import pytest
 from launching import PATIENCE, ROOT, launch, patient
@@ -97,8 +98,10 @@ def test_anymal_on_its_feet(robot):
     until(lambda: seen["/wbc_controller/tasks/com/reference"].point.x == pytest.approx(before + 0.02, abs=1e-6))
     until(lambda: seen["/wbc_controller/tasks/com/value"].point.x == pytest.approx(before + 0.02, abs=2e-3))
     calm = seen["/wbc_controller/tasks/com/value"].point.y
-    run(push)
+    pushing = threading.Thread(target=run, args=(push,))  # the command goes on for a second after it has published
+    pushing.start()
     until(lambda: abs(seen["/wbc_controller/tasks/com/value"].point.y - calm) > 2e-3)
+    pushing.join()
     until(lambda: abs(seen["/wbc_controller/tasks/com/value"].point.y - calm) < 1e-3)
     assert "success=True" in run(record)
     run(echo)
