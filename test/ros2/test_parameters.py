@@ -1,11 +1,12 @@
 """From ROS 2 parameters to settings; needs no ROS 2."""
 
 import array
+import re
 
 import pytest
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.ros2.parameters import settings_from
+from wbc_controller.ros2.parameters import own_values, settings_from
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.nesting import nested
 
@@ -64,3 +65,19 @@ def test_what_cannot_be_used_is_named(parameters, said):
     with pytest.raises(ConfigurationError) as caught:
         settings_from(parameters, "/n", [])
     assert said in str(caught.value)
+
+
+def test_a_nodes_own_parameters_have_the_types_of_their_defaults():
+    defaults = {"real_time_factor": 1.0, "lockstep": False}
+    assert own_values({"real_time_factor": 2, "robot": "g1"}, defaults, "/n") == {
+        "real_time_factor": 2.0,
+        "lockstep": False,
+    }
+    for given, said in [
+        ({"lockstep": "false"}, "/n: lockstep = 'false': must be true or false"),
+        ({"lockstep": 0}, "/n: lockstep = 0: must be true or false"),
+        ({"real_time_factor": "fast"}, "/n: real_time_factor = 'fast': must be a number"),
+        ({"real_time_factor": True}, "/n: real_time_factor = True: must be a number"),
+    ]:
+        with pytest.raises(ConfigurationError, match=f"^{re.escape(said)}$"):
+            own_values(given, defaults, "/n")

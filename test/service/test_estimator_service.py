@@ -179,12 +179,14 @@ def test_what_is_refused_is_said(robot):
     robot.send("joint_states", short)
     robot.clock.time += 1.0
     robot.node.cycle()
-    refused = [
-        value for each in robot.heard["diagnostics"] for value in each.status[0].values if "refused" in value.key
-    ]
-    sentences = " ".join(value.value for value in refused)
-    assert "rear_left_foot: " in sentences
-    assert "1 of 12 joints is missing" in sentences or "joints are missing" in sentences or "missing" in sentences
+    refused = {
+        value.key: value.value
+        for each in robot.heard["diagnostics"]
+        for value in each.status[0].values
+        if value.key.startswith("refused/")
+    }
+    assert set(refused) == {"refused/rear_left_foot/holds", "refused//joint_states"}, refused
+    assert "missing" in refused["refused//joint_states"]
     assert robot.node.holding() == FEET
 
 

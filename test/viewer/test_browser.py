@@ -1,5 +1,7 @@
 """`wbc play` in a real browser: each button, a handle, a shove and a slider, and what topics and robot make of them."""
 
+# ruff: noqa: E402 - the package and its helpers are imported after the checks for viser and playwright
+
 from __future__ import annotations
 
 import os
@@ -16,13 +18,13 @@ import pytest
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 playwright = pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright, of requirements/dev")
 
-from domains import own_domain  # noqa: E402 - after the checks for what is not always there
+from domains import own_domain
 
-from wbc_controller.assembly.robot import make_model  # noqa: E402
-from wbc_controller.settings.config import load  # noqa: E402
-from wbc_controller.user.session import Session  # noqa: E402
-from wbc_controller.viewer.moment import Robot  # noqa: E402
-from wbc_controller.viewer.page import camera  # noqa: E402
+from wbc_controller.assembly.robot import make_model
+from wbc_controller.settings.config import load
+from wbc_controller.user.session import Session
+from wbc_controller.viewer.moment import Robot
+from wbc_controller.viewer.page import camera
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [

@@ -1,5 +1,7 @@
 """Who may look at the page, on the real server and by real requests."""
 
+# ruff: noqa: E402 - the server is imported after the check for viser, whose absence skips these tests
+
 from __future__ import annotations
 
 import urllib.error
@@ -9,12 +11,12 @@ import pytest
 
 viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
-import websockets.asyncio.server  # noqa: E402 - after the check for viser
-from browser import Browser  # noqa: E402
-from websockets.exceptions import InvalidStatus  # noqa: E402
+import websockets.asyncio.server
+from browser import Browser
+from websockets.exceptions import InvalidStatus
 
-from wbc_controller.errors import ConfigurationError, TransportError  # noqa: E402
-from wbc_controller.viewer.server import Gate, address, open_server  # noqa: E402
+from wbc_controller.errors import ConfigurationError, TransportError
+from wbc_controller.viewer.server import Gate, address, open_server
 
 
 @pytest.fixture(scope="module")

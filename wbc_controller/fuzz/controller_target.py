@@ -79,9 +79,7 @@ class ControllerTarget:
         self._settings, self._model = fuzzed.settings, fuzzed.model
         self._vocabulary = make_vocabulary(self._settings, self._model)
         topics = controller_endpoints(self._settings, self._model)
-        self.topics: Mapping[str, Endpoint] = {
-            name: topic for name, topic in incoming(topics).items() if topic.key != "robot_description"
-        }
+        self.topics: Mapping[str, Endpoint] = incoming(topics)
         bus = self._bus = MemoryBus()
         self._mock = MockRobot(self._model, self._settings, MemoryTransport(bus))
         self._controller = Controller(self._settings, preflight=False, model=self._model)

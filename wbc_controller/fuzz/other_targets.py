@@ -15,9 +15,11 @@ from wbc_controller.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
     Broken,
+    OtherEnd,
     check_torques,
     fuzzed_robot,
     incoming,
+    saying_all,
     within,
     writers,
 )
@@ -25,13 +27,12 @@ from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
 from wbc_controller.records import Array
 from wbc_controller.safety.guard import GuardMode
-from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.service.guard_service import GuardService
 from wbc_controller.service.urdf import wait_for_urdf
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.wire.messages import decode, encode, message
+from wbc_controller.wire.messages import decode, message
 from wbc_controller.wire.topics import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, Endpoint, counterpart, endpoints
 
 #: Messages to the guard between two silences of the controller, in which it takes over.
@@ -52,28 +53,15 @@ class GuardTarget:
             robot: name of a shipped robot.
         """
         fuzzed = fuzzed_robot(robot)
-        # Every cycle says what was refused.
-        control = fuzzed.settings.control.model_copy(update={"diagnostics_rate": 1000.0})
-        self._settings, self._model = fuzzed.settings.model_copy(update={"control": control}), fuzzed.model
-        self._limits = describe(self._model.urdf, self._settings.robot).effort_limits
+        settings, self._model = saying_all(fuzzed.settings), fuzzed.model
+        description = describe(self._model.urdf, settings.robot)
+        self._limits = description.effort_limits
         topics = list(endpoints(GUARD_TOPICS, GUARD_NODE))
-        self.topics: Mapping[str, Endpoint] = {
-            name: topic for name, topic in incoming(topics).items() if topic.key != "robot_description"
-        }
-        bus = MemoryBus()
-        self._clock = ManualClock(1.0)
-        robot_description = describe(self._model.urdf, self._settings.robot)
-        self._guard = GuardService(self._settings, robot_description, topics, MemoryTransport(bus), self._clock)
-        user = MemoryTransport(bus)
-        self._publish = writers(self.topics, user)
-        self._heard: dict[str, list[bytes]] = {"effort": [], "diagnostics": []}
-        self._types = {topic.key: topic.type for topic in topics}
-        for topic in topics:
-            if topic.key in self._heard:
-                user.subscribe(counterpart(topic), self._heard[topic.key].append)
-        self._period = 1.0 / self._settings.control.rate
-        self._step = self._settings.limits.torque_rate * self._period * self._limits
-        self._keys = {topic.key: topic for topic in self.topics.values()}
+        self._user = user = OtherEnd(topics, ("effort", "diagnostics"))
+        self.topics: Mapping[str, Endpoint] = user.topics
+        self._guard = GuardService(settings, description, topics, user.transport(), user.clock)
+        self._period = 1.0 / settings.control.rate
+        self._step = settings.limits.torque_rate * self._period * self._limits
         self._count = 0
         self._tau: Array | None = None
         self.alive = True
@@ -82,7 +70,7 @@ class GuardTarget:
 
     def example(self, topic: Endpoint) -> Any:
         """An ordinary message of a topic, valid now."""
-        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self._clock.time))
+        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self._user.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
@@ -90,13 +78,13 @@ class GuardTarget:
     def take(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message between a joint state and the command that answers it; see `Target`."""
         mode = self._guard.guard.mode
-        self._clock.time += self._period
+        self._user.clock.time += self._period
         self._send("joint_states")
         with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
-            self._publish[topic.name](payload)
+            self._user.publish[topic.name](payload)
         self._command()
         self._cycle(f"a message on {topic.name}")
-        refused = self._refused(topic.key)
+        refused = self._user.refused().get(topic.key)
         if refused and self._guard.guard.mode is not mode:
             raise Broken(f"a message that was refused ({refused}) led the guard to {self._guard.guard.mode.value}")
         self._count += 1
@@ -109,12 +97,12 @@ class GuardTarget:
 
     def _fall_silent(self) -> None:
         """End the commands but not the joint states, until the guard damps, then return."""
-        self._publish[self._keys["controller_state"].name](encode(message("std_msgs/msg/String", data="active")))
+        self._user.send("controller_state", message("std_msgs/msg/String", data="active"))
         self._command()
         self._cycle("commands")
         takeovers = self._guard.guard.takeovers
         for _ in range(_SILENCE):
-            self._clock.time += self._period
+            self._user.clock.time += self._period
             self._send("joint_states")
             self._cycle("silence")
         if self._guard.guard.takeovers != takeovers + 1:
@@ -125,27 +113,21 @@ class GuardTarget:
             raise Broken(f"after a command the guard is {self._guard.guard.mode.value}: {self._guard.guard.reason}")
 
     def _send(self, key: str) -> None:
-        self._publish[self._keys[key].name](encode(self.example(self._keys[key])))
+        self._user.send(key, self.example(self._user.by_key[key]))
 
     def _command(self) -> None:
         self._send("joint_commands")
         self._tau = np.zeros(self._model.na)
 
-    def _refused(self, key: str) -> str:
-        """Why the last message of a topic was refused, by the diagnostics; empty if it was not."""
-        status = decode(self._heard["diagnostics"][-1], self._types["diagnostics"]).status[0]
-        return next((str(entry.value) for entry in status.values if entry.key == f"refused/{key}"), "")
-
     def _cycle(self, why: str) -> None:
-        for kept in self._heard.values():
-            del kept[:-1]
-        self._heard["effort"].clear()
+        for kept in self._user.heard.values():
+            kept.clear()
         with within(CYCLE_LIMIT, f"the guard's cycle after {why}"):
             self._guard.cycle()
-        if self._heard["effort"] and why.startswith("a message"):
+        if self._user.heard["effort"] and why.startswith("a message"):
             raise Broken(f"the guard sent torques while commands came, after {why}")
-        for payload in self._heard["effort"]:
-            tau: Array = np.asarray(decode(payload, self._types["effort"]).data)
+        for payload in self._user.heard["effort"]:
+            tau: Array = np.asarray(decode(payload, self._user.types["effort"]).data)
             check_torques(tau, tau if self._tau is None else self._tau, self._limits, self._step, "the guard")
             self._tau = tau
 

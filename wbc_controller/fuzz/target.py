@@ -6,7 +6,7 @@ import contextlib
 import gc
 import logging
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Protocol
@@ -16,9 +16,12 @@ import numpy as np
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
+from wbc_controller.service.clock import ManualClock
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.wire.messages import decode, encode
 from wbc_controller.wire.topics import TASK_TYPES, Direction, Endpoint, counterpart
 
 #: Most processor time for reading a request, s: the largest trajectory takes half of it on a slow core.
@@ -112,8 +115,64 @@ def writers(topics: Mapping[str, Endpoint], transport: Transport) -> dict[str, P
 
 
 def incoming(topics: list[Endpoint]) -> dict[str, Endpoint]:
-    """The incoming ones of a node's topics, by name."""
-    return {topic.name: topic for topic in topics if topic.direction is Direction.IN}
+    """The incoming ones of a node's topics, by name, but for its URDF, which is read before the node is there."""
+    return {
+        topic.name: topic for topic in topics if topic.direction is Direction.IN and topic.key != "robot_description"
+    }
+
+
+class OtherEnd:
+    """The other end of a node's topics: the fuzzer's own clock, writers, and what the node has said.
+
+    Attributes:
+        topics: the node's incoming topics, by name.
+        by_key: the same, by key.
+        types: type of each topic, by key.
+        clock: the node's clock.
+        publish: writes to an incoming topic, by name.
+        heard: what came on the outgoing topics that are listened to, by key.
+    """
+
+    def __init__(self, topics: list[Endpoint], listen: Sequence[str]) -> None:
+        """Open it, before the node is built.
+
+        Args:
+            topics: the node's.
+            listen: keys of the outgoing topics that are listened to.
+        """
+        self._bus = MemoryBus()
+        self.clock = ManualClock(1.0)
+        self.topics = incoming(topics)
+        self.by_key = {topic.key: topic for topic in self.topics.values()}
+        self.types = {topic.key: topic.type for topic in topics}
+        own = self.transport()
+        self.publish = writers(self.topics, own)
+        self.heard: dict[str, list[bytes]] = {key: [] for key in listen}
+        for topic in topics:
+            if topic.key in self.heard:
+                own.subscribe(counterpart(topic), self.heard[topic.key].append)
+
+    def transport(self) -> MemoryTransport:
+        """A transport for the node."""
+        return MemoryTransport(self._bus)
+
+    def send(self, key: str, content: Any) -> None:
+        """Write a message to the incoming topic of a key."""
+        self.publish[self.by_key[key].name](encode(content))
+
+    def refused(self) -> dict[str, str]:
+        """What the newest diagnostics say to be refused: the reasons by topic."""
+        if not self.heard["diagnostics"]:
+            return {}
+        (status,) = decode(self.heard["diagnostics"][-1], self.types["diagnostics"]).status
+        said = {entry.key: str(entry.value) for entry in status.values}
+        return {key.removeprefix("refused/"): reason for key, reason in said.items() if key.startswith("refused/")}
+
+
+def saying_all(settings: Settings) -> Settings:
+    """The settings of a node that publishes diagnostics with every cycle: each says what was refused."""
+    control = settings.control.model_copy(update={"diagnostics_rate": 1000.0})
+    return settings.model_copy(update={"control": control})
 
 
 def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:

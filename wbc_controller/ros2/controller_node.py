@@ -22,7 +22,7 @@ from wbc_controller.ros2.answers import RECORD, SERVICES, Answers
 from wbc_controller.ros2.declaration import declare, values
 from wbc_controller.ros2.gate import Gate
 from wbc_controller.ros2.live import LiveParameters
-from wbc_controller.ros2.parameters import settings_from
+from wbc_controller.ros2.parameters import own_values, settings_from
 from wbc_controller.ros2.process import logging_to, spinning
 from wbc_controller.service.controller_service import make_clock, make_loop
 from wbc_controller.service.loop import ControlLoop
@@ -96,12 +96,20 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
 
     def start(self) -> None:
         """Configure and activate, if the parameter `autostart` is true; on the executor's thread."""
-        if not self.get_parameter("autostart").value:
+        try:
+            autostart = self._value("autostart")
+        except ConfigurationError as error:
+            _log.error("cannot start: %s", error)
+            self._leave(2)
+            return
+        if not autostart:
             return
         self._starting = self.trigger_configure() != TransitionCallbackReturn.SUCCESS
-        if not self._starting:
-            self.trigger_activate()
-        elif self._urdf_transport is None:
+        if self._starting:
+            failed = self._urdf_transport is None  # otherwise it waits for the URDF, and starts then
+        else:
+            failed = self.trigger_activate() != TransitionCallbackReturn.SUCCESS
+        if failed:
             self._leave(2)
 
     def finish(self) -> None:
@@ -134,6 +142,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         """Return to unconfigured, with nothing left running."""
         _log.error("error processing: everything is closed, the node is unconfigured; configure it again")
         return self._attempt("process the error", self._clean_up)
+
+    def _value(self, name: str) -> Any:
+        """The value of an own parameter.
+
+        Raises:
+            ConfigurationError: if it is of another type than its default.
+        """
+        return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
         """Run a transition, and log its errors, since rclpy drops them."""
@@ -210,20 +226,21 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         controller = self._loop.controller
         if controller.mode is Mode.STOPPED and controller.fault is None:
             controller.supervisor.request("reset", 0.0, None)  # as after a fresh start; a fault stays latched
+        run = partial(self._run, self._loop, self._settings, self._value("activate"))
         self._stop = threading.Event()
         self._failed = False
-        self._thread = threading.Thread(target=self._run, args=(self._loop, self._settings), name="control loop")
+        self._thread = threading.Thread(target=run, name="control loop")
         self._gate.open = True
         self._thread.start()
         _log.info("active: waiting for 'activate' on %s/command", self.get_fully_qualified_name())
 
-    def _run(self, loop: ControlLoop, settings: Settings) -> None:
+    def _run(self, loop: ControlLoop, settings: Settings, activate: bool) -> None:
         try:
             loop.run(
                 self._stop,
                 1.0 / settings.control.rate,
                 triggered=settings.control.trigger == "joint_states",
-                activate=bool(self.get_parameter("activate").value),
+                activate=activate,
             )
         except Exception:
             _log.exception("the control loop has failed")

@@ -24,6 +24,8 @@ from wbc_controller.settings.nesting import merged, nested
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: Parameters that name a whole configuration: a shipped robot, or a file.
 ROBOT, CONFIG = "robot", "config"
+#: What a value of each type is called.
+_KINDS = {bool: "true or false", float: "a number"}
 
 
 def is_of_the_robot(name: str, own: Sequence[str] = ()) -> bool:
@@ -91,6 +93,28 @@ def settings_from(
         return settings, str(path)
     source = f"{path} with the parameters of {node}"
     return parse_settings(merged(settings.model_dump(exclude_unset=True), overrides), source), source
+
+
+def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str) -> dict[str, Any]:
+    """The values of a node's own parameters, each of the type of its default; a whole number passes for a real one.
+
+    Args:
+        given: values by name; others than the node's own are ignored.
+        defaults: the default of each own parameter.
+        node: fully qualified name of the node, for messages.
+
+    Raises:
+        ConfigurationError: where a value is of another type: the text ``"no"`` is not taken for true.
+    """
+    chosen = dict(defaults)
+    for name, default in defaults.items():
+        value = given.get(name, default)
+        if type(value) is int and type(default) is float:
+            value = float(value)
+        if type(value) is not type(default):
+            raise ConfigurationError(f"{node}: {name} = {value!r}: must be {_KINDS[type(default)]}")
+        chosen[name] = value
+    return chosen
 
 
 def parameter_files(arguments: Sequence[str]) -> list[Path]:

@@ -23,7 +23,7 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused
 from wbc_controller.service.clock import Clock, MonotonicClock
 from wbc_controller.service.inputs import Inputs
-from wbc_controller.service.urdf import wait_for_urdf
+from wbc_controller.service.urdf import find_urdf
 from wbc_controller.service.wiring import make_vocabulary
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
@@ -100,7 +100,7 @@ class EstimatorService:
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
-        self._refused: dict[str, None] = {}
+        self._refused: dict[str, str] = {}  # the newest reason of each topic, however many come
         self._said = ""
 
     def _take(self, key: str, contact: str, payload: bytes) -> None:
@@ -123,7 +123,7 @@ class EstimatorService:
             try:
                 self._holds[name] = bool(decode(payload, self._types["holds"]).data)
             except InputRefused as refusal:
-                self._refuse(f"{name}: {refusal}")
+                self._refused[f"{name}/holds"] = str(refusal)
         found = pushed or self._enabled
         said_so = {name for name, holds in self._holds.items() if holds}
         return frozenset(name for name in found if name not in self._holds) | said_so
@@ -133,7 +133,8 @@ class EstimatorService:
         holding = self.holding()
         latched = self._inputs.latch(holding)
         for sentence in latched.refused:
-            self._refuse(sentence)
+            topic, _, reason = sentence.partition(": ")
+            self._refused[topic] = reason
         estimator, state = self.estimator, latched.state
         if state is not None and estimator.base is not None and estimator.stamp > self._stamp:
             self._stamp = estimator.stamp
@@ -148,9 +149,6 @@ class EstimatorService:
             self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
         self._say(holding, latched.notes)
 
-    def _refuse(self, sentence: str) -> None:
-        self._refused[sentence] = None
-
     def _say(self, holding: frozenset[str], notes: Mapping[str, str]) -> None:
         """Publish diagnostics if they are due, or what they say has changed."""
         estimator, now = self.estimator, self._clock.now()
@@ -163,7 +161,7 @@ class EstimatorService:
         if changed:
             _log.info("%s", text)
         self._said, self._diagnostics_due = text, now + self._diagnostics_period
-        refused, self._refused = list(self._refused), {}
+        refused, self._refused = self._refused, {}
         values: dict[str, str] = {"holding": ", ".join(sorted(holding)) or "none"}
         values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()}
         found = estimator.covariance
@@ -172,7 +170,7 @@ class EstimatorService:
             values["tilt"] = f"one standard deviation {turned:.5f} rad"
             values["velocity"] = f"one standard deviation {moving:.5f} m/s"
         values |= {f"note/{name}": note for name, note in notes.items()}
-        values |= {f"refused/{i}": sentence for i, sentence in enumerate(refused)}
+        values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
         self._publish["diagnostics"](self._encoded(level, text, values))
 
@@ -211,11 +209,9 @@ def run_estimator(
         ConfigurationError: as `EstimatorService` does.
         TransportError: if a topic cannot be opened.
     """
-    urdf = None
-    if not settings.robot.urdf:
-        urdf = wait_for_urdf(transport, stop, ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace, remappings)
-        if stop.is_set():
-            return
+    urdf = find_urdf(settings, transport, stop, ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace, remappings)
+    if stop.is_set():
+        return
     model = make_model(settings, urdf)
     topics = list(
         endpoints(

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.assembly.robot_description import Description, describe, read_urdf
+from wbc_controller.assembly.robot_description import Description, describe
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array, Mode
 from wbc_controller.safety.guard import Guard, GuardLimits, GuardMode, Heard
 from wbc_controller.service.clock import Clock, MonotonicClock
-from wbc_controller.service.urdf import wait_for_urdf
+from wbc_controller.service.urdf import find_urdf
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.joint_order import JointOrder
@@ -260,13 +260,9 @@ def run_guard(
         ConfigurationError: if the URDF and the settings do not fit together.
         TransportError: if a topic cannot be opened.
     """
-    robot = settings.robot
-    if robot.urdf:
-        urdf = read_urdf(robot.urdf)
-    else:
-        urdf = wait_for_urdf(transport, stop, GUARD_TOPICS, NODE_NAME, namespace, remappings)
-        if stop.is_set():
-            return
-    description = describe(urdf, robot)
+    urdf = find_urdf(settings, transport, stop, GUARD_TOPICS, NODE_NAME, namespace, remappings)
+    if stop.is_set():
+        return
+    description = describe(urdf, settings.robot)
     topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
     GuardService(settings, description, topics, transport, MonotonicClock(), namespace).run(stop)

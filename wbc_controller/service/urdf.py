@@ -1,4 +1,4 @@
-"""Waiting for a URDF that is published on a topic."""
+"""The URDF of a service: of a file, or waited for on a topic."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 
+from wbc_controller.assembly.robot_description import read_urdf
 from wbc_controller.core.robot.urdf import LARGEST_URDF
 from wbc_controller.errors import InputRefused
+from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import Endpoint, Topic, endpoints
@@ -31,6 +33,34 @@ def urdf_of(payload: bytes, endpoint: Endpoint) -> str:
     if len(payload) > _LARGEST:
         raise InputRefused(f"{len(payload)} bytes are too long for a URDF; it may have {LARGEST_URDF}")
     return str(decode(payload, endpoint.type).data)
+
+
+def find_urdf(
+    settings: Settings,
+    transport: Transport,
+    stop: threading.Event,
+    table: Sequence[Topic],
+    node: str,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> str:
+    """The URDF: of the file that the settings name, or else of the topic; empty if `stop` is set before it arrives.
+
+    Args:
+        settings: the robot's settings.
+        transport: as `wait_for_urdf` takes it, like the rest.
+        stop: event that ends the wait.
+        table: the node's topics.
+        node: name of the node.
+        namespace: namespace of the node.
+        remappings: topic remappings, from name to name.
+
+    Raises:
+        ConfigurationError: if the file cannot be read.
+    """
+    if settings.robot.urdf:
+        return read_urdf(settings.robot.urdf)
+    return wait_for_urdf(transport, stop, table, node, namespace, remappings)
 
 
 def wait_for_urdf(
