@@ -22,7 +22,9 @@ def go2():
 def test_joints_keep_their_limits_whatever_is_asked_for():
     result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,talos", "--minutes", "0.05"])
     assert result.exit_code == 0, result.output
-    line = re.compile(r"(go2|talos) +\d+ trials, \d+ s under control, \d+ ended in damping; .*by over 0.02 in 0 trials")
+    line = re.compile(
+        r"(go2|talos) +\d+ trials, \d+ s under control, \d+ ended in damping; .*by over 0.02 in 0 trials; .*"
+    )
     assert [line.fullmatch(said)[1] for said in result.stdout.splitlines()] == ["go2", "talos"]
 
 
@@ -59,6 +61,27 @@ class Bent(Simulation):
 
 def test_a_joint_beyond_its_limit_counts_and_is_named():
     trial = run_trial(Bent(load("go2")), "go2", 0, 0)
+    assert (trial.joint, trial.kept) == ("RL_calf_joint", False), trial
+
+
+def test_what_an_impact_does_is_measured_apart():
+    """Talos's left hand strikes the floor, and its wrist is in its stop before the next cycle."""
+    trial = run_trial(Simulation(load("talos")), "talos", 0, 200)
+    assert trial.kept
+    assert trial.impact > 0.02
+    assert trial.ended == "IMPLAUSIBLE_STATE"
+
+
+class Kneeling(Bent):
+    """The same, with a knee on the floor all the time."""
+
+    def reset(self):
+        super().reset()
+        self.plant.links_on_the_floor = lambda: frozenset(["RL_calf"])
+
+
+def test_a_link_that_lies_on_the_floor_excuses_nothing():
+    trial = run_trial(Kneeling(load("go2")), "go2", 0, 0)
     assert (trial.joint, trial.kept) == ("RL_calf_joint", False), trial
 
 

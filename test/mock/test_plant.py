@@ -119,6 +119,18 @@ def test_the_posture_stands_on_the_floor(any_robot, standing):
     assert 0.0 <= plant.penetration() < 1e-4
     touching = [name for name, wrench in plant.contact_wrenches().items() if np.linalg.norm(wrench) > 0.0]
     assert touching == list(settings.contacts)
+    assert plant.links_on_the_floor() == frozenset()
+
+
+def test_links_without_a_contact_that_come_down_are_named(load):
+    model, settings = load("go2")
+    plant = Plant(model, settings)
+    plant.hold(False, ramp=0.0)
+    plant.damp(0.5)
+    while not (down := plant.links_on_the_floor()):
+        assert plant.time < 3.0
+        plant.step()
+    assert down <= {"base", *(f"{leg}_{link}" for leg in ("FL", "FR", "RL", "RR") for link in ("hip", "thigh", "calf"))}
 
 
 def test_a_held_robot_without_torques_stays(any_robot):

@@ -2,6 +2,9 @@
 
 Each trial asks a standing robot for what it cannot do, and then again while it tries or falls. A trial ends with its
 time, or where the controller has left its active mode: then the supervisor damps.
+
+Where a hand or a knee strikes the floor, the impact turns joints within one step of the physics, between two cycles.
+How far it drives them into their stops no torque decides: that is measured apart.
 """
 
 from __future__ import annotations
@@ -24,6 +27,8 @@ from wbc_controller.settings.config import load
 DURATION = 2.0
 #: How far a joint may be beyond its position limit, rad or m.
 BEYOND = 0.02
+#: Time after a link has struck the floor for which its impact moves the joints, s: the stops give way for a few steps.
+_IMPACT = 0.01
 #: Modes in which torques come from solutions.
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
 
@@ -40,8 +45,10 @@ class SetpointTrial:
         kind: of the setpoints, a key of `KINDS`.
         ended: code of the fault that ended the control; empty where none did.
         seconds: simulated time under control, s.
-        beyond: how far a joint was beyond its position limit at most, rad or m; negative where none was.
+        beyond: how far a joint was beyond its position limit at most, rad or m, but for impacts; negative where none
+            was.
         joint: its name.
+        impact: how far one was within 10 ms after a link had struck the floor, likewise.
         relaxed: number of cycles in which constraints were relaxed.
         holding: number of cycles without a solution.
     """
@@ -53,6 +60,7 @@ class SetpointTrial:
     seconds: float = 0.0
     beyond: float = -np.inf
     joint: str = ""
+    impact: float = -np.inf
     relaxed: int = 0
     holding: int = 0
 
@@ -109,6 +117,7 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
     trial = SetpointTrial(robot, number, list(KINDS)[number % len(KINDS)])
     simulation.reset()
     controller, plant = simulation.controller, simulation.plant
+    struck, down = -np.inf, frozenset[str]()  # when a link struck the floor last, and the links on it
     model, asks = controller.model, iter((0.0, rng.uniform(0.3, 1.2), np.inf))
     due = next(asks)
     start = simulation.time
@@ -124,13 +133,18 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
             plant.apply(result.tau)
             for _ in range(plant.steps_per_period):
                 plant.step()
+                before, down = down, plant.links_on_the_floor()
+                if down - before:
+                    struck = simulation.time
         except WbcError as error:  # the physics has diverged
             trial.ended = f"{type(error).__name__}: {error}"
             break
         q = plant.state()[0][model.q_places]
         beyond = np.maximum(q - model.position_upper, model.position_lower - q)
         i = int(np.argmax(beyond))
-        if beyond[i] > trial.beyond:
+        if simulation.time - struck <= _IMPACT:
+            trial.impact = max(trial.impact, float(beyond[i]))
+        elif beyond[i] > trial.beyond:
             trial.beyond, trial.joint = float(beyond[i]), model.joints[i]
         trial.relaxed += bool(result.relaxed)
         trial.holding += result.mode is Mode.HOLDING
@@ -216,5 +230,6 @@ def summary(trials: Sequence[SetpointTrial]) -> Iterator[str]:
             f"{sum(bool(t.ended) for t in own)} ended in damping; {sum(t.relaxed for t in own)} cycles relaxed, "
             f"{sum(t.holding for t in own)} held; beyond a position limit by {max(worst.beyond, 0.0):.4f} at most "
             f"({worst.joint}, trial {worst.number}, {worst.kind}), by over {BEYOND:g} in "
-            f"{sum(not t.kept for t in own)} trials"
+            f"{sum(not t.kept for t in own)} trials; within 10 ms after a link struck the floor by "
+            f"{max(0.0, *(t.impact for t in own)):.4f}"
         )

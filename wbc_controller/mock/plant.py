@@ -271,6 +271,10 @@ class Plant:
                 wrenches[name] = force[name]
         return wrenches
 
+    def links_on_the_floor(self) -> frozenset[str]:
+        """Return the names of the links that touch the floor and have no contact there: of a robot that falls, say."""
+        return frozenset(self._model.body(body).name for body in self._touch.bodies_elsewhere(self._data))
+
     def penetration(self) -> float:
         """Return the largest penetration of the robot into the floor, m; 0 if it does not touch it."""
         depths = [-float(self._data.contact[index].dist) for index in range(self._data.ncon)]

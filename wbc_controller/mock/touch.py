@@ -74,6 +74,14 @@ class Touch:
                 moment[name] += np.cross(touch.pos - frames[name].translation, at_point)
         return force, moment
 
+    def bodies_elsewhere(self, data: Any) -> frozenset[int]:
+        """MuJoCo's bodies that touch the floor with what belongs to no contact."""
+        geoms = (int(geom) for touch in data.contact for geom in touch.geom)
+        floor = self._model.geom(FLOOR).id
+        return frozenset(
+            int(self._model.geom_bodyid[geom]) for geom in geoms if geom != floor and geom not in self._contacts
+        )
+
     def height(self, data: Any, geoms: Iterable[int]) -> float:
         """How far geoms are above the floor, m: negative where one is in it, infinite where there are none."""
         floor = self._model.geom(FLOOR).id
