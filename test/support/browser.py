@@ -24,6 +24,7 @@ class Browser:
 
     def __init__(self, port: int, *, path: str = "/", **options: Any) -> None:
         self.positions: dict[str, tuple[float, ...]] = {}
+        self.turns: dict[str, tuple[float, ...]] = {}  # quaternions, w first
         self.controls: dict[str, dict[str, Any]] = {}
         self.updates = 0
         self.moved: Counter[str] = Counter()  # messages that moved something, by name
@@ -87,6 +88,9 @@ class Browser:
         kind = message["type"]
         if kind == "SetPositionMessage":
             self.positions[message["name"]] = tuple(message["position"])
+            self.moved[message["name"]] += 1
+        elif kind == "SetOrientationMessage":
+            self.turns[message["name"]] = tuple(message["wxyz"])
             self.moved[message["name"]] += 1
         elif kind.startswith("Gui") and "props" in message:
             self.controls[message["uuid"]] = dict(message["props"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
@@ -123,6 +125,53 @@ def test_the_robot_is_drawn_at_the_page_s_rate_whatever_comes(rig, browser):
     assert rate <= 1.2 * RATE  # no faster, though every moment is new; how fast it is, a measurement has to say
     pelvis = browser.positions["/robot/1"]
     assert pelvis == pytest.approx((0.0, 0.0, 0.76), abs=1e-3)
+
+
+def placement(browser, name):
+    """Where a part of the scene is in the world: each is placed in the part that its name begins with."""
+    found = pin.SE3.Identity()
+    for place in itertools.accumulate(name.strip("/").split("/"), "{}/{}".format):
+        w, x, y, z = browser.turns.get(f"/{place}", (1.0, 0.0, 0.0, 0.0))
+        position = np.array(browser.positions.get(f"/{place}", (0.0, 0.0, 0.0)))
+        found = found * pin.SE3(pin.Quaternion(w, x, y, z), position)
+    return found
+
+
+@pytest.fixture
+def pose(rig):
+    """Has the robot take a configuration, which the page's thread must not overwrite; it stands again afterwards."""
+
+    def take(q):
+        while rig.story.now.q is not q:
+            rig.story.now = replace(rig.story.now, q=q)
+            time.sleep(0.05)
+
+    there = rig.story.now.q
+    yield take
+    take(there)
+
+
+def test_every_link_is_drawn_where_it_is(rig, browser, pose):
+    model = rig.robot.model.pinocchio
+    names = rig.page.drawing.links
+    q = pin.integrate(model, rig.story.now.q, 0.3 * np.cos(np.arange(model.nv)))
+    pose(q)
+    before = rig.page.shown
+    browser.until(lambda: rig.page.shown - before >= 5)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    for handle, joint in names:
+        browser.until(
+            lambda joint=joint, name=handle.name: np.allclose(placement(browser, name), data.oMi[joint], atol=2e-3)
+        )
+    moved = browser.moved.copy()
+    turned = pin.integrate(model, q, np.r_[np.zeros(6), 0.2, np.zeros(model.nv - 7)])
+    pose(turned)
+    browser.until(lambda: browser.moved != moved)
+    before = rig.page.shown
+    browser.until(lambda: rig.page.shown - before >= 5)
+    links = [name for name in browser.moved - moved if name.startswith("/robot")]
+    assert links == ["/robot/1/2"]  # one joint has turned, and the links behind it follow in the browser
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ GROUPS: Mapping[str, str] = {
 }
 #: Groups that are shown and hidden with another one.
 _WITH = {"references": "task_errors", "contacts": "support"}
-#: Movement below which a link, and a shape, is not drawn anew, m or the sine of half an angle: a page whose robot
+#: Movement below which a joint, and a shape, is not drawn anew, m or the sine of half an angle: a page whose robot
 #: stands still then draws nothing, which without a GPU spares the processors that the controller runs on.
 _STILL, _STEADY = 1.0e-4, 1.0e-3
 #: Brightest and darkest grey of a link: what is white or black has no shape.
@@ -55,7 +55,6 @@ class Drawing:
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()
-        self._frames: dict[int, Any] = {}
         self.links: list[tuple[Any, int]] = []
         self.placements: list[pin.SE3] = []
         self._shown = dict.fromkeys(GROUPS, True)
@@ -63,12 +62,11 @@ class Drawing:
         self._light = self._scene.add_light_hemisphere(
             "/light", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=_LIGHT
         )
-        for joint in sorted({mesh.joint for mesh in meshes}):
-            self._frames[joint] = self._scene.add_frame(f"/robot/{joint}", show_axes=False)
+        self._tree = _Tree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
         for mesh in meshes:
             color = np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST)
             handle = self._scene.add_mesh_simple(
-                f"/robot/{mesh.joint}/{mesh.name}",
+                f"{self._tree.names[mesh.joint]}/{mesh.name}",
                 mesh.vertices,
                 mesh.triangles,
                 color=np.array(255 * color, dtype=np.uint8),
@@ -84,8 +82,7 @@ class Drawing:
         robot.dynamics.update(moment.q, moment.v)
         shapes = draw(robot.dynamics, robot.tasks, robot.contacts, moment.references, moment.forces)
         with self._server.atomic():  # a page never shows half of a moment
-            for joint, frame in self._frames.items():
-                _place(frame, self._data.oMi[joint])
+            self._tree.move(self._data)
             self._draw(shapes)
 
     def toggle(self, group: str, shown: bool) -> None:
@@ -115,6 +112,36 @@ class Drawing:
             self._shapes[place].hide()
 
 
+class _Tree:
+    """A frame for each joint, each in that of the joint before it, so that only what its own joint does moves it.
+
+    Attributes:
+        names: name of each joint's frame.
+    """
+
+    def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
+        """Put the frames of joints, and of those before them, into the scene."""
+        self.names = {0: "/robot"}
+        self._frames: list[Any] = []
+        used = {before for joint in joints for before in model.supports[joint]} - {0}
+        self._joints = sorted(used)  # a joint comes behind the one before it
+        for joint in self._joints:
+            self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
+            self._frames.append(scene.add_frame(self.names[joint], show_axes=False))
+        self._positions = np.zeros((len(self._joints), 3))
+        self._turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
+
+    def move(self, data: pin.Data) -> None:
+        """Move the frames whose joint has moved: most joints of a robot that stands have not."""
+        placements = [data.liMi[joint] for joint in self._joints]
+        positions = np.array([each.translation for each in placements])
+        turns = np.array([pin.Quaternion(each.rotation).coeffs() for each in placements])[:, [3, 0, 1, 2]]
+        for i in np.flatnonzero(np.abs(positions - self._positions).max(axis=1) > _STILL):
+            self._frames[i].position = self._positions[i] = positions[i]
+        for i in np.flatnonzero(1.0 - np.abs(np.einsum("ij,ij->i", turns, self._turns)) > _STILL**2):
+            self._frames[i].wxyz = self._turns[i] = turns[i]
+
+
 class _Drawn:
     """One shape of the scene, made once and then moved."""
 
@@ -123,21 +150,28 @@ class _Drawn:
         self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)
         self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
         self._handles: list[Any] = []
+        self._points = np.zeros((0, 3))  # as they are drawn
+        self._hidden = False
 
     def hide(self) -> None:
-        for handle in self._handles:
-            handle.visible = False
+        if not self._hidden:
+            self._hidden = True
+            for handle in self._handles:
+                handle.visible = False
 
     def move(self, shape: Shape, shown: bool) -> None:
         if not shown:
             self.hide()
             return
+        points = shape.points
+        if not self._hidden and points.shape == self._points.shape and np.abs(points - self._points).max() <= _STEADY:
+            return
+        self._hidden, self._points = False, points
         if shape.kind == SPHERE_LIST:
             self._balls(shape)
         elif shape.kind == ARROW:
-            self._lines(shape.points.reshape(1, 2, 3), shape)
+            self._lines(points.reshape(1, 2, 3), shape)
         elif shape.kind in (LINE_LIST, LINE_STRIP):
-            points = shape.points
             if shape.kind == LINE_STRIP:
                 points = np.stack([points[:-1], points[1:]], axis=1).reshape(-1, 3)
             self._lines(points.reshape(-1, 2, 3), shape)
@@ -154,8 +188,7 @@ class _Drawn:
                 made = self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size)
             self._handles.append(made)
         (handle,) = self._handles
-        if handle.points.shape != points.shape or np.abs(points - handle.points).max() > _STEADY:
-            handle.points = points.astype(np.float32)
+        handle.points = points.astype(np.float32)
         handle.visible = True
 
     def _balls(self, shape: Shape) -> None:
@@ -164,19 +197,7 @@ class _Drawn:
             ball = self._scene.add_icosphere(name, shape.size / 2.0, color=self._rgb, subdivisions=2, cast_shadow=False)
             self._handles.append(ball)
         for handle, point in zip(self._handles, shape.points, strict=False):
-            if np.abs(point - handle.position).max() > _STEADY:
-                handle.position = point
+            handle.position = point
             handle.visible = True
         for handle in self._handles[len(shape.points) :]:
             handle.visible = False
-
-
-def _place(frame: Any, placement: pin.SE3) -> None:
-    """Move a frame of the scene, unless it is there already: most links of a robot that stands do not move."""
-    position = placement.translation
-    x, y, z, w = pin.Quaternion(placement.rotation).coeffs()
-    turned = np.array([w, x, y, z])
-    if np.abs(position - frame.position).max() > _STILL:
-        frame.position = position
-    if 1.0 - abs(float(turned @ frame.wxyz)) > _STILL**2:
-        frame.wxyz = turned

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -60,6 +61,7 @@ def serve(
         ConfigurationError: if the robot cannot be drawn, or the address is none of this computer.
         NoAnswer: where the configuration names no URDF, and nobody publishes it.
     """
+    _wait_for_the_loop()
     with Session(settings, namespace=namespace, remappings=remappings, node=_NODE) as session:
         urdf = None if settings.robot.urdf else str(session.hear("mock", "robot_description").data)
         robot = Robot(settings, urdf)
@@ -104,6 +106,15 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
         page.run(stop)
     finally:
         server.stop()
+
+
+def _wait_for_the_loop() -> None:
+    """Never take a processor from what runs on it, such as the control loop: wait until it is free, or for a tick.
+
+    For this thread, and all that it starts from now on. Linux alone has such a scheduling class.
+    """
+    if hasattr(os, "SCHED_BATCH"):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def _open_lines(session: Session) -> None:
