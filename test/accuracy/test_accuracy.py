@@ -11,10 +11,12 @@ from click.testing import CliRunner
 from wbc_controller.accuracy.commands import accuracy
 from wbc_controller.accuracy.flaws import FLAWS, Cost, chatter, cost_of
 from wbc_controller.accuracy.rig import Rig
-from wbc_controller.accuracy.standing import Stand, consistency, error_of, stand
+from wbc_controller.accuracy.standing import Stand, consistency, error_of, stand, told
 from wbc_controller.errors import NoSolution
 from wbc_controller.mock.faults.fault import LONGEST
 from wbc_controller.mock.faults.world import SlipperyFloor
+from wbc_controller.mock.sensors import PARTS
+from wbc_controller.settings.config import load
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
@@ -67,6 +69,14 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
     tilt_and_velocity, heading_and_position = 1 + 4 + 16 + 25 + 36, 9 + 49 + 64 + 81
     np.testing.assert_allclose(found.seen, tilt_and_velocity * np.array([1.0, 4.0, 4.0 / 2.0, 9.0 / 5.0]))
     np.testing.assert_allclose(found.drifting[1:], heading_and_position * np.array([1.0, 4.0 / 4.0]))
+
+
+def test_the_filter_is_told_the_figures_of_its_sensors():
+    settings = load("go2").replace(told("cheap")).settings.estimation
+    assert settings.accelerometer_bias == PARTS["cheap"].accelerometer_bias
+    assert settings.gyroscope_noise == PARTS["cheap"].gyroscope_noise
+    assert settings.joint_position_noise == pytest.approx(np.hypot(2e-4, 2.0 * np.pi / 2**14 / np.sqrt(12.0)))
+    assert told("ideal") == {}
 
 
 def test_what_goes_wrong_is_said():
@@ -152,12 +162,20 @@ def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
 
 def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
     def made_up(robot, sensors, seed, seconds):
-        return Stand(seed, 0.001, 0.002, 0.003, 0.02 if robot == "g1" else 0.004, np.full(9, 5.0), np.full(9, 4.0))
+        return Stand(
+            seed,
+            (0.001, 0.001, 0.002)[seed],
+            0.002,
+            0.003,
+            0.02 if robot == "g1" else 0.004,
+            np.full(9, 5.0),
+            np.full(9, 4.0),
+        )
 
     monkeypatch.setattr("wbc_controller.accuracy.standing.stand", made_up)
     standing = accuracy.commands["standing"]  # without its group, which takes over the process's signals
     run = CliRunner().invoke(standing, ["go2", "--seeds", "3", "--jobs", "1"])
-    assert "| go2 | 0.057° | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in run.output
+    assert "| go2 | 0.081° (0.115°) | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in run.output
     assert run.exit_code == 0
     assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # it drifts too far
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,12 +13,16 @@ from scipy.stats import chi2
 
 from wbc_controller.accuracy.rig import Rig
 from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.mock.sensors import PARTS
 from wbc_controller.records import Array
+from wbc_controller.settings.service import SensorQuality
 
 #: Time between two looks, s.
 _LOOK = 0.1
 #: Share of the probability that is outside the bounds of the consistency.
 _OUTSIDE = 0.05
+#: What moves a contact point of the mock robot beside its joints: its ground is rigid; m/s/√Hz, and m.
+_CREEP, _POINTS = 3.0e-5, 2.0e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +50,26 @@ class Stand:
     ended: str = ""
 
 
-def stand(robot: str, sensors: str, seed: int, seconds: float) -> Stand:
-    """Let a robot stand on its estimate.
+def told(sensors: SensorQuality) -> dict[str, Any]:
+    """Settings of a filter that knows the figures of its sensors, as from their data sheets; none of `ideal` ones."""
+    parts = PARTS.get(sensors)
+    if parts is None:
+        return {}
+    return {
+        "estimation.gyroscope_noise": parts.gyroscope_noise,
+        "estimation.accelerometer_noise": parts.accelerometer_noise,
+        "estimation.gyroscope_bias_walk": parts.gyroscope_walk,
+        "estimation.accelerometer_bias_walk": parts.accelerometer_walk,
+        "estimation.accelerometer_bias": parts.accelerometer_bias,
+        # A rounded value is off by up to half a step, evenly.
+        "estimation.joint_position_noise": math.hypot(parts.encoder_noise, parts.encoder_resolution / math.sqrt(12.0)),
+        "estimation.contact_noise": _CREEP,
+        "estimation.contact_position_noise": _POINTS,
+    }
+
+
+def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stand:
+    """Let a robot stand on its estimate, which knows the figures of its sensors.
 
     Args:
         robot: name of a shipped robot, or the path of a file.
@@ -56,7 +80,8 @@ def stand(robot: str, sensors: str, seed: int, seconds: float) -> Stand:
     Raises:
         ConfigurationError: where the robot cannot be controlled or simulated so.
     """
-    rig = Rig(robot, {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed})
+    own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
+    rig = Rig(robot, {**told(sensors), **own})
     errors: list[Array] = []
     covariances: list[Array] = []
     every = max(1, round(_LOOK * rig.settings.control.rate))

@@ -10,6 +10,7 @@ import pinocchio as pin
 from scipy.special import chdtri
 
 from wbc_controller.core.arrays import all_finite, solved
+from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.records import Array
@@ -69,7 +70,8 @@ class BaseEstimator:
 
     At the start the robot stands still for a while, on its contacts: the mean specific force is gravity, the mean
     angular velocity is the gyroscope's bias. The world has its origin on the ground below the base, and its x axis
-    points where the base does. Nothing observes position and heading: they drift from there.
+    points where the base does. Nothing observes position and heading: they drift from there, less where contacts hold
+    for long (`anchoring`).
 
     A contact whose kinematics contradict the estimate by more than noise can is left out: it slips, or has lifted. It
     is taken in again at once where it is then.
@@ -107,7 +109,10 @@ class BaseEstimator:
 
     @property
     def base(self) -> tuple[Array, Array] | None:
-        """Pose of the base in the world, (7,), and its twist in its own axes, (6,); None where there is no estimate."""
+        """Pose of the base, (7,), and its twist in its own axes, (6,); None where there is no estimate.
+
+        The pose is in the frame that lives with the feet (`anchoring`), which begins as the filter's world.
+        """
         return self._running.base() if self._running is not None else None
 
     @property
@@ -117,7 +122,7 @@ class BaseEstimator:
 
     @property
     def covariance(self) -> tuple[Array, Array] | None:
-        """Covariances of `base`, (6, 6) each: of position and turns about the world's axes, and of the twist."""
+        """Covariances of `base`, (6, 6) each: of position and turns about the axes of its frame, and of the twist."""
         return self._running.covariance() if self._running is not None else None
 
     def restart(self) -> None:
@@ -190,11 +195,15 @@ class BaseEstimator:
             legs.sight(name).places @ R[2] - legs.rolling.get(name, np.zeros(3))[2] for name in holding
         ]  # fmt: skip
         level, height = R @ legs.imu_rotation.T @ legs.imu_position, float(np.concatenate(heights).mean())
-        # An accelerometer's bias is taken for a tilt; heading and position define the world.
-        tilt = (sensors.accelerometer_bias / float(np.linalg.norm(self._gravity))) ** 2
+        g = float(np.linalg.norm(self._gravity))
         mean = noise.gyroscope**2 / sensors.settling + noise.gyroscope_bias**2 * sensors.settling
-        P = np.diag(np.repeat([tilt, _VELOCITY, _DEFINED, mean, sensors.accelerometer_bias**2], 3))
-        P[2, 2] = _DEFINED
+        P = np.diag(np.repeat([_DEFINED, _VELOCITY, _DEFINED, mean, sensors.accelerometer_bias**2], 3))
+        # The accelerometer's bias is taken for a tilt, g ξ_R = up × R ζ_a, so that the two errors are one: were they
+        # independent, a robot that goes on to stand still would learn from it that each is less than it is.
+        tilting = hat(np.array([0.0, 0.0, 1.0 / g])) @ R
+        P[:3, 12:15] = sensors.accelerometer_bias**2 * tilting
+        P[12:15, :3] = P[:3, 12:15].T
+        P[:3, :3] += (sensors.accelerometer_bias**2 + noise.accelerometer**2 / sensors.settling) * (tilting @ tilting.T)
         return InvariantFilter(
             noise,
             self._gravity,
@@ -222,6 +231,7 @@ class _Running:
         self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
         self._sensors = sensors
+        self._anchoring = Anchoring()
         self._rolled: dict[str, Array] = {}  # by how far the centre of each ball has rolled, in the world, (3,) in m
         sizes = {len(points) for points in kinematics.points.values()}
         self._limits = {k: float(chdtri(3 * k, _SLIP)) for k in sizes}
@@ -245,20 +255,32 @@ class _Running:
             return f"the estimate was lost ({error})"
         if not (all_finite(self.filter.columns) and all_finite(self.filter.P)):
             return "the estimate was lost (it was not finite)"
+        if self._anchoring.due(self.stamp):
+            self._anchoring.follow(self.stamp, self._places())
         return None
 
+    def _places(self) -> dict[str, Array]:
+        """The points in contact in the filter's world, by contact, (k, 3) each in m."""
+        found = self.filter
+        places: dict[str, list[Array]] = {}
+        for i, point in enumerate(found.names):
+            places.setdefault(point.rpartition("/")[0], []).append(found.columns[:, 2 + i])
+        return {name: np.array(columns) for name, columns in places.items()}
+
     def base(self) -> tuple[Array, Array]:
-        """Pose of the base in the world, (7,), and its twist in its own axes, (6,)."""
+        """Pose of the base in the frame that lives with the feet, (7,), and its twist in its own axes, (6,)."""
         found, legs = self.filter, self._kinematics
         R = found.rotation @ legs.imu_rotation.T
         moving, turning = legs.imu_motion()
         omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - turning
         velocity = R.T @ found.velocity - hat(omega) @ legs.imu_position - moving
-        pose = np.concatenate([found.position - R @ legs.imu_position, pin.Quaternion(R).coeffs()])
+        turn = self._anchoring.rotation
+        position = turn @ (found.position - R @ legs.imu_position) + self._anchoring.translation
+        pose = np.concatenate([position, pin.Quaternion(turn @ R).coeffs()])
         return pose, np.concatenate([velocity, omega])
 
     def covariance(self) -> tuple[Array, Array]:
-        """Covariances of the base's pose, position and turns about the world's axes, and of its twist, (6, 6) each.
+        """Covariances of the base's pose, position and turns about the frame's axes, and of its twist, (6, 6) each.
 
         From X̂ X⁻¹ = exp(ξ), to first order: the base at p has the errors ξ_p - pₓ ξ_R and ξ_R, and its velocity in its
         own axes Rᵀ ξ_v + rₓ δω, where r is the place of the IMU, and δω what bias and noise of the gyroscope make.
@@ -273,6 +295,8 @@ class _Running:
         errors[6:9, 3:6], errors[6:9, 9:12] = R.T, -arm @ legs.imu_rotation
         errors[9:12, 9:12] = -legs.imu_rotation
         C = errors @ P[np.ix_(own, own)] @ errors.T
+        both = np.kron(np.eye(2), self._anchoring.rotation)
+        C[:6, :6] = both @ C[:6, :6] @ both.T
         noise = np.vstack([arm, np.eye(3)])
         C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)
         return C[:6, :6], C[6:, 6:]
@@ -358,3 +382,4 @@ class _Running:
         for point in self._kinematics.points[name]:
             self.filter.remove(point)
         self._rolled.pop(name, None)
+        self._anchoring.release(name)
