@@ -66,8 +66,8 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
 
     click.echo(
         f"{seeds} seeds on {sensors}, {seconds:g} s; of roll and pitch the RMS over the seeds (and the largest), of "
-        "the others the largest. NEES: share of time within the 95 % bounds, and its mean (1 as it should be), of tilt and "
-        "velocity; of heading and position, which drift\n"
+        "the others the largest. NEES: share of time within the 95 % bounds, and its mean (1 as it should be), of "
+        "tilt and velocity; of heading and position, which drift\n"
     )
     click.echo("| | roll, pitch RMS | height RMS | velocity RMS | drift per minute | NEES | NEES, drifting | fell |")
     click.echo("|---|---|---|---|---|---|---|---|")
