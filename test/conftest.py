@@ -261,6 +261,8 @@ class Bench:
         return self.cycle()
 
     def received(self, key: str, subject: str = "") -> list[Any]:
+        """What has come on a topic, with what is still being composed."""
+        self.loop._outputs.finish()
         return [decode(payload, self._types[key, subject]) for payload in self._payloads[key, subject]]
 
     def efforts(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from composed import whole
 
 from wbc_controller.settings import Settings
 from wbc_controller.views.scene import CONE_HEIGHT, FORCE_LENGTH
@@ -201,7 +202,6 @@ def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
     settings = Settings.model_validate(values)
     model = make_model(settings)
     controller = make_qp(settings, model)
-    drawn = MarkerScene(model, controller.tasks, controller.contacts, 1.0).message(
-        RobotState(1, model.configuration(model.posture), np.zeros(model.nv)), None, None
-    )
+    state = RobotState(1, model.configuration(model.posture), np.zeros(model.nv))
+    drawn = whole(MarkerScene(model, controller.tasks, controller.contacts, 1.0).compose(state, None, None))
     assert {marker.ns for marker in drawn.markers} == {"com"}

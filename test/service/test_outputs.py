@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from composed import whole
 
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.records import CycleReport, Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
@@ -121,7 +122,7 @@ def _status(*reports):
     summary = StatusSummary("/r1/wbc_controller", "r1")
     for each in reports:
         summary.add(each)
-    (status,) = summary.message(9).status
+    (status,) = whole(summary.compose(9)).status
     return status, {value.key: value.value for value in status.values}
 
 
@@ -180,7 +181,7 @@ def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
     forces = np.arange(18.0)
     summary = StatusSummary("/r1/wbc_controller", "r1", model=model)
     summary.add(report(solution=solution(disturbance=Disturbance(2.0 * forces, forces, ("base", "FL_calf_joint")))))
-    (status,) = summary.message(9).status
+    (status,) = whole(summary.compose(9)).status
     values = {value.key: value.value for value in status.values}
     assert values["disturbance/base"] == "0.000 1.000 2.000 N, 3.000 4.000 5.000 N·m"
     assert values[f"disturbance/{model.joints[2]}"] == f"{model.v_index[2]:.4f} N·m"
@@ -191,7 +192,7 @@ def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
 def test_each_summary_starts_over():
     summary = StatusSummary("/r1/wbc_controller", "r1")
     summary.add(report(refused=("x: no",)))
-    summary.message(1)
+    whole(summary.compose(1))
     summary.add(report())
-    (status,) = summary.message(2).status
+    (status,) = whole(summary.compose(2)).status
     assert "refused" not in status.message

@@ -109,7 +109,7 @@ class CycleResult:
             raise ValueError("there is nothing to draw: no state has arrived")
         dynamics = Dynamics(self.qp.model)  # that of the program has gone on
         dynamics.update(self.state.q, self.state.v)
-        return draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces)
+        return list(draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces))
 
     def plot(self) -> Any:
         """Draw contact forces, friction cones, support, centre of mass, and the torques as shares of their limits.

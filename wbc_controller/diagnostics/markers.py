@@ -8,7 +8,7 @@ their lifetime, also when the controller dies.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from typing import Any
 
 import numpy as np
@@ -45,21 +45,30 @@ class MarkerScene:
         # A separate object, since the controller's dynamics must remain those of its last solution.
         self._dynamics = Dynamics(model)
 
-    def message(self, state: RobotState, references: References | None, solution: Solution | None) -> Any:
-        """Make the message.
+    def compose(
+        self, state: RobotState, references: References | None, solution: Solution | None
+    ) -> Generator[None, None, Any]:
+        """Make the message piece by piece.
 
         Args:
             state: the latched state.
             references: references of the cycle, if the controller is active.
             solution: solution of the cycle, if there is one.
+
+        Yields:
+            Nothing, after each piece.
+
+        Returns:
+            The message.
         """
         self._dynamics.update(state.q, state.v)
-        shapes = draw(
-            self._dynamics, self._tasks, self._contacts, references, solution.forces if solution is not None else {}
-        )
-        return message(
-            "visualization_msgs/msg/MarkerArray", markers=[self._marker(state.stamp, shape) for shape in shapes]
-        )
+        yield
+        forces = solution.forces if solution is not None else {}
+        markers = []
+        for shape in draw(self._dynamics, self._tasks, self._contacts, references, forces):
+            markers.append(self._marker(state.stamp, shape))
+            yield
+        return message("visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(self, time: int, shape: Shape) -> Any:
         """Make one marker, in the colour of its namespace."""

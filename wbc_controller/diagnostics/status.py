@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.records import CycleReport, Disturbance, Mode
+from wbc_controller.records import CycleReport, Disturbance, Mode, Solution
 from wbc_controller.wire.messages import diagnostics
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -21,6 +22,36 @@ _LEVELS = {
     Mode.STOPPED: _WARN,
     Mode.FAULT: _ERROR,
 }
+
+
+class _Span:
+    """What the reports since the last message say together.
+
+    Only the newest report is kept: to let go of many at once, with their solutions, takes longer than a cycle has.
+
+    Attributes:
+        last: the newest report.
+        count: number of reports.
+        seconds: times of each stage, s.
+        relaxed: in how many cycles each limit was relaxed.
+        refused: a sentence for each message that was refused.
+    """
+
+    def __init__(self, first: CycleReport) -> None:
+        self.last = first
+        self.count = 0
+        self.seconds: dict[str, list[float]] = {}
+        self.relaxed: Counter[str] = Counter()
+        self.refused: list[str] = []
+
+    def add(self, report: CycleReport) -> None:
+        self.last = report
+        self.count += 1
+        for stage, seconds in report.stage_seconds.items():
+            self.seconds.setdefault(stage, []).append(seconds)
+        if report.solution is not None and report.solution.relaxed:
+            self.relaxed.update(report.solution.relaxed)
+        self.refused += report.refused
 
 
 class StatusSummary:
@@ -47,25 +78,46 @@ class StatusSummary:
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
         self._recorder = recorder
         self._scheduling = {"scheduling": scheduling} if scheduling else {}
-        self._reports: list[CycleReport] = []
+        self._span: _Span | None = None
         self._taken = 0
 
     def add(self, report: CycleReport) -> None:
         """Add the report of a cycle."""
-        self._reports.append(report)
+        if self._span is None:
+            self._span = _Span(report)
+        self._span.add(report)
         self._taken += report.taken
 
-    def message(self, wall: int, short: Sequence[str] = ()) -> Any:
-        """Make the message, and discard the reports collected so far.
+    def compose(self, wall: int, short: Sequence[str] = ()) -> Generator[None, None, Any]:
+        """Make the message of the reports collected so far, piece by piece, and begin to collect anew.
 
         Args:
             wall: time for the header, ns.
             short: a sentence for each task that stays short of its reference.
+
+        Yields:
+            Nothing, after each piece.
+
+        Returns:
+            The message; None where there are no reports.
         """
-        reports, self._reports = self._reports, []
-        values, warnings = _values(reports)
+        span, self._span = self._span, None
+        if span is None:
+            return None
+        last, taken = span.last, self._taken
+        values = self._scheduling | _of_cycles(span)
+        yield
+        if last.solution is not None:
+            values |= _of_solution(last.solution)
+            yield
+        values |= _of_checks(last)
+        warnings = [f"relaxed {what} in {count} of {span.count} cycles" for what, count in sorted(span.relaxed.items())]
+        warnings += last.contested
+        if last.audit is not None:
+            warnings += last.audit.warnings
+        values |= {f"refused/{i}": sentence for i, sentence in enumerate(span.refused)}
+        warnings += [f"refused {sentence}" for sentence in span.refused]
         warnings += short
-        last = reports[-1]
         beside = last.solution.disturbance if last.solution is not None else None
         if beside is not None and self._model is not None:
             values |= _beside(beside, self._model)
@@ -74,6 +126,7 @@ class StatusSummary:
                     "forces that the model lacks are at their bound (estimation.disturbance_share) at "
                     f"{', '.join(beside.at_bound)}: a wrong mass, torques that do not arrive as sent, or a steady push"
                 )
+        yield
         level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
         if last.fault is not None:
             level = max(level, _WARN)
@@ -81,9 +134,9 @@ class StatusSummary:
         if last.contested and last.command is not None:
             level = _ERROR
         text = "; ".join([last.mode.value, *warnings])
-        values["requests_taken"] = str(self._taken)
+        values["requests_taken"] = str(taken)
         values |= self._recorder()
-        return diagnostics(wall, level, self._name, text, self._hardware, self._scheduling | values)
+        return diagnostics(wall, level, self._name, text, self._hardware, values)
 
 
 def _beside(beside: Disturbance, model: RobotModel) -> dict[str, str]:
@@ -103,33 +156,41 @@ def _per(constraint: str) -> str:
     return {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}.get(kind, "1/(m/s²)")
 
 
-def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
-    """Key-value pairs that summarise some cycles, and their warnings."""
-    last = reports[-1]
+def _of_cycles(span: _Span) -> dict[str, str]:
+    """Key-value pairs of the loop, its stages and its inputs."""
+    last = span.last
     values = {
         "mode": last.mode.value,
         "cycle": str(last.cycle),
-        "cycles": str(len(reports)),
+        "cycles": str(span.count),
         "deadlines_missed": str(last.deadlines_missed),
     }
     values |= {f"age/{name}": f"{age:.4f} s" for name, age in last.ages.items()}
     for stage in last.stage_seconds:
-        times = [report.stage_seconds[stage] for report in reports if stage in report.stage_seconds]
-        values[f"time/{stage}/median"] = f"{1e6 * float(np.median(times)):.0f} us"
+        times = span.seconds[stage]
+        values[f"time/{stage}/median"] = f"{1e6 * statistics.median(times):.0f} us"
         values[f"time/{stage}/max"] = f"{1e6 * max(times):.0f} us"
     values |= {f"task_weight/{name}": f"{weight:.5g}" for name, weight in last.weights.items()}
-    solution = last.solution
-    if solution is not None:
-        values |= {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
-        values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
-        values["binding"] = ", ".join(solution.binding) or "none"
-        values |= {f"cost/{name}": f"{cost:.4g} {_per(name)}" for name, cost in solution.binding.items()}
-        values["solver_iterations"] = str(solution.iterations)
-        values |= {
-            f"level/{i}": f"{', '.join(level.tasks) or 'no task'}: cost {level.cost:.4g}, "
-            f"{level.iterations} iterations, {1e6 * level.seconds:.0f} us"
-            for i, level in enumerate(solution.levels)
-        }
+    return values
+
+
+def _of_solution(solution: Solution) -> dict[str, str]:
+    """Key-value pairs of what was solved."""
+    values = {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
+    values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
+    values["binding"] = ", ".join(solution.binding) or "none"
+    values |= {f"cost/{name}": f"{cost:.4g} {_per(name)}" for name, cost in solution.binding.items()}
+    values["solver_iterations"] = str(solution.iterations)
+    return values | {
+        f"level/{i}": f"{', '.join(level.tasks) or 'no task'}: cost {level.cost:.4g}, "
+        f"{level.iterations} iterations, {1e6 * level.seconds:.0f} us"
+        for i, level in enumerate(solution.levels)
+    }
+
+
+def _of_checks(last: CycleReport) -> dict[str, str]:
+    """Key-value pairs of what was found wrong: conflicts, the audit, and who else publishes."""
+    values: dict[str, str] = {}
     if last.fault is not None and last.fault.infeasibility is not None:
         why = last.fault.infeasibility
         values["infeasibility/conflict"] = ", ".join(why.conflict)
@@ -140,12 +201,4 @@ def _values(reports: Sequence[CycleReport]) -> tuple[dict[str, str], list[str]]:
         values["audit/energy_residual"] = f"{audit.energy:.4f} W of {audit.throughput:.2f} W"
         values["audit/unmodelled_force"] = " ".join(f"{part:.3f}" for part in audit.force) + " N"
         values["audit/largest_unmodelled_torque"] = f"{float(np.max(np.abs(audit.joint_torques))):.4f} N·m"
-    relaxed = Counter(what for report in reports if report.solution is not None for what in report.solution.relaxed)
-    warnings = [f"relaxed {what} in {count} of {len(reports)} cycles" for what, count in sorted(relaxed.items())]
-    values |= {f"publishers/{topic}": names for topic, names in last.shared.items()}
-    warnings += last.contested
-    if last.audit is not None:
-        warnings += last.audit.warnings
-    refused = [sentence for report in reports for sentence in report.refused]
-    values |= {f"refused/{i}": sentence for i, sentence in enumerate(refused)}
-    return values, warnings + [f"refused {sentence}" for sentence in refused]
+    return values | {f"publishers/{topic}": names for topic, names in last.shared.items()}

@@ -131,6 +131,7 @@ class ControlLoop:
         dynamics = self.controller.qp.dynamics
         self._outputs.publish_tasks(now, latched.state, dynamics, result.references, result.solution)
         self._outputs.publish_markers(now, latched.state, result.references, result.solution)
+        self._outputs.compose()
         self._say(report, now)
         for observer in self.observers:
             observer(report)
@@ -246,6 +247,7 @@ class ControlLoop:
         report = self._report(self._inputs.latch(), self.controller.shut_down(self._clock.now()), {})
         self._outputs.publish_command(report)
         self._outputs.publish_status(report, self._clock.now(), self._clock.stamp())
+        self._outputs.finish()
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()

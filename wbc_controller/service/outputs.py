@@ -1,8 +1,13 @@
-"""Outgoing messages: commands, contact wrenches, the mode, diagnostics and markers."""
+"""Outgoing messages: commands, contact wrenches, the mode, diagnostics and markers.
+
+Diagnostics and markers take longer than a fast loop has between two states. They are composed piece by piece, one per
+cycle, when the torques are out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -87,6 +92,8 @@ class Outputs:
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
         self._contested_said: tuple[str, ...] = ()
+        self._news = False  # that the next diagnostics must not wait with
+        self._composed: dict[str, Generator[None, None, None]] = {}  # messages that are on their way, by key
         self._tasks = tasks
         self._tasks_due = -np.inf
         self._shortfall = shortfall
@@ -115,7 +122,7 @@ class Outputs:
         self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send the mode if it has changed, and diagnostics if they are due or have news.
+        """Send the mode if it has changed, and begin diagnostics if they are due or have news.
 
         Args:
             report: report of the cycle.
@@ -130,11 +137,12 @@ class Outputs:
                 text += f" {report.fault.code}: {report.fault.sentence}"
             self._send("state", message("std_msgs/msg/String", data=text))
         self._summary.add(report)
-        news = report.refused or report.contested != self._contested_said
-        if now >= self._diagnostics_due or news:
-            self._contested_said = report.contested
+        self._news = self._news or bool(report.refused) or report.contested != self._contested_said
+        self._contested_said = report.contested
+        if now >= self._diagnostics_due or (self._news and "diagnostics" not in self._composed):
+            self._news = False
             self._diagnostics_due = now + self._diagnostics_period
-            self._send("diagnostics", self._summary.message(wall, self._short))
+            self._begin("diagnostics", self._summary.compose(wall, self._short))
 
     def publish_tasks(
         self,
@@ -170,7 +178,7 @@ class Outputs:
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
     ) -> None:
-        """Send the markers of the cycle if they are due.
+        """Begin the markers of the cycle if they are due.
 
         Args:
             now: time on the clock of the loop, s.
@@ -180,7 +188,31 @@ class Outputs:
         """
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period
-            self._send("markers", self._scene.message(state, references, solution))
+            self._begin("markers", self._scene.compose(state, references, solution))
+
+    def compose(self) -> None:
+        """Take one step of the oldest message that is on its way."""
+        for key, steps in self._composed.items():
+            if next(steps, self) is self:
+                del self._composed[key]
+            return
+
+    def finish(self) -> None:
+        """Take all steps that are left."""
+        while self._composed:
+            self.compose()
+
+    def _begin(self, key: str, content: Generator[None, None, Any]) -> None:
+        """Begin a message; what is left of the last one, which is late, is done at once."""
+        for _ in self._composed.pop(key, ()):
+            pass
+        self._composed[key] = self._written(key, content)
+
+    def _written(self, key: str, content: Generator[None, None, Any]) -> Generator[None, None, None]:
+        composed = yield from content
+        if composed is not None:
+            yield
+            self._send(key, composed)
 
     def _send(self, key: str, content: object, subject: str = "") -> None:
         self._publish[key, subject](encode(content))

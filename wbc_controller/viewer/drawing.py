@@ -80,7 +80,7 @@ class Drawing:
         pin.forwardKinematics(robot.model.pinocchio, self._data, moment.q)
         self.placements = list(self._data.oMi)
         robot.dynamics.update(moment.q, moment.v)
-        shapes = draw(robot.dynamics, robot.tasks, robot.contacts, moment.references, moment.forces)
+        shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, moment.references, moment.forces))
         with self._server.atomic():  # a page never shows half of a moment
             self._tree.move(self._data)
             self._draw(shapes)

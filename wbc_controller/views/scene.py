@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,8 +72,8 @@ def draw(
     contacts: Mapping[str, Contact],
     references: References | None,
     forces: Mapping[str, Array],
-) -> list[Shape]:
-    """Draw one state with what is wanted and what was answered.
+) -> Iterator[Shape]:
+    """Draw one state with what is wanted and what was answered, shape by shape.
 
     Args:
         dynamics: the snapshot at the state.
@@ -82,35 +82,46 @@ def draw(
         references: what is wanted, where the controller is active.
         forces: what it counts on, by contact, in the form of `Solution.forces`; empty where there is no solution.
 
-    Returns:
+    Yields:
         The shapes that have points.
     """
+    for shape in _shapes(dynamics, tasks, contacts, references, forces):
+        if len(shape.points):
+            yield shape
+
+
+def _shapes(
+    dynamics: Dynamics,
+    tasks: Mapping[str, Task],
+    contacts: Mapping[str, Contact],
+    references: References | None,
+    forces: Mapping[str, Array],
+) -> Iterator[Shape]:
     corners = {name: contact.points(dynamics) for name, contact in contacts.items()}
     feet = [name for name in (forces or corners) if _supports(contacts[name])]
     standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
     ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
     outlines = [edge for points in corners.values() if len(points) > 2 for edge in _edges(points)]
-    shapes = [_shape("contacts", 0, LINE_LIST, 0.004, outlines)]
+    yield _shape("contacts", 0, LINE_LIST, 0.004, outlines)
     cones: list[Array] = []
     for i, name in enumerate(contacts):
         if name in forces:
             arrow, pyramid = _contact(dynamics, contacts[name], forces[name], corners[name])
-            shapes.append(_shape("contact_forces", i, ARROW, 0.012, arrow))
+            yield _shape("contact_forces", i, ARROW, 0.012, arrow)
             cones += pyramid
-    shapes.append(_shape("friction_cones", 0, LINE_LIST, 0.003, cones))
+    yield _shape("friction_cones", 0, LINE_LIST, 0.003, cones)
     if forces and feet:
         around = support_polygon(standing[:, :2])
         hull = [np.append(point, ground) for point in (*around, *around[:1])]
-        shapes.append(_shape("support", 0, LINE_STRIP, 0.008, hull))
-    shapes += _balance(dynamics, ground)
+        yield _shape("support", 0, LINE_STRIP, 0.008, hull)
+    yield from _balance(dynamics, ground)
     if references is not None:
         lines: list[Array] = []
         for name, task in tasks.items():
             if name in references.tasks and references.weights.get(name, 0.0) > 0.0:
                 lines += _from_to(task, dynamics, references.tasks[name], ground)
-        shapes.append(_shape("task_errors", 0, LINE_LIST, 0.006, lines))
-        shapes.append(_shape("references", 0, SPHERE_LIST, 0.02, lines[1::2]))
-    return [shape for shape in shapes if len(shape.points)]
+        yield _shape("task_errors", 0, LINE_LIST, 0.006, lines)
+        yield _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
 
 
 def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
