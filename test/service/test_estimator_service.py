@@ -8,7 +8,7 @@ import pytest
 
 from wbc_controller import Simulation
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.mock.measurement import measure
+from wbc_controller.mock.measurement import measure, wrench_message
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.estimator_service import EstimatorService
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
@@ -170,6 +170,24 @@ def test_which_contacts_hold(robot):
     assert robot.holding() == {"rear_right_foot", "front_right_foot"}
     robot.clock.time = 1.2  # the controller sends no forces any more
     assert robot.holding() == FEET - {"front_left_foot"}
+
+
+def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(robot):
+    def feel(_):
+        stamp = round(1e9 * robot.simulation.time) + 1
+        for name, wrench in robot.simulation.plant.contact_wrenches().items():
+            if robot.simulation.time < 0.1 or name != "rear_left_foot":
+                robot.send("measured_wrench", wrench_message(stamp, "world", wrench), name)
+        robot.sense()
+
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it
+    robot.simulation.run(0.15, feel)
+    assert robot.node._inputs.holding == FEET
+    assert not any(key.startswith("note//") for key in robot.values)
+    robot.simulation.run(0.3, feel)
+    note = robot.values["note//base_estimator/contacts/rear_left_foot/measured_wrench"]
+    assert note.startswith("the force sensor is silent for more than 0.1 s")
+    assert robot.node._inputs.holding == FEET
 
 
 def test_what_is_refused_is_said(robot):

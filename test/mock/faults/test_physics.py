@@ -96,7 +96,8 @@ def changes_of_the_model(bench):
     model = bench.plant.model
     keys = (
         "body_mass", "body_inertia", "body_ipos", "geom_friction", "geom_solref", "geom_pos", "geom_quat",
-        "geom_conaffinity", "geom_priority", "dof_frictionloss", "jnt_range", "jnt_limited", "eq_data", "dof_invweight0",
+        "geom_conaffinity", "geom_priority", "dof_frictionloss", "jnt_range", "jnt_limited", "eq_data",
+        "dof_invweight0",
     )  # fmt: skip
     return {key: np.array(getattr(model, key)) for key in keys}
 
