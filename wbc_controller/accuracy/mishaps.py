@@ -25,8 +25,8 @@ WRONG, UNSAID = 0.2, 0.2
 _SWAY, _BEAT = 0.03, 0.5
 #: Time from the mishap on, s.
 _WATCHED = 2.0
-#: A foot is pulled up by this much of the robot's weight, and for this long, s.
-_PULL, _PULLED = 1.0, 0.1
+#: A foot is pulled up by this many times its share of the robot's weight, and for this long, s.
+_PULL, _PULLED = 1.5, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Mishap:
     Attributes:
         name: for the table.
         faults: of the mock robot, given its first contact and the joint that moves it last.
-        pull: whether the first contact is pulled up, `_PULL` of the weight for `_PULLED`.
+        pull: whether the first contact is pulled up, by `_PULL` for `_PULLED`.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Outcome:
 
     Attributes:
         error: largest error of the base's linear velocity while the controller acted on it, m/s.
-        unsaid: longest time for which it was above `WRONG`, s.
+        unsaid: longest time for which it was above `WRONG` without a fault, s.
         left_out: contacts that the estimate left out.
         said: a sentence for each fault, in order.
         ended: whether the controller ended it: it damps, and acts on the estimate no more.
@@ -123,7 +123,8 @@ def come_of(
     watch.follow(0.5 * _BEAT)
     rig.robot.plan(mishap.faults(contact, model.pinocchio.names[moved_by]), since=rig.time)
     if mishap.pull:
-        rig.robot.plant.push(spec.frame, [0.0, 0.0, _PULL * model.mass * model.gravity, 0.0, 0.0, 0.0], _PULLED)
+        share = model.mass * model.gravity / len(rig.robot.plant.contacts)
+        rig.robot.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
     watch.follow(_WATCHED)
     return watch.outcome()
 
@@ -134,6 +135,7 @@ class _Watch:
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._errors: list[float] = []
+        self._unsaid: list[bool] = []  # whether the estimate was wrong without a fault
         self._left_out: dict[str, None] = {}
         self._said: dict[str, str] = {}
         self._ended = self._fell = False
@@ -157,14 +159,15 @@ class _Watch:
         if state is None or true is None or estimator is None:
             return
         self._left_out |= dict.fromkeys(estimator.slipping)
-        self._errors.append(float(np.linalg.norm(state.v[:3] - true[1][:3])))
+        error = float(np.linalg.norm(state.v[:3] - true[1][:3]))
+        self._errors.append(error)
+        self._unsaid.append(error > WRONG and self._rig.report.fault is None)
 
     def outcome(self) -> Outcome:
         """What came of it."""
-        errors, period = np.array(self._errors), self._rig.controller.period
         return Outcome(
-            float(errors.max(initial=0.0)),
-            period * longest(errors > WRONG),
+            max(self._errors, default=0.0),
+            self._rig.controller.period * longest(np.array(self._unsaid, dtype=np.bool_)),
             tuple(self._left_out),
             tuple(self._said.values()),
             self._ended,
