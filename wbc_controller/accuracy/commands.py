@@ -142,9 +142,8 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
     calls = [(kind, each.name, sensors, s, force_sensors) for kind in kinds for each in MISHAPS for s in range(seeds)]
     found = _each(come_of, calls, jobs)
     click.echo(f"sensors {sensors}{', true forces at the contacts' if force_sensors else ''}\n")
-    click.echo(
-        "| Robot | Mishap | what came of it | velocity error | above 0.2 m/s unsaid | left out |\n|---|---|---|---|---|---|"
-    )
+    click.echo("| Robot | Mishap | what came of it | velocity error | above 0.2 m/s unsaid | left out |")
+    click.echo("|---|---|---|---|---|---|")
     for (kind, name, *_), each in zip(calls, found, strict=True):
         came = "**silently wrong**" if each.silently_wrong else "ends" if each.ended else "goes on"
         came = "; ".join([came, *(sentence.partition(" (")[0] for sentence in each.said)])
