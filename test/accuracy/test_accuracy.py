@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from wbc_controller.accuracy.commands import accuracy
 from wbc_controller.accuracy.flaws import FLAWS, Cost, chatter, cost_of
+from wbc_controller.accuracy.mishaps import Outcome, come_of, longest
 from wbc_controller.accuracy.rig import Rig
 from wbc_controller.accuracy.standing import Stand, consistency, error_of, stand, told
 from wbc_controller.errors import NoSolution
@@ -194,3 +195,34 @@ def test_a_flaw_that_is_unknown_is_refused_with_the_valid_ones():
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
     assert "flaw 'nothing' is unknown" in str(run.exception)
     assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
+
+
+def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and_a_wrong_estimate_is_seen(monkeypatch):
+    monkeypatch.setattr("wbc_controller.accuracy.mishaps._WATCHED", 0.3)
+    short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
+    for name in ("one foot on ice, friction 0.05", "IMU silent for 20 ms"):
+        found = come_of("go2", name, force_sensors=True, changes=short)
+        assert (found.said, found.ended, found.silently_wrong, found.unsaid) == ((), False, False, 0.0)
+        assert 0.0 < found.error < 0.1
+
+
+def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
+    found = {
+        "one foot pulled up": Outcome(0.3, 0.1, ("left", "right"), ("NO_SOLUTION: there is none (daqp)",), ended=True),
+        "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.21, ()),
+    }
+    monkeypatch.setattr(
+        "wbc_controller.accuracy.mishaps.come_of",
+        lambda robot, name, *_: found.get(name, Outcome(0.01, 0.0, ())) if robot == "go2" else Outcome(0.01, 0.0, ()),
+    )
+    run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
+    assert (
+        "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | left, right |"
+        in run.output
+    )
+    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 210 ms | – |" in run.output
+    assert run.exit_code == 1
+    assert CliRunner().invoke(accuracy.commands["mishaps"], ["g1", "--jobs", "1"]).exit_code == 0
+    assert Outcome(np.nan, np.nan, ()).silently_wrong
+    assert Outcome(0.0, 0.0, (), fell=True).silently_wrong
+    assert [longest(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]

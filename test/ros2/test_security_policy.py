@@ -119,6 +119,8 @@ def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometr
         heard = read(security_policy(changed(settings, {"estimation": {"base_state": source}}), model))
         assert f"/{source}" in heard["/wbc_controller"]["subscribe"]
         assert other not in heard["/wbc_controller"]["subscribe"]
+        sensed = "/wbc_controller/contacts/front_left_foot/measured_wrench" in heard["/wbc_controller"]["subscribe"]
+        assert sensed == (source == "imu")
 
 
 def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):

@@ -7,9 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wbc_controller.assembly.estimation import estimates_base, make_estimator
+from wbc_controller.assembly.contacts import make_contact
+from wbc_controller.assembly.estimation import contact_normals, estimates_base, make_estimator
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Mode
+from wbc_controller.settings.config import load
 from wbc_controller.wire.messages import header, message
 
 IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
@@ -209,3 +213,115 @@ def test_a_frame_that_the_robot_does_not_have_is_refused(robot_of, changed):
     settings, model = robot_of("go2")
     with pytest.raises(ConfigurationError, match=r"estimation.imu_frame = 'nose': the robot has no such frame"):
         make_estimator(changed(settings, {"estimation": {**IMU["estimation"], "imu_frame": "nose"}}), model, {})
+
+
+FEET = ("front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot")
+
+
+def force(robot, newtons, foot=FEET[0], frame="", time=None):
+    content = message(
+        "geometry_msgs/msg/WrenchStamped",
+        header=header(robot.bench.time if time is None else time, frame),
+        wrench=message(
+            "geometry_msgs/msg/Wrench",
+            force=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=newtons),
+            torque=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+        ),
+    )
+    robot.bench.send("measured_wrench", content, foot)
+
+
+def holding(robot):
+    filter = robot.bench.loop._inputs._estimator.filter
+    return {name.partition("/")[0] for name in filter.names}
+
+
+def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh(robot):
+    robot.activate()
+    weight = robot.bench.model.mass * 9.81
+    held = []
+    for share in (0.04, 0.06, 0.03, 0.02, 0.04, 0.06):  # on above 0.05, off below 0.025
+        force(robot, share * weight)
+        robot.cycle()
+        held.append(FEET[0] in holding(robot))
+        assert holding(robot) >= set(FEET[1:])
+    assert held == [False, True, True, False, False, True]
+    force(robot, 0.0)
+    assert robot.cycle(49).refused == ()
+    assert FEET[0] not in holding(robot)
+    said = [sentence for _ in range(60) for sentence in robot.cycle().refused]
+    assert said == [
+        "/wbc_controller/contacts/front_left_foot/measured_wrench: the force sensor is silent for more than 0.1 s "
+        "(estimation.contact_timeout); contact 'front_left_foot' counts as holding where it is meant to"
+    ]
+    assert FEET[0] in holding(robot)
+    force(robot, 0.0)
+    robot.cycle()
+    assert FEET[0] not in holding(robot)
+
+
+def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robot):
+    robot.activate()
+    robot.bench.send("holds", message("std_msgs/msg/Bool", data=False), FEET[1])
+    robot.cycle(100)  # a switch may speak on changes alone
+    assert holding(robot) == {FEET[0], FEET[2], FEET[3]}
+    force(robot, 100.0, FEET[1])
+    robot.cycle()
+    assert holding(robot) == set(FEET)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"newtons": np.nan}, "wrench.force holds a value that is not finite"),
+        ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N; at a contact it is at most 100000"),
+        (
+            {"newtons": 50.0, "frame": "head"},
+            "header.frame_id is 'head'; the force at contact 'front_left_foot' is given",
+        ),
+        ({"newtons": 50.0, "time": 0}, "header.stamp is 0"),
+    ],
+)
+def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, changes, said):
+    robot.activate()
+    for _ in range(3):  # the third is read in place
+        force(robot, 0.0)
+        robot.cycle()
+    force(robot, **changes)
+    assert [said in sentence for sentence in robot.cycle().refused] == [True]
+    assert FEET[0] not in holding(robot)
+    robot.bench.send_bytes("measured_wrench", bytes(1 << 15), FEET[0])
+    assert "more than 16384 bytes" in robot.cycle().refused[0]
+
+
+def test_forces_of_a_clock_that_begins_anew_decide_nothing(robot):
+    robot.activate()
+    force(robot, 0.0)
+    robot.cycle()
+    robot.bench.loop._inputs.restart()
+    inputs = robot.bench.loop._inputs
+    assert (inputs.latch(FEET).refused, set(inputs.holding)) == ((), set(FEET))
+
+
+def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of, changed):
+    settings, model = robot_of("g1")
+    contacts = make_qp(settings, model).contacts
+    name, spec = next(iter(settings.contacts.items()))
+    normals = contact_normals(settings, model, {name: contacts[name]})[name]
+    dynamics = Dynamics(model)
+    normal = contacts[name].placement(dynamics).rotation[:, 2]
+    for frame in (spec.frame, *set(normals) - {"", name}):
+        turned = dynamics.placement(model.frame_id(frame, "")).rotation @ normals[frame]
+        np.testing.assert_allclose(turned, normal, atol=1e-9)
+    assert "world" not in normals
+    go2, dog = robot_of("go2")
+    slope = changed(go2, {"contacts": {FEET[0]: {"normal": [0.0, 1.0, 1.0]}}})
+    found = contact_normals(slope, dog, {FEET[0]: make_contact(FEET[0], slope.contacts[FEET[0]], dog)})[FEET[0]]
+    assert set(found) == {"", FEET[0], "world"}
+    np.testing.assert_allclose(found["world"], np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0))
+    np.testing.assert_allclose(found[""], [0.0, 0.0, 1.0])
+
+
+def test_a_force_that_lets_go_above_the_one_that_takes_hold_is_refused():
+    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: it is at most contact_force_on, 0.1"):
+        load("go2").replace({"estimation.contact_force_on": 0.1, "estimation.contact_force_off": 0.2})

@@ -8,7 +8,7 @@ import pytest
 
 from wbc_controller import Simulation
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.mock.measurement import measure
+from wbc_controller.mock.measurement import measure, wrench_message
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.estimator_service import EstimatorService
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
@@ -51,6 +51,10 @@ class Robot:
             self.send("imu", found.message("imu"))
         self.send("joint_states", found.message("joint_states"))
         self.node.cycle()
+
+    def holding(self):
+        self.node.cycle()
+        return set(self.node._inputs.holding)
 
     def run(self, seconds):
         self.simulation.run(seconds, lambda _: self.sense())
@@ -156,16 +160,34 @@ def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
 
 
 def test_which_contacts_hold(robot):
-    assert robot.node.holding() == FEET  # nobody has said anything: those of the configuration
+    assert robot.holding() == FEET  # nobody has said anything: those of the configuration
     robot.clock.time = 1.0
     for name in ("front_left_foot", "rear_right_foot"):
         robot.send("contact_wrench", push(), name)
-    assert robot.node.holding() == {"front_left_foot", "rear_right_foot"}
+    assert robot.holding() == {"front_left_foot", "rear_right_foot"}
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
     robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_right_foot")
-    assert robot.node.holding() == {"rear_right_foot", "front_right_foot"}
+    assert robot.holding() == {"rear_right_foot", "front_right_foot"}
     robot.clock.time = 1.2  # the controller sends no forces any more
-    assert robot.node.holding() == FEET - {"front_left_foot"}
+    assert robot.holding() == FEET - {"front_left_foot"}
+
+
+def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(robot):
+    def feel(_):
+        stamp = round(1e9 * robot.simulation.time) + 1
+        for name, wrench in robot.simulation.plant.contact_wrenches().items():
+            if robot.simulation.time < 0.1 or name != "rear_left_foot":
+                robot.send("measured_wrench", wrench_message(stamp, "world", wrench), name)
+        robot.sense()
+
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it
+    robot.simulation.run(0.15, feel)
+    assert robot.node._inputs.holding == FEET
+    assert not any(key.startswith("note//") for key in robot.values)
+    robot.simulation.run(0.3, feel)
+    note = robot.values["note//base_estimator/contacts/rear_left_foot/measured_wrench"]
+    assert note.startswith("the force sensor is silent for more than 0.1 s")
+    assert robot.node._inputs.holding == FEET
 
 
 def test_what_is_refused_is_said(robot):
@@ -185,9 +207,9 @@ def test_what_is_refused_is_said(robot):
         for value in each.status[0].values
         if value.key.startswith("refused/")
     }
-    assert set(refused) == {"refused/rear_left_foot/holds", "refused//joint_states"}, refused
+    assert set(refused) == {"refused//base_estimator/contacts/rear_left_foot/holds", "refused//joint_states"}, refused
     assert "missing" in refused["refused//joint_states"]
-    assert robot.node.holding() == FEET
+    assert robot.holding() == FEET
 
 
 def test_a_robot_on_a_fixed_base_is_refused(robot, robot_of):

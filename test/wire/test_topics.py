@@ -152,6 +152,8 @@ def test_requests_are_reliable_and_queued():
             "joint_states",
             "odom",
             "imu",
+            "measured_wrench",
+            "holds",
             "clock",
             "robot_description",
         ):
@@ -204,7 +206,7 @@ def test_the_estimator_hears_the_robot_and_the_controller_who_may_hear_it():
     ]
     for endpoint in endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace="/r", contacts=("left",)):
         met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
-        assert met or endpoint.key in ("holds", "tf", "diagnostics"), endpoint.name
+        assert met or endpoint.key in ("holds", "measured_wrench", "tf", "diagnostics"), endpoint.name
         for other in met:
             assert other.type == endpoint.type
             writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
@@ -215,7 +217,9 @@ def test_the_estimator_hears_the_robot_and_the_controller_who_may_hear_it():
 def test_there_is_no_dead_row(bench):
     """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
-    by_hand = {"joint_states", "odom", "imu", "command", "robot_description", "clock", "record"}  # inputs.py, service/
+    by_hand = {  # inputs.py, service/
+        "joint_states", "odom", "imu", "measured_wrench", "holds", "command", "robot_description", "clock", "record",
+    }  # fmt: skip
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
     controller = bench()

@@ -126,3 +126,32 @@ def flaws(
         ]
         click.echo(f"| {flaw.name} | {' | '.join(cells)} |")
     sys.exit(1 if any(cost.ended for cost in costs) else 0)
+
+
+@accuracy.command()
+@_common
+@click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), help="Robots of each kind.")
+@click.option("--force-sensors", is_flag=True, help="The controller hears the true force at each contact.")
+def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_sensors: bool) -> None:
+    """Let robots without odometry meet with mishaps while they sway: g1, talos and go2 by default.
+
+    Prints whether they go on or which fault ends it, the largest error of the base's velocity, the longest time above
+    0.2 m/s without a fault, and the contacts that the estimate left out. The status is 1 where an estimate was silently
+    wrong: above 0.2 m/s for more than 0.2 s without a fault, or until the robot lay on the floor.
+    """
+    from wbc_controller.accuracy.mishaps import MISHAPS, come_of
+
+    kinds = robots or ("g1", "talos", "go2")
+    calls = [(kind, each.name, sensors, s, force_sensors) for kind in kinds for each in MISHAPS for s in range(seeds)]
+    found = _each(come_of, calls, jobs)
+    click.echo(f"sensors {sensors}{', true forces at the contacts' if force_sensors else ''}\n")
+    click.echo("| Robot | Mishap | what came of it | velocity error | above 0.2 m/s unsaid | left out |")
+    click.echo("|---|---|---|---|---|---|")
+    for (kind, name, *_), each in zip(calls, found, strict=True):
+        came = "**silently wrong**" if each.silently_wrong else "ends" if each.ended else "goes on"
+        came = "; ".join([came, *(sentence.partition(" (")[0] for sentence in each.said)])
+        click.echo(
+            f"| {kind} | {name} | {came} | {each.error:.3f} m/s | {1e3 * each.unsaid:.0f} ms | "
+            f"{', '.join(each.left_out) or '–'} |"
+        )
+    sys.exit(1 if any(each.silently_wrong for each in found) else 0)

@@ -46,12 +46,13 @@ class Rig:
 
     report: CycleReport
 
-    def __init__(self, robot: str | Config, changes: Mapping[str, Any]) -> None:
+    def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
         """Build a robot that is still held.
 
         Args:
             robot: name of a shipped robot, or the path of a file.
             changes: settings to be changed, by dotted key.
+            force_sensors: whether the controller hears the true force at each contact.
 
         Raises:
             ConfigurationError: where the robot cannot be controlled or simulated so.
@@ -62,7 +63,9 @@ class Rig:
         topics = controller_endpoints(self.settings, model)
         bus = MemoryBus()
         self._clock = ManualClock()
-        self.robot = MockRobot(model, self.settings, MemoryTransport(bus))
+        measured = {each.subject: each.name for each in topics if each.key == "measured_wrench" and force_sensors}
+        remappings = {f"~/contacts/{contact}/wrench": name for contact, name in measured.items()}
+        self.robot = MockRobot(model, self.settings, MemoryTransport(bus), remappings=remappings)
         self.controller = Controller(config, preflight=False, model=model)
         self._loop = make_loop(self.controller, MemoryTransport(bus), self._clock, topics)
         self.user = User(self.settings, model, topics, MemoryTransport(bus))

@@ -6,15 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wbc_controller.core.contacts import Contact
+from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
 from wbc_controller.estimation.beside_the_model import BesideTheModel
 from wbc_controller.estimation.disturbance import DisturbanceEstimate, DisturbanceLimits
 from wbc_controller.estimation.friction import FrictionCompensation
+from wbc_controller.estimation.holding import ContactSensing, HoldingLimits
 from wbc_controller.estimation.invariant_filter import ImuNoise
 from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
 
@@ -95,3 +98,38 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
         known.stillness,
     )
     return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear))
+
+
+def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
+    """What is known of the sensors at the contacts, by name."""
+    known, weight = settings.estimation, model.mass * model.gravity
+    limits = HoldingLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
+    return ContactSensing(contact_normals(settings, model, contacts), limits)
+
+
+def contact_normals(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
+) -> dict[str, dict[str, Array]]:
+    """The normal of each contact in the axes of each frame in which a force on it may be measured, (3,) each.
+
+    These are its own axes, by the contact's name or none; of soles and of links that are held all frames of the link;
+    of balls and wheels, which turn against the ground, the world.
+
+    Args:
+        settings: the robot's settings.
+        model: its model.
+        contacts: its contacts, by name.
+    """
+    dynamics, frames = Dynamics(model), model.pinocchio.frames
+    normals: dict[str, dict[str, Array]] = {}
+    for name, contact in contacts.items():
+        own = {"": np.array([0.0, 0.0, 1.0]), name: np.array([0.0, 0.0, 1.0])}
+        if isinstance(contact, SurfaceContact | FixedContact):
+            normal = contact.placement(dynamics).rotation[:, 2]
+            link = frames[model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")].parentJoint
+            fixed = {f.name: i for i, f in enumerate(frames) if f.parentJoint == link}
+            own = {frame: dynamics.placement(i).rotation.T @ normal for frame, i in fixed.items()} | own
+        elif isinstance(contact, PointContact) and not contact.internal:
+            own["world"] = contact.axes(dynamics)[:, 2]
+        normals[name] = own
+    return normals

@@ -268,6 +268,7 @@ RULES: Mapping[str, _Rule] = {
     "odom_absurd": lambda fault, known: known.seen(True, 0.0),
     "odom_wrong_frame": _absent,
     "imu_noise": _survives,
+    "imu_bias": _survives,
     "message_delay": _delayed,
     "message_growing_delay": _delayed_ever_more,
     "message_jitter": _no_stream(lambda fault, known: STALE_OR_BALANCE),

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.assembly.estimation import estimates_base, make_estimator
+from wbc_controller.assembly.estimation import estimates_base, make_estimator, make_sensing
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.shortfall import Shortfall
@@ -132,6 +132,7 @@ def make_loop(
     if recorder is not None:
         transport = recorder.tap(transport, clock.stamp)
         observers = (*observers, recorder.observe)
+    estimated = estimates_base(settings, model)
     scheduling = in_force()
     _log.info("scheduling: %s", scheduling or "not known")
     loop = ControlLoop(
@@ -144,7 +145,8 @@ def make_loop(
             clock,
             partial(controller.live.prepare, source="update"),
             clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
-            estimator=make_estimator(settings, model, published) if estimates_base(settings, model) else None,
+            estimator=make_estimator(settings, model, published) if estimated else None,
+            sensing=make_sensing(settings, model, published) if estimated else None,
         ),
         Outputs(
             model,

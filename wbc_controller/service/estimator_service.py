@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.assembly.contacts import make_contact
-from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.assembly.estimation import make_estimator, make_sensing
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.errors import InputRefused
 from wbc_controller.service.clock import Clock, MonotonicClock
+from wbc_controller.service.contact_sensors import KEYS
 from wbc_controller.service.inputs import Inputs
 from wbc_controller.service.urdf import find_urdf
 from wbc_controller.service.wiring import make_vocabulary
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
-from wbc_controller.wire.messages import decode, diagnostics, encode
+from wbc_controller.wire.messages import diagnostics, encode
 from wbc_controller.wire.odometry import odometry, transform
 from wbc_controller.wire.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
 
@@ -39,8 +39,6 @@ _FRESH = 0.1
 _TRANSFORMS = 0.02
 #: Longest wait for joint states until the diagnostics are seen to, s.
 _WAIT = 0.1
-#: Largest message about a contact, bytes.
-_LARGEST = 1 << 12
 
 _OK, _WARN = 0, 1
 _log = logging.getLogger(__name__)
@@ -82,20 +80,17 @@ class EstimatorService:
         self._name, self._hardware = f"{namespace.strip('/')}/{ESTIMATOR_NODE}: base".strip("/"), model.name
         self._lock = threading.Lock()
         self._pushed: dict[str, float] = {}  # time of the newest force of each contact
-        self._told: dict[str, bytes] = {}  # what each topic `holds` has said last
-        self._holds: dict[str, bool] = {}
-        self._types = {topic.key: topic.type for topic in topics}
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
         for topic in topics:
-            if topic.key in ("holds", "contact_wrench"):
-                transport.subscribe(topic, partial(self._take, topic.key, topic.subject))
-        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu")]
+            if topic.key == "contact_wrench":
+                transport.subscribe(topic, partial(self._take, topic.subject))
+        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", *KEYS)]
         tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
         self._inputs = Inputs(
             model, make_vocabulary(settings, model), sensors, transport, clock,
-            clock_tolerance=tolerance, estimator=self.estimator,
+            clock_tolerance=tolerance, estimator=self.estimator, sensing=make_sensing(settings, model, contacts),
         )  # fmt: skip
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf
@@ -103,35 +98,22 @@ class EstimatorService:
         self._refused: dict[str, str] = {}  # the newest reason of each topic, however many come
         self._said = ""
 
-    def _take(self, key: str, contact: str, payload: bytes) -> None:
+    def _take(self, contact: str, payload: bytes) -> None:
         with self._lock:
-            if key == "contact_wrench":
-                self._pushed[contact] = self._clock.now()
-            elif len(payload) <= _LARGEST:
-                self._told[contact] = payload
+            self._pushed[contact] = self._clock.now()
 
-    def holding(self) -> frozenset[str]:
-        """Names of the contacts that hold: by their own topic, or else by the controller's forces.
+    def meant(self) -> frozenset[str]:
+        """Names of the contacts that are meant to hold: by the controller's forces.
 
         Where the controller sends no forces, those that are enabled in the configuration.
         """
         now = self._clock.now()
         with self._lock:
-            told, self._told = self._told, {}
-            pushed = {name for name, at in self._pushed.items() if now - at <= _FRESH}
-        for name, payload in told.items():
-            try:
-                self._holds[name] = bool(decode(payload, self._types["holds"]).data)
-            except InputRefused as refusal:
-                self._refused[f"{name}/holds"] = str(refusal)
-        found = pushed or self._enabled
-        said_so = {name for name, holds in self._holds.items() if holds}
-        return frozenset(name for name in found if name not in self._holds) | said_so
+            return frozenset(name for name, at in self._pushed.items() if now - at <= _FRESH) or self._enabled
 
     def cycle(self) -> None:
         """Take what has come, and publish the estimate where it is new."""
-        holding = self.holding()
-        latched = self._inputs.latch(holding)
+        latched = self._inputs.latch(self.meant())
         for sentence in latched.refused:
             topic, _, reason = sentence.partition(": ")
             self._refused[topic] = reason
@@ -147,9 +129,9 @@ class EstimatorService:
                 self._publish["tf"](encode(transform(state.stamp, FRAME, self._base, pose)))
         elif estimator.base is None:
             self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
-        self._say(holding, latched.notes)
+        self._say(latched.notes)
 
-    def _say(self, holding: frozenset[str], notes: Mapping[str, str]) -> None:
+    def _say(self, notes: Mapping[str, str]) -> None:
         """Publish diagnostics if they are due, or what they say has changed."""
         estimator, now = self.estimator, self._clock.now()
         text = estimator.waits_for if estimator.base is None else "the base is estimated"
@@ -162,7 +144,7 @@ class EstimatorService:
             _log.info("%s", text)
         self._said, self._diagnostics_due = text, now + self._diagnostics_period
         refused, self._refused = self._refused, {}
-        values: dict[str, str] = {"holding": ", ".join(sorted(holding)) or "none"}
+        values: dict[str, str] = {"holding": ", ".join(sorted(self._inputs.holding)) or "none"}
         values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()}
         found = estimator.covariance
         if found is not None:

@@ -5,7 +5,8 @@
 - Requests are decoded and validated on a thread of their own, `reader`, which leaves the loop most of the processor.
   Where no such thread runs, as in lockstep, they are decoded when a cycle latches its inputs.
 - A cycle decodes at most one joint state and one odometry, the newest, and takes at most `_MOST_PER_CYCLE` requests.
-  Where the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them.
+  Where the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them, and of each
+  sensor at a contact the newest message.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
+from wbc_controller.estimation.holding import ContactSensing
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
+from wbc_controller.service.contact_sensors import KEYS, ContactSensors
 from wbc_controller.service.mailbox import Mailbox
 from wbc_controller.service.stamps import StampTracker
 from wbc_controller.transports.transport import Transport
@@ -44,6 +47,7 @@ _REQUEST_DEPTH = 100
 _MOST_PER_CYCLE = 20
 #: Largest message, in bytes, by row of the topic table: states, trajectories, and other requests.
 _LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "trajectory": 1 << 20}
+_LARGEST |= dict.fromkeys(KEYS, 1 << 14)
 _LARGEST_REQUEST = 1 << 18
 #: IMU data that one cycle takes, at most: the newest, of an IMU that is that much faster than the loop.
 _MOST_IMU = 20
@@ -116,6 +120,7 @@ class Inputs:
 
     Attributes:
         arrived: set when a joint state arrives, and when an emergency stop does.
+        holding: names of the contacts that the estimate of the base took for holding in the last cycle.
     """
 
     def __init__(
@@ -129,6 +134,7 @@ class Inputs:
         *,
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
+        sensing: ContactSensing | None = None,
     ) -> None:
         """Subscribe.
 
@@ -141,6 +147,7 @@ class Inputs:
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
             clock_tolerance: how far a stamp may be ahead of the clock's, s; None where the two are not synchronized.
             estimator: estimates a floating base; None where its odometry is measured elsewhere.
+            sensing: what is known of the sensors at the contacts that the estimate rests on; None to read none.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -153,6 +160,8 @@ class Inputs:
         self._estimator = estimator
         self._samples: list[ImuSample] = []
         self._base: tuple[Array, Array] | None = None  # what was estimated in the last cycle
+        self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
+        self.holding: Collection[str] = ()
         if estimator is not None:
             self._parts["imu"] = _Part(ImuReader(estimator.imu_frame), self._tracker())
         elif model.floating_base:
@@ -169,6 +178,12 @@ class Inputs:
             if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock", "record"):
                 continue
             if endpoint.key in ("odom", "imu") and endpoint.key not in self._parts:
+                continue
+            if endpoint.key in KEYS:
+                if self._contact_sensors is not None:
+                    box = Mailbox(clock)
+                    self._boxes.append((endpoint, box))
+                    transport.subscribe(endpoint, self._bounded(endpoint, box.put))
                 continue
             if endpoint.key in self._parts:
                 box = Mailbox(
@@ -203,6 +218,8 @@ class Inputs:
         if self._estimator is not None:
             self._estimator.restart()
             self._base = None
+        if self._contact_sensors is not None:
+            self._contact_sensors.restart()
 
     @property
     def estimator(self) -> BaseEstimator | None:
@@ -234,17 +251,22 @@ class Inputs:
         """Decode the newest state, and take the requests that have been read.
 
         Args:
-            holding: names of the contacts that are meant to hold: an estimate of the base rests on them.
+            holding: names of the contacts that are meant to hold: an estimate of the base rests on them, but for what
+                sensors at the contacts say.
         """
         refused: list[str] = []
         for endpoint, box in self._boxes:
             for received, payload in box.take():
-                reason = self._attempt(endpoint, partial(self._read_state, endpoint.key, received, payload))
+                reason = self._attempt(endpoint, partial(self._read_state, endpoint, received, payload))
                 if reason is not None:
                     self._notes[endpoint.key] = reason
                     refused.append(f"{endpoint.name}: {reason}")
         if self._estimator is not None:
-            refused += self._estimate(self._estimator, holding)
+            self.holding = holding
+            if self._contact_sensors is not None:
+                self.holding, silent = self._contact_sensors.decide(self._clock.now(), holding)
+                refused += silent
+            refused += self._estimate(self._estimator, self.holding)
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
@@ -272,6 +294,8 @@ class Inputs:
         notes, now = {}, self._clock.now()
         if self._estimator is not None and self._base is None:
             notes[ESTIMATE] = self._estimator.waits_for
+        if self._contact_sensors is not None:
+            notes |= self._contact_sensors.notes()
         for name, part in self._parts.items():
             waited = part.stamps.waited(now)
             if name in self._notes:
@@ -345,8 +369,14 @@ class Inputs:
             return None
         return reason if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + "…"
 
-    def _read_state(self, key: str, received: float, payload: bytes) -> None:
+    def _read_state(self, endpoint: Endpoint, received: float, payload: bytes) -> None:
         """Read one part of the state, and judge its stamp; one that is refused leaves the last in force."""
+        key = endpoint.key
+        if key in KEYS and self._contact_sensors is not None:
+            reason = self._contact_sensors.read(endpoint, received, payload)
+            if reason is not None:
+                raise InputRefused(reason)
+            return
         part = self._parts[key]
         stamp, q, v = part.reader.read(payload)
         reason = part.stamps.judge(stamp, received)

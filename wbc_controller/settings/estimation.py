@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from wbc_controller.settings.values import NonNegative, Positive, Section
 
@@ -55,6 +55,16 @@ class EstimationSettings(Section):
     stillness: Annotated[Positive, Field(le=10.0)] = Field(
         0.05, description="Largest standard deviation of the angular velocity in that time, rad/s."
     )
+    contact_force_on: Annotated[Positive, Field(le=1.0)] = Field(
+        0.05,
+        description="Force along a contact's normal above which it holds, by a sensor there, as a share of the weight.",
+    )
+    contact_force_off: NonNegative = Field(
+        0.025, le=1.0, description="Force below which it does not hold any more; at most contact_force_on."
+    )
+    contact_timeout: Annotated[Positive, Field(ge=0.005, le=10.0)] = Field(
+        0.1, description="Age from which a measured contact force decides nothing, s."
+    )
     disturbance: Literal["never", "imu", "always"] = Field(
         "imu",
         description="Whether generalized forces that the model lacks (friction, wrong torques and masses) are "
@@ -66,3 +76,11 @@ class EstimationSettings(Section):
     disturbance_share: Annotated[Positive, Field(le=1.0)] = Field(
         0.2, description="Their largest size, as a share of the joints' torques and of the robot's weight."
     )
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> EstimationSettings:
+        if not self.contact_force_off <= self.contact_force_on:
+            raise ValueError(
+                f"contact_force_off = {self.contact_force_off}: it is at most contact_force_on, {self.contact_force_on}"
+            )
+        return self

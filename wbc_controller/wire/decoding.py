@@ -140,6 +140,36 @@ def read_imu(content: Any, frame: str) -> tuple[Array, Array]:
     return measured[0], measured[1]
 
 
+#: Largest component of a force that is measured at a contact, N.
+HARDEST_CONTACT = 1.0e5
+
+
+def read_contact_force(content: Any, contact: str, normals: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Read a geometry_msgs/WrenchStamped of a force sensor at a contact; its torque is not used.
+
+    Args:
+        content: the message.
+        contact: the contact's name.
+        normals: its unit normal in the axes of each frame in which the force may be given, (3,).
+
+    Returns:
+        The force on the robot, (3,) in N, and the normal of the contact, (3,), both in the axes of the message's frame.
+
+    Raises:
+        InputRefused: if the force is in the axes of another frame, not finite, or more than a contact bears.
+    """
+    normal = normals.get(content.header.frame_id)
+    if normal is None:
+        raise InputRefused(
+            f"header.frame_id is {content.header.frame_id!r}; the force at contact {contact!r} is given in the axes of "
+            f"one of {', '.join(sorted(filter(None, normals)))}"
+        )
+    force = finite(_xyz(content.wrench.force), "wrench.force")
+    if not (np.abs(force) <= HARDEST_CONTACT).all():
+        raise InputRefused(f"wrench.force is {force.tolist()} N; at a contact it is at most {HARDEST_CONTACT:g}")
+    return force, normal
+
+
 def _xyz(vector: Any) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,8 @@ class StateReader(ABC):
         """Read a serialized message.
 
         Returns:
-            The stamp in ns, and what the stream tells: positions and velocities; of an IMU what it measures.
+            The stamp in ns, and what the stream tells: positions and velocities; of an IMU or a force sensor what it
+            measures.
 
         Raises:
             InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
@@ -169,3 +170,33 @@ class ImuReader(StateReader):
         turning, force = values[self._turning].copy(), values[self._force].copy()
         good = (np.abs(turning) <= decoding.FASTEST_IMU).all() and (np.abs(force) <= decoding.HARDEST_IMU).all()
         return (turning, force) if good else None
+
+
+class ContactForceReader(StateReader):
+    """Reads geometry_msgs/WrenchStamped at a contact: the force along its normal, (1,), and the force, (3,), in N."""
+
+    type = "geometry_msgs/msg/WrenchStamped"
+
+    def __init__(self, contact: str, normals: Mapping[str, Array]) -> None:
+        """Make a reader.
+
+        Args:
+            contact: the contact's name.
+            normals: its unit normal in the axes of each frame in which the force may be given, (3,).
+        """
+        super().__init__()
+        self._contact, self._normals = contact, normals
+        self._last = self._normal = np.zeros(3)
+        self._force = slice(0)
+
+    def _by_codec(self, content: Any) -> tuple[Array, Array]:
+        force, self._last = decoding.read_contact_force(content, self._contact, self._normals)
+        return np.array([self._last @ force]), force
+
+    def _find(self, shape: FixedShape) -> None:
+        self._force, self._normal = shape.place(*("wrench.force." + axis for axis in "xyz")), self._last
+
+    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
+        force = values[self._force].copy()
+        good = (np.abs(force) <= decoding.HARDEST_CONTACT).all()
+        return (np.array([self._normal @ force]), force) if good else None

@@ -130,6 +130,10 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
           "Angular velocity and specific force in the axes of `estimation.imu_frame`, read in place of `odom` if "
           "`estimation.base_state` is imu. The orientation is not used."),
+    Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", "geometry_msgs/msg/WrenchStamped", _IN, STATE_IN,
+          "Wrench on the robot by a force sensor, from which the contact holds, if `estimation.base_state` is imu."),
+    Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
+          "Whether a contact where no force is measured holds, by a foot switch, if `estimation.base_state` is imu."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF, used if the configuration names no file."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,
@@ -232,7 +236,10 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
           "Angular velocity and specific force in the axes of `estimation.imu_frame`. The orientation is not used."),
     Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
-          "Whether a contact holds, from a foot switch or another controller; until the first one, as below."),
+          "Whether a contact holds, from a foot switch or another controller, where no force is measured; until the "
+          "first one, as below."),
+    Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", "geometry_msgs/msg/WrenchStamped", _IN, STATE_IN,
+          "Wrench on the robot by a force sensor, from which the contact holds."),
     Topic("contact_wrench", "wbc_controller/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _IN,
           STATE_IN, "The contacts for which the controller sends forces hold; while it sends none, those hold that are "
           "enabled in the configuration."),

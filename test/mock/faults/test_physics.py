@@ -96,7 +96,8 @@ def changes_of_the_model(bench):
     model = bench.plant.model
     keys = (
         "body_mass", "body_inertia", "body_ipos", "geom_friction", "geom_solref", "geom_pos", "geom_quat",
-        "geom_conaffinity", "dof_frictionloss", "jnt_range", "jnt_limited", "eq_data", "dof_invweight0",
+        "geom_conaffinity", "geom_priority", "dof_frictionloss", "jnt_range", "jnt_limited", "eq_data",
+        "dof_invweight0",
     )  # fmt: skip
     return {key: np.array(getattr(model, key)) for key in keys}
 
@@ -108,6 +109,7 @@ def changes_of_the_model(bench):
         ("mass_error", {"share": -0.2}, {"body_mass", "body_inertia", "dof_invweight0"}),
         ("center_of_mass_error", {"offset": 0.1}, {"body_ipos"}),
         ("slippery_floor", {"friction": 0.05}, {"geom_friction"}),
+        ("slippery_floor", {"friction": 0.05, "contact": "front_left_foot"}, {"geom_friction", "geom_priority"}),
         ("soft_floor", {"time_constant": 0.1}, {"geom_solref"}),
         ("floor_hole", {"contact": "front_left_foot"}, {"geom_conaffinity"}),
         ("joint_friction", {}, {"dof_frictionloss"}),

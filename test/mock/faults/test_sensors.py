@@ -68,6 +68,7 @@ CHANGES = {
     "odom_absurd": {"pose"},
     "odom_wrong_frame": {"base"},
     "imu_noise": {"angular_velocity", "specific_force"},
+    "imu_bias": {"angular_velocity"},
     "stamp_zero": {"stamp of joint_states", "stamp of odom"},
     "stamp_frozen": {"stamp of joint_states", "stamp of odom"},
     "stamp_back": {"stamp of joint_states", "stamp of odom"},

@@ -261,6 +261,23 @@ class ImuNoise(Fault):
         return Effect(noise)
 
 
+class ImuBias(Fault):
+    """The gyroscope of the inertial measurement unit, read with `estimation.base_state: imu`, gets a bias at once."""
+
+    place = _PLACE
+    bias: float = number(0.05, 0.001, 10.0, "rad/s", "about a random axis")
+
+    def begin(self, site: Site) -> Effect:
+        """Draw the axis."""
+        axis = site.rng.normal(0.0, 1.0, 3)
+        bias = self.bias * axis / np.linalg.norm(axis)
+
+        def shift(measured: Measurement) -> None:
+            measured.angular_velocity += bias
+
+        return Effect(shift)
+
+
 def _turn(pose: Array, rotation: Array) -> None:
     """Turn the orientation of a pose, (7,), by a rotation vector in the world's axes, (3,) in rad."""
     turned = pin.Quaternion(pin.exp3(rotation)) * pin.Quaternion(pose[3:].copy())
@@ -269,5 +286,5 @@ def _turn(pose: Array, rotation: Array) -> None:
 
 KINDS: tuple[type[Fault], ...] = (
     OdomNoise, OdomVelocityNoise, OdomDrift, OdomTurnDrift, OdomJump, OdomTurnJump, OdomTilt, OdomFrozen, OdomLag,
-    OdomSlow, OdomBadQuaternion, OdomNotANumber, OdomAbsurd, OdomWrongFrame, ImuNoise,
+    OdomSlow, OdomBadQuaternion, OdomNotANumber, OdomAbsurd, OdomWrongFrame, ImuNoise, ImuBias,
 )  # fmt: skip

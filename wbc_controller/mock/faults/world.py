@@ -74,21 +74,29 @@ class CenterOfMassError(Fault):
 
 
 class SlipperyFloor(Fault):
-    """The floor is slippery."""
+    """The floor is slippery, below all feet or one."""
 
     place = _PLACE
+    contact: str = Field("", description="name of the contact on it; empty for all")
     friction: float = number(0.1, 0.0, 0.5, "", "coefficient of the floor")
 
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """See that the robot has the contact."""
+        known(self.contact, contacts, "contact")
+
     def begin(self, site: Site) -> Effect:
-        """Change the friction of the floor, which has precedence over that of the feet."""
+        """Change the friction of the floor, which has precedence over that of the feet; or give a foot precedence."""
         if not _has_floor(site.plant):
             return Effect()
-        friction = site.plant.model.geom(FLOOR).friction
-        before = float(friction[0])
-        friction[0] = self.friction
+        model = site.plant.model
+        geoms = site.plant.touch.geoms[self.contact] if self.contact else [model.geom(FLOOR).id]
+        before = model.geom_friction[geoms, 0].copy(), model.geom_priority[geoms].copy()
+        model.geom_friction[geoms, 0] = self.friction
+        if self.contact:
+            model.geom_priority[geoms] = model.geom_priority.max() + 1
 
         def ended() -> bool:
-            friction[0] = before
+            model.geom_friction[geoms, 0], model.geom_priority[geoms] = before
             return True
 
         return Effect(ended=ended)
