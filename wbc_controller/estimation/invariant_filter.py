@@ -158,6 +158,46 @@ class InvariantFilter:
             raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
         self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
 
+    def correct_by(self, H: Array, z: Array, S: Array) -> None:
+        """Correct the state by any observation: X ← exp(K z) X.
+
+        Args:
+            H: what it observes of the error (ξ, δb): z = -H ξ and noise, (m, 15 + 3 N).
+            z: by what it contradicts the estimate, (m,).
+            S: the covariance of z, (m, m).
+        """
+        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
+        after = tuple(np.empty(part.shape) for part in before)
+        if not kernel.correct_by(*before, H, z, S, *after):
+            raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
+        self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
+
+    def move(self, rotation: Array, shift: Array, at: Array, covariance: Array) -> None:
+        """Express everything in another world, which is turned about the vertical: X ← T X, ξ ← Ad_T ξ.
+
+        Velocities turn and points move: Ad_T takes ξ_R to R_T ξ_R, ξ_v to R_T ξ_v, and the ξ of p and d to
+        R_T ξ + t × R_T ξ_R. What is not known of T is an error of turn δψ about z and of place δ of one point x:
+        ξ_R grows by z δψ, and the ξ of p and d by δ + x × z δψ.
+
+        Args:
+            rotation: R_T, (3, 3), about z.
+            shift: t, (3,) in m.
+            at: x, in the new world, (3,) in m.
+            covariance: of (δ, δψ), (4, 4) in m² and rad².
+        """
+        n = len(self.P)
+        Ad, G = np.eye(n), np.zeros((n, 4))
+        for row in range(0, n - 6, 3):
+            Ad[row : row + 3, row : row + 3] = rotation
+        G[2, 3] = 1.0
+        for row in range(6, n - 6, 3):
+            Ad[row : row + 3, :3] = hat(shift) @ rotation
+            G[row : row + 3, :3], G[row : row + 3, 3] = np.eye(3), hat(at)[:, 2]
+        self.P = Ad @ self.P @ Ad.T + G @ covariance @ G.T
+        self.rotation = rotation @ self.rotation
+        self.columns = rotation @ self.columns
+        self.columns[:, 1:] += shift[:, None]
+
     def add(self, name: str, place: Array, covariance: Array) -> None:
         """Begin a contact point where the kinematics see it.
 
