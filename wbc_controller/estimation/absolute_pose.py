@@ -10,10 +10,11 @@ right-invariant error, X̂ X⁻¹ = exp(ξ), p̂_F = exp(ξ_R) p_F + ξ_p to fir
 which is R̂ times the left-invariant innovation, with its ξˡ = Ad_X̂⁻¹ ξ. Of the orientation the heading alone is taken:
 gravity tells the tilt, and markers that are mounted askew must not.
 
-**Latency.** What nothing else observes, a turn about gravity and a shift of everything, is a motion of the world from
-the left. The filter's dynamics and its contacts leave such a ξ as it is: Φ ξ = ξ, as g × z = 0, and H_contacts ξ = 0.
-So z, from the estimate of the time t, corrects the present one by X ← exp(K z) X; no step in between is made again.
-The noise n grows by what the contacts may have crept since, and by the noise of the gyroscope.
+**Latency.** Only what nothing else observes is corrected: a turn about gravity and a shift of everything, motions T of
+the world, X ← T X. The filter's dynamics and its contacts leave such a ξ as it is: Φ ξ = ξ, as g × z = 0, and
+H_contacts ξ = 0. So z, from the estimate of the time t, corrects the present one, and no step in between is made again.
+The noise n grows by what the contacts may have crept since, and by the noise of the gyroscope. (With the whole gain
+P Hᵀ S⁻¹ a position would correct the velocity as well, too late: at 0.2 s that oscillates.) The velocity never jumps.
 
 **Jumps.** The estimate then lives in two more worlds, each of them a turn and a shift (`Move`) away: `odometry`, which
 no correction moves, and `shown`, which follows the filter at a bounded rate. Earlier estimates are kept in the first.
@@ -294,9 +295,8 @@ class AbsolutePoses:
         z, H, noise, p = self.innovation(sample)
         S = H @ found.P @ H.T + noise
         if self.aligned and z @ solved(S, z) <= _GATE:
-            R, x = found.rotation, found.columns[:, 1]
-            found.correct_by(H, z, 0.5 * (S + S.T))
-            undo = Move.taking(found.columns[:, 1], x, _heading(R @ found.rotation.T))
+            turn, shift = found.correct_world(H, z, noise, p)
+            undo = Move(turn, (float(shift[0]), float(shift[1]), float(shift[2]))).back()
             self.odometry, self.shown = self.odometry.after(undo), self.shown.after(undo)
             self.taken += 1
             self._against, self.contradiction = None, ""

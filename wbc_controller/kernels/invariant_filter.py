@@ -180,18 +180,54 @@ def innovation(
                     S[3 * a + i, 3 * b + j] = total
 
 
-@part
-def _corrected(
-    R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, Y: Array, z: Array, S: Array,
-    R_out: Array, columns_out: Array, gyroscope_out: Array, accelerometer_out: Array, P_out: Array,
+@compiled(
+    ANY_MATRIX,
+    ANY_MATRIX,
+    ANY_VECTOR,
+    ANY_VECTOR,
+    ANY_MATRIX,
+    INDICES,
+    ANY_VECTOR,
+    ANY_MATRIX,
+    ROWS_OUT,
+    ROWS_OUT,
+    VECTOR_OUT,
+    VECTOR_OUT,
+    ROWS_OUT,
+)
+def correct(
+    R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, points: np.ndarray, z: Array,
+    S: Array, R_out: Array, columns_out: Array, gyroscope_out: Array, accelerometer_out: Array, P_out: Array,
 ) -> bool:  # fmt: skip
-    """X ← exp(K z) X and P ← P - K H P, with K = P Hᵀ S⁻¹, from Y = H P, which is overwritten.
+    """X ← exp(K z) X and P ← P - K H P, with K = P Hᵀ S⁻¹.
 
-    With S = UᵀU and Y ← U⁻ᵀ Y, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY.
+    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY.
+
+    Args:
+        R: (3, 3).
+        columns: v, p, d₁ … d_N, (3, 2 + N).
+        gyroscope_bias: b_g, (3,).
+        accelerometer_bias: b_a, (3,).
+        P: (15 + 3 N, 15 + 3 N).
+        points: which of the d the innovation is of, (k,).
+        z: the innovation, (3 k,).
+        S: its covariance, (3 k, 3 k).
+        R_out: for the new R.
+        columns_out: for the new columns.
+        gyroscope_out: for the new b_g.
+        accelerometer_out: for the new b_a.
+        P_out: for the new P.
+
+    Returns:
+        Whether S is positive definite; nothing is written otherwise.
     """
     n, m = len(P), len(z)
     end = n - 6
-    U, y = S.copy(), z.copy()
+    U, Y, y = S.copy(), np.empty((m, n)), z.copy()
+    for a in range(len(points)):
+        for i in range(3):
+            for j in range(n):
+                Y[3 * a + i, j] = P[9 + 3 * points[a] + i, j] - P[6 + i, j]
     for i in range(m):
         if not U[i, i] > 0.0:  # NaN too
             return False
@@ -243,109 +279,3 @@ def _corrected(
         gyroscope_out[i] = gyroscope_bias[i] + delta[end + i]
         accelerometer_out[i] = accelerometer_bias[i] + delta[end + 3 + i]
     return True
-
-
-@compiled(
-    ANY_MATRIX,
-    ANY_MATRIX,
-    ANY_VECTOR,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    INDICES,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    ROWS_OUT,
-    ROWS_OUT,
-    VECTOR_OUT,
-    VECTOR_OUT,
-    ROWS_OUT,
-)
-def correct(
-    R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, points: np.ndarray, z: Array,
-    S: Array, R_out: Array, columns_out: Array, gyroscope_out: Array, accelerometer_out: Array, P_out: Array,
-) -> bool:  # fmt: skip
-    """X ← exp(K z) X and P ← P - K H P, with K = P Hᵀ S⁻¹, from kinematics.
-
-    Args:
-        R: (3, 3).
-        columns: v, p, d₁ … d_N, (3, 2 + N).
-        gyroscope_bias: b_g, (3,).
-        accelerometer_bias: b_a, (3,).
-        P: (15 + 3 N, 15 + 3 N).
-        points: which of the d the innovation is of, (k,).
-        z: the innovation, (3 k,).
-        S: its covariance, (3 k, 3 k).
-        R_out: for the new R.
-        columns_out: for the new columns.
-        gyroscope_out: for the new b_g.
-        accelerometer_out: for the new b_a.
-        P_out: for the new P.
-
-    Returns:
-        Whether S is positive definite; nothing is written otherwise.
-    """
-    n = len(P)
-    Y = np.empty((len(z), n))
-    for a in range(len(points)):
-        for i in range(3):
-            for j in range(n):
-                Y[3 * a + i, j] = P[9 + 3 * points[a] + i, j] - P[6 + i, j]
-    return _corrected(
-        R, columns, gyroscope_bias, accelerometer_bias, P, Y, z, S,
-        R_out, columns_out, gyroscope_out, accelerometer_out, P_out,
-    )  # fmt: skip
-
-
-@compiled(
-    ANY_MATRIX,
-    ANY_MATRIX,
-    ANY_VECTOR,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    ANY_MATRIX,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    ROWS_OUT,
-    ROWS_OUT,
-    VECTOR_OUT,
-    VECTOR_OUT,
-    ROWS_OUT,
-)
-def correct_by(
-    R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, H: Array, z: Array,
-    S: Array, R_out: Array, columns_out: Array, gyroscope_out: Array, accelerometer_out: Array, P_out: Array,
-) -> bool:  # fmt: skip
-    """X ← exp(K z) X and P ← P - K H P, with K = P Hᵀ S⁻¹, from any observation.
-
-    Args:
-        R: (3, 3).
-        columns: v, p, d₁ … d_N, (3, 2 + N).
-        gyroscope_bias: b_g, (3,).
-        accelerometer_bias: b_a, (3,).
-        P: (15 + 3 N, 15 + 3 N).
-        H: what the innovation observes of the error: z = -H ξ and noise, (m, 15 + 3 N).
-        z: the innovation, (m,).
-        S: its covariance, (m, m).
-        R_out: for the new R.
-        columns_out: for the new columns.
-        gyroscope_out: for the new b_g.
-        accelerometer_out: for the new b_a.
-        P_out: for the new P.
-
-    Returns:
-        Whether S is positive definite; nothing is written otherwise.
-    """
-    n = len(P)
-    Y = np.empty((len(z), n))
-    for a in range(len(z)):
-        for j in range(n):
-            Y[a, j] = 0.0
-        for i in range(n):
-            share = H[a, i]
-            if share != 0.0:  # an observation sees few of the errors
-                for j in range(n):
-                    Y[a, j] += share * P[i, j]
-    return _corrected(
-        R, columns, gyroscope_bias, accelerometer_bias, P, Y, z, S,
-        R_out, columns_out, gyroscope_out, accelerometer_out, P_out,
-    )  # fmt: skip
