@@ -114,7 +114,7 @@ def test_stamps_that_go_back_and_messages_that_are_too_large_are_refused(robot):
     robot.send()
     robot.cycle()
     robot.send(time=robot.bench.time - 50_000_000)
-    robot.bench.send("pose", b"\x00" * (1 << 17))
+    robot.bench.send_bytes("pose", b"\x00" * (1 << 17))
     robot.cycle()
     assert any("before that of the last message" in sentence for sentence in robot.refused)
     assert any("more than 65536 bytes" in sentence for sentence in robot.refused)

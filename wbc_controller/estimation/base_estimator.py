@@ -188,7 +188,7 @@ class BaseEstimator:
         self._go_on(self._running.follow(samples, held))
 
     def correct(self, samples: list[PoseSample], *, held: bool) -> list[str]:
-        """Take absolute poses, after the update to the present; before the robot has stood still they count for nothing.
+        """Take absolute poses, after the update to the present; before the start they count for nothing.
 
         Args:
             samples: the poses that have come.

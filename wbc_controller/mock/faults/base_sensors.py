@@ -77,8 +77,7 @@ class OdomTurnDrift(Fault):
 
 
 class OdomJump(Fault):
-    """The base's position, in odometry and absolute poses, jumps and stays off, as when an estimator relocalizes; at
-    the end it jumps back."""
+    """The base's position jumps, also in absolute poses, and stays off, as by relocalization; then it jumps back."""
 
     place = _PLACE
     size: float = number(0.3, 0.005, 3.0, "m", "of the jump, in a random horizontal direction")
@@ -95,7 +94,7 @@ class OdomJump(Fault):
 
 
 class OdomTurnJump(Fault):
-    """The base's heading, in odometry and absolute poses, jumps and stays off; at the end it jumps back."""
+    """The base's heading jumps, also in absolute poses, and stays off; at the end it jumps back."""
 
     place = _PLACE
     angle: float = number(0.3, 0.01, 3.0, "rad", "of the jump, in a random direction")
