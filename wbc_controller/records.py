@@ -320,6 +320,7 @@ class CycleReport:
         taken: number of requests since the last cycle that were obeyed, refused or turned away.
         weights: weight of each task, ramps applied; empty where no program was solved.
         state: the latched state, where one has arrived.
+        estimate: what to know about the base's estimate beside its age, for diagnostics.
     """
 
     cycle: int
@@ -339,3 +340,4 @@ class CycleReport:
     taken: int = 0
     weights: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     state: RobotState | None = None
+    estimate: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))

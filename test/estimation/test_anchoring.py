@@ -6,6 +6,7 @@ import numpy as np
 
 from wbc_controller.accuracy.rig import Rig
 from wbc_controller.estimation.anchoring import Anchoring
+from wbc_controller.estimation.move import HERE
 
 FEET = {
     "left": np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.0, 0.15, 0.0]]),
@@ -25,7 +26,7 @@ def drifting(place, seconds, turn=0.02, speed=(0.01, -0.02, 0.005)):
 
 
 def reported(anchoring, places):
-    return places @ anchoring.rotation.T + anchoring.translation
+    return places @ anchoring.move.rotation.T + np.array(anchoring.move.shift)
 
 
 def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
@@ -39,7 +40,7 @@ def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
     for name, place in seen.items():
         # behind by what drifts in a time constant: 22 mm/s, and 0.02 rad/s at an arm of 0.15 m
         np.testing.assert_allclose(reported(anchoring, place), began[name], atol=0.006)
-    assert abs(anchoring.heading + 0.02 * 19.0) < 0.01
+    assert abs(anchoring.move.turn + 0.02 * 19.0) < 0.01
     assert np.linalg.norm(drifting(FEET["left"], 19.98) - drifting(FEET["left"], 1.02)) > 0.4
 
 
@@ -71,8 +72,8 @@ def test_a_single_point_tells_no_heading():
     for i in range(200):
         point = drifting(np.array([[0.1, 0.2, 0.0]]), i * PERIOD)
         anchoring.follow(i * PERIOD, {"foot": point})
-    assert anchoring.heading == 0.0
-    assert np.linalg.norm(anchoring.translation) > 0.05
+    assert anchoring.move.turn == 0.0
+    assert np.linalg.norm(anchoring.move.shift) > 0.05
 
 
 def test_a_step_is_too_short_for_an_anchor():
@@ -82,8 +83,7 @@ def test_a_step_is_too_short_for_an_anchor():
         for other in set(FEET) - {foot}:
             anchoring.release(other)
         anchoring.follow(i * PERIOD, {foot: drifting(FEET[foot], i * PERIOD)})
-    assert anchoring.heading == 0.0
-    assert not anchoring.translation.any()
+    assert anchoring.move == HERE
 
 
 def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():

@@ -197,3 +197,33 @@ def test_the_maps_of_rotations(length):
     whole = np.zeros((6, 6))  # exp of [[W, I], [0, 0]] holds the left Jacobian
     whole[:3, :3], whole[:3, 3:] = W, np.eye(3)
     np.testing.assert_allclose(left_jacobian3(w), expm(whole)[:3, 3:], atol=1e-12)
+
+
+def test_a_correction_of_the_world_turns_and_shifts_alone():
+    R, v, p, gyroscope, accelerometer, P = START
+    half = np.random.default_rng(3).normal(size=(15, 15)) * 0.1
+    found = InvariantFilter(
+        NOISE, GRAVITY, rotation=R, velocity=v, position=p, gyroscope_bias=gyroscope,
+        accelerometer_bias=accelerometer, P=half @ half.T,
+    )  # fmt: skip
+    found.add("a", np.array([0.1, -0.2, -0.9]), 1e-4 * np.eye(3))
+    at, noise, P = np.array([1.0, 2.0, 3.0]), 1e-2 * np.eye(4), found.P
+    H = np.zeros((4, 18))
+    H[:3, :3], H[:3, 6:9], H[3, 2] = -hats(at[None])[0], np.eye(3), 1.0
+    point, z, level = found.point("a") - p, np.array([0.1, -0.2, 0.3, 0.05]), R[2]
+    expected = H @ P @ H.T @ np.linalg.solve(H @ P @ H.T + noise, z)
+    turn, shift = found.correct_world(H, z, noise, at)
+    T = exp3(np.array([0.0, 0.0, turn]))
+    np.testing.assert_allclose(np.append(T @ at + shift - at, turn), expected, atol=1e-12)
+    np.testing.assert_allclose(found.rotation, T @ R, atol=1e-12)
+    np.testing.assert_allclose(found.velocity, T @ v, atol=1e-12)
+    np.testing.assert_allclose(found.position, T @ p + shift, atol=1e-12)
+    np.testing.assert_allclose(found.point("a") - found.position, T @ point, atol=1e-12)
+    np.testing.assert_allclose(found.accelerometer_bias, accelerometer)
+    np.testing.assert_allclose(np.cross(found.gyroscope_bias - gyroscope, level), 0.0, atol=1e-12)
+    after, before = np.linalg.eigvalsh(H @ found.P @ H.T), np.linalg.eigvalsh(H @ P @ H.T)
+    np.testing.assert_allclose(  # what is observed is known as after an update of its own
+        H @ found.P @ H.T, np.linalg.inv(np.linalg.inv(H @ P @ H.T) + np.linalg.inv(noise)), atol=1e-9
+    )
+    assert (after < before).all()
+    assert np.linalg.eigvalsh(found.P).min() > 0.0

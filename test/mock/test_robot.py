@@ -379,3 +379,20 @@ def test_lateness_is_given_up_and_counted(make):
 def test_a_real_time_factor_must_be_positive(make, factor):
     with pytest.raises(ConfigurationError, match="real-time factor"):
         make(real_time_factor=factor)
+
+
+def test_absolute_poses_come_at_their_rate_and_late(robot_of, changed):
+    settings, model = robot_of("go2")
+    mock = {"pose_rate": 20.0, "pose_delay": 0.1, "pose_noise": 0.002, "pose_turn_noise": 0.003}
+    bus, heard = MemoryBus(), []
+    robot = MockRobot(model, changed(settings, {"mock": mock}), MemoryTransport(bus))
+    (row,) = [each for each in endpoints(MOCK_TOPICS, "mock_robot") if each.key == "pose"]
+    MemoryTransport(bus).subscribe(row, lambda payload: heard.append((robot.stamp, messages.decode(payload, row.type))))
+    for _ in range(200):
+        robot.step_period()
+    truth = robot.plant.state()[0]
+    assert [round(1e-6 * (at - messages.nanoseconds(pose.header.stamp))) for at, pose in heard] == [100] * len(heard)
+    assert len(heard) == 6  # in 0.4 s, the first after 0.1 s
+    places = np.array([[getattr(each.pose.pose.position, axis) for axis in "xyz"] for _, each in heard])
+    assert 0.0005 < (places - truth[:3]).std() < 0.005
+    np.testing.assert_allclose(heard[0][1].pose.covariance[[0, 35]], [4e-6, 9e-6])

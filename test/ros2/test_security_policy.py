@@ -123,6 +123,16 @@ def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometr
         assert sensed == (source == "imu")
 
 
+def test_poses_are_heard_and_sent_by_those_who_are_set_to(robot_of, changed):
+    settings, model = robot_of("go2")
+    for source, asked in (("odom", True), ("imu", True), ("imu", False)):
+        changes = {"estimation": {"base_state": source, "absolute_pose": asked}, "mock": {"pose_rate": 20.0 * asked}}
+        rules = read(security_policy(changed(settings, changes), model))
+        assert ("/pose" in rules["/wbc_controller"]["subscribe"]) == (asked and source == "imu")
+        assert ("/pose" in rules["/base_estimator"]["subscribe"]) == asked
+        assert ("/pose" in rules["/mock_robot"]["publish"]) == asked
+
+
 def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     settings, model = robot_of("g1")
     allowed = read(security_policy(settings, model))

@@ -154,6 +154,7 @@ def test_requests_are_reliable_and_queued():
             "imu",
             "measured_wrench",
             "holds",
+            "pose",
             "clock",
             "robot_description",
         ):
@@ -176,7 +177,7 @@ def test_what_the_mock_sends_the_controller_can_read_and_back():
         writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
         assert writer.qos.reliable >= reader.qos.reliable
         assert writer.qos.latched >= reader.qos.latched
-    assert met == {"clock", "joint_states", "odom", "imu", "robot_description", "effort", "joint_commands"}
+    assert met == {"clock", "joint_states", "odom", "imu", "pose", "robot_description", "effort", "joint_commands"}
 
 
 def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_guard():
@@ -218,7 +219,8 @@ def test_there_is_no_dead_row(bench):
     """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
     by_hand = {  # inputs.py, service/
-        "joint_states", "odom", "imu", "measured_wrench", "holds", "command", "robot_description", "clock", "record",
+        "joint_states", "odom", "imu", "pose", "measured_wrench", "holds", "command", "robot_description", "clock",
+        "record",
     }  # fmt: skip
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand

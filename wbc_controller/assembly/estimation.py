@@ -10,6 +10,7 @@ from wbc_controller.core.contacts import Contact, FixedContact, PointContact, Su
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.estimation.absolute_pose import PoseSensor
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
 from wbc_controller.estimation.beside_the_model import BesideTheModel
 from wbc_controller.estimation.disturbance import DisturbanceEstimate, DisturbanceLimits
@@ -24,6 +25,11 @@ from wbc_controller.settings import Settings
 def imu_frame(settings: Settings, model: RobotModel) -> str:
     """Frame of the robot's IMU."""
     return settings.estimation.imu_frame or model.base_link
+
+
+def pose_frame(settings: Settings, model: RobotModel) -> str:
+    """Frame of the robot whose absolute poses are measured."""
+    return settings.estimation.pose_frame or model.base_link
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:
@@ -97,7 +103,12 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
         known.settling,
         known.stillness,
     )
-    return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear))
+    poses = (
+        PoseSensor(pose_frame(settings, model), known.pose_noise, known.pose_turn_noise)
+        if known.absolute_pose
+        else None
+    )
+    return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear), poses)
 
 
 def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:

@@ -126,6 +126,9 @@ class StatusSummary:
                     "forces that the model lacks are at their bound (estimation.disturbance_share) at "
                     f"{', '.join(beside.at_bound)}: a wrong mass, torques that do not arrive as sent, or a steady push"
                 )
+        values |= last.estimate
+        if "pose/contradiction" in last.estimate:
+            warnings.append(last.estimate["pose/contradiction"])
         yield
         level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
         if last.fault is not None:

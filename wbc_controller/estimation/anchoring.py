@@ -13,10 +13,12 @@ a new anchor. A robot that walks holds no contact for that long, and F then drif
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 
+from wbc_controller.estimation.move import HERE, Move
 from wbc_controller.records import Array
 
 #: Time for which a contact has held before its points get anchors, s: longer than a step, and until they have settled.
@@ -33,22 +35,14 @@ class Anchoring:
     """The motion from the filter's world to the frame that lives with the feet.
 
     Attributes:
-        heading: ψ, rad.
-        translation: t, (3,) in m.
+        move: the turn by ψ about the vertical, and the translation t.
     """
 
     def __init__(self) -> None:
-        self.heading = 0.0
-        self.translation = np.zeros(3)
+        self.move = HERE
         self._due = self._looked = -np.inf
         self._since: dict[str, float] = {}  # stamp at which each contact was first seen to hold, s
         self._anchors: dict[str, Array] = {}
-
-    @property
-    def rotation(self) -> Array:
-        """R_z(ψ), (3, 3), from the filter's world to the frame."""
-        c, s = np.cos(self.heading), np.sin(self.heading)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def release(self, contact: str) -> None:
         """Forget the anchor of a contact that has ended or slipped."""
@@ -68,22 +62,21 @@ class Anchoring:
         """
         elapsed = min(stamp - self._looked, _FOLLOWS)
         self._looked, self._due = stamp, stamp + _EVERY
-        R = self.rotation
+        R, t = self.move.rotation, np.array(self.move.shift)
         for name, places in points.items():
             if name not in self._anchors and stamp - self._since.setdefault(name, stamp) >= _HELD:
-                self._anchors[name] = places @ R.T + self.translation
+                self._anchors[name] = places @ R.T + t
         held = [name for name in points if name in self._anchors]
         if not held:
             return
         d, a = (np.vstack([of[name] for name in held]) for of in (points, self._anchors))
         middle, wanted = d.mean(axis=0), a.mean(axis=0)
-        share = elapsed / _FOLLOWS
+        share, turn = elapsed / _FOLLOWS, self.move.turn
         seen, kept = d - middle, a - wanted
         if float(np.mean(seen[:, :2] ** 2)) >= _APART**2:
-            fit = np.arctan2(
-                np.sum(seen[:, 0] * kept[:, 1] - seen[:, 1] * kept[:, 0]), np.sum(seen[:, :2] * kept[:, :2])
-            )
-            self.heading += share * float((fit - self.heading + np.pi) % (2.0 * np.pi) - np.pi)
-            # It turns about the middle of the feet, not about the far origin of the filter's world.
-            self.translation = R @ middle + self.translation - self.rotation @ middle
-        self.translation = self.translation + share * (wanted - self.rotation @ middle - self.translation)
+            across = float(np.sum(seen[:, 0] * kept[:, 1] - seen[:, 1] * kept[:, 0]))
+            fit = math.atan2(across, float(np.sum(seen[:, :2] * kept[:, :2])))
+            turn += share * math.remainder(fit - turn, math.tau)
+        # It turns about the middle of the feet, not about the far origin of the filter's world.
+        now = R @ middle + t
+        self.move = Move.taking(middle, now + share * (wanted - now), turn)

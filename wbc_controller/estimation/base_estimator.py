@@ -10,9 +10,11 @@ import pinocchio as pin
 from scipy.special import chdtri
 
 from wbc_controller.core.arrays import all_finite, solved
+from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
+from wbc_controller.estimation.move import Move
 from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
@@ -71,7 +73,8 @@ class BaseEstimator:
     At the start the robot stands still for a while, on its contacts: the mean specific force is gravity, the mean
     angular velocity is the gyroscope's bias. The world has its origin on the ground below the base, and its x axis
     points where the base does. Nothing observes position and heading: they drift from there, less where contacts hold
-    for long (`anchoring`).
+    for long (`anchoring`). With absolute poses the world is theirs, and there is no estimate until they have begun it
+    (`absolute_pose`).
 
     A contact whose kinematics contradict the estimate by more than noise can is left out: it slips, or has lifted. It
     is taken in again at once where it is then.
@@ -81,14 +84,23 @@ class BaseEstimator:
         waits_for: why there is no estimate yet.
     """
 
-    def __init__(self, kinematics: LegKinematics, sensors: Sensors, gravity: Array) -> None:
+    def __init__(
+        self, kinematics: LegKinematics, sensors: Sensors, gravity: Array, poses: PoseSensor | None = None
+    ) -> None:
         """Make an estimator that has seen nothing.
 
         Args:
             kinematics: from the IMU to the contact points.
             sensors: what is known of the sensors.
             gravity: (3,) in m/s², in the world.
+            poses: where absolute poses come from; None where there are none.
+
+        Raises:
+            ConfigurationError: where the robot has no frame of those poses.
         """
+        if poses is not None:
+            kinematics.frame(poses.frame, "estimation.pose_frame")
+        self._pose_sensor = poses
         self.imu_frame = kinematics.imu_frame
         self.waits_for = "no IMU data have come"
         self._kinematics = kinematics
@@ -111,9 +123,30 @@ class BaseEstimator:
     def base(self) -> tuple[Array, Array] | None:
         """Pose of the base, (7,), and its twist in its own axes, (6,); None where there is no estimate.
 
-        The pose is in the frame that lives with the feet (`anchoring`), which begins as the filter's world.
+        The pose is in the frame that lives with the feet (`anchoring`), which begins as the filter's world; or in that
+        of absolute poses, whose corrections come in at a bounded rate.
         """
-        return self._running.base() if self._running is not None else None
+        if self._running is None:
+            return None
+        poses = self._running.poses
+        if poses is None:
+            return self.odometry
+        return self._running.base(poses.shown) if poses.aligned else None
+
+    @property
+    def odometry(self) -> tuple[Array, Array] | None:
+        """As `base`, in a world that no absolute pose moves: it drifts."""
+        return self._running.base(self._running.odometry) if self._running is not None else None
+
+    @property
+    def takes_poses(self) -> bool:
+        """Whether absolute poses are taken."""
+        return self._pose_sensor is not None
+
+    @property
+    def poses(self) -> AbsolutePoses | None:
+        """What became of absolute poses; None where none are taken, or nothing is estimated."""
+        return self._running.poses if self._running is not None else None
 
     @property
     def stamp(self) -> float:
@@ -122,7 +155,10 @@ class BaseEstimator:
 
     @property
     def covariance(self) -> tuple[Array, Array] | None:
-        """Covariances of `base`, (6, 6) each: of position and turns about the axes of its frame, and of the twist."""
+        """Covariances of `odometry`, (6, 6) each: of position and turns about the axes of its world, and of the twist.
+
+        With absolute poses it is that of the corrected pose, turned into these axes.
+        """
         return self._running.covariance() if self._running is not None else None
 
     def restart(self) -> None:
@@ -144,10 +180,35 @@ class BaseEstimator:
         if self._running is None:
             self._stand(samples, held)
             return
-        lost = self._running.follow(samples, held)
+        self._go_on(self._running.follow(samples, held))
+
+    def correct(self, samples: list[PoseSample], *, held: bool) -> list[str]:
+        """Take absolute poses, after the update to the present; before the start they count for nothing.
+
+        Args:
+            samples: the poses that have come.
+            held: whether the world must not be moved to poses that contradict.
+
+        Returns:
+            A sentence for each that is refused.
+        """
+        if self._running is None or self._running.poses is None:
+            return []
+        try:
+            refused = self._running.poses.take(samples, held=held)
+        except np.linalg.LinAlgError as error:
+            self._go_on(f"the estimate was lost ({error})")
+            return []
+        self._go_on(self._running.broken())
+        return refused
+
+    def _go_on(self, lost: str | None) -> None:
+        """Say what is waited for, or begin anew where the estimate is lost."""
         if lost is not None:
             self.restart()
             self.waits_for = f"{lost}, and the robot has to stand still again"
+        elif self._running is not None and self._running.poses is not None:
+            self.waits_for = self._running.poses.waits_for
 
     def _stand(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> None:
         """Wait until the robot has stood still for a while, and begin."""
@@ -180,9 +241,10 @@ class BaseEstimator:
             self.waits_for = "no contact holds that does not roll or belong to two links of the robot"
         else:
             begun = self._begun(turning.mean(axis=0), force.mean(axis=0), holding)
-            self._running = _Running(begun, self._still[-1], self._kinematics, sensors)
-            self._running.follow([], holding)
+            poses = AbsolutePoses(self._pose_sensor, self._kinematics, begun) if self._pose_sensor is not None else None
+            self._running = _Running(begun, self._still[-1], self._kinematics, sensors, poses)
             self._still, self.waits_for = [], ""
+            self._go_on(self._running.follow([], holding))
 
     def _begun(self, turning: Array, force: Array, holding: Sequence[str]) -> InvariantFilter:
         """The filter of a robot that stands still, from the mean of what its IMU measures."""
@@ -222,10 +284,19 @@ class _Running:
     Attributes:
         filter: the filter.
         slipping: contacts that were left out in the last update.
+        poses: what becomes of absolute poses; None where none are taken.
     """
 
-    def __init__(self, filter: InvariantFilter, last: ImuSample, kinematics: LegKinematics, sensors: Sensors) -> None:
+    def __init__(
+        self,
+        filter: InvariantFilter,
+        last: ImuSample,
+        kinematics: LegKinematics,
+        sensors: Sensors,
+        poses: AbsolutePoses | None = None,
+    ) -> None:
         self.filter = filter
+        self.poses = poses
         self.slipping: tuple[str, ...] = ()
         self._last = last
         self._interval = np.inf  # between the last two samples, s
@@ -253,11 +324,23 @@ class _Running:
             self._touch(holding)
         except np.linalg.LinAlgError as error:
             return f"the estimate was lost ({error})"
+        lost = self.broken()
+        if lost is None and self.poses is not None:
+            self.poses.follow(self.stamp)
+        elif lost is None and self._anchoring.due(self.stamp):
+            self._anchoring.follow(self.stamp, self._places())
+        return lost
+
+    def broken(self) -> str | None:
+        """Why the estimate cannot go on, where it cannot."""
         if not (all_finite(self.filter.columns) and all_finite(self.filter.P)):
             return "the estimate was lost (it was not finite)"
-        if self._anchoring.due(self.stamp):
-            self._anchoring.follow(self.stamp, self._places())
         return None
+
+    @property
+    def odometry(self) -> Move:
+        """From the filter's world to one that no absolute pose moves."""
+        return self._anchoring.move if self.poses is None else self.poses.odometry
 
     def _places(self) -> dict[str, Array]:
         """The points in contact in the filter's world, by contact, (k, 3) each in m."""
@@ -267,16 +350,15 @@ class _Running:
             places.setdefault(point.rpartition("/")[0], []).append(found.columns[:, 2 + i])
         return {name: np.array(columns) for name, columns in places.items()}
 
-    def base(self) -> tuple[Array, Array]:
-        """Pose of the base in the frame that lives with the feet, (7,), and its twist in its own axes, (6,)."""
+    def base(self, move: Move) -> tuple[Array, Array]:
+        """Pose of the base in another world than the filter's, (7,), and its twist in its own axes, (6,)."""
         found, legs = self.filter, self._kinematics
         R = found.rotation @ legs.imu_rotation.T
         moving, turning = legs.imu_motion()
         omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - turning
         velocity = R.T @ found.velocity - hat(omega) @ legs.imu_position - moving
-        turn = self._anchoring.rotation
-        position = turn @ (found.position - R @ legs.imu_position) + self._anchoring.translation
-        pose = np.concatenate([position, pin.Quaternion(turn @ R).coeffs()])
+        place = move.of(*(found.position - R @ legs.imu_position).tolist())
+        pose = np.concatenate([place, pin.Quaternion(move.rotation @ R).coeffs()])
         return pose, np.concatenate([velocity, omega])
 
     def covariance(self) -> tuple[Array, Array]:
@@ -295,7 +377,7 @@ class _Running:
         errors[6:9, 3:6], errors[6:9, 9:12] = R.T, -arm @ legs.imu_rotation
         errors[9:12, 9:12] = -legs.imu_rotation
         C = errors @ P[np.ix_(own, own)] @ errors.T
-        both = np.kron(np.eye(2), self._anchoring.rotation)
+        both = np.kron(np.eye(2), self.odometry.rotation)
         C[:6, :6] = both @ C[:6, :6] @ both.T
         noise = np.vstack([arm, np.eye(3)])
         C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)

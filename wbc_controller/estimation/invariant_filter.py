@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wbc_controller.core.arrays import solved
 from wbc_controller.kernels import invariant_filter as kernel
 from wbc_controller.records import Array
 
@@ -157,6 +158,77 @@ class InvariantFilter:
         if not kernel.correct(*before, self._places(names), z, S, *after):
             raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
         self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
+
+    def correct_world(self, H: Array, z: Array, noise: Array, at: Array) -> tuple[float, Array]:
+        """Correct where the world's heading and origin are, which nothing on the robot observes: X ← T X.
+
+        T turns by w_ψ about the vertical, and shifts so that x comes to x + w, with (w, w_ψ) = W z and the gain of
+        what z observes alone, W = H P Hᵀ S⁻¹. That is K z with K = G W in the place of P Hᵀ S⁻¹, where G ∈ R^{n×4}
+        are those motions as errors, H G = I: they are not seen by contacts, and time leaves them as they are. Tilt,
+        velocity and accelerometer stay those of the IMU and the contacts. The gyroscope's bias about the vertical,
+        which contacts do not see either, is corrected by its own part of P Hᵀ S⁻¹. For any K,
+        P ← (I - K H) P (I - K H)ᵀ + K N Kᵀ.
+
+        Args:
+            H: what is observed of the error (ξ, δb): z = -H ξ and noise, (4, 15 + 3 N).
+            z: by what place and heading of x contradict the estimate, (4,) in m and rad.
+            noise: N, its covariance, (4, 4).
+            at: x, (3,) in m.
+
+        Returns:
+            Turn and shift of T, in rad and m.
+        """
+        seen = self.P @ H.T  # (n, 4)
+        S = H @ seen + noise
+        K = self._motions(at) @ solved(S, H @ seen).T
+        up = self.rotation[2]  # in the axes of the IMU
+        K[-6:-3] = np.outer(up, solved(S, up @ seen[-6:-3]))
+        kept = np.eye(len(K)) - K @ H
+        P = kept @ self.P @ kept.T + K @ noise @ K.T
+        self.P = 0.5 * (P + P.T)
+        step = H @ K @ z
+        turn = float(step[3])
+        c, s = np.cos(turn), np.sin(turn)
+        T = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        shift = at + step[:3] - T @ at
+        self.gyroscope_bias = self.gyroscope_bias + K[-6:-3] @ z
+        self._turned(T, shift)
+        return turn, shift
+
+    def _motions(self, at: Array) -> Array:
+        """G: the errors of shifts of the world, and of a turn about the vertical through a point, (n, 4)."""
+        G = np.zeros((len(self.P), 4))
+        G[2, 3] = 1.0
+        for row in range(6, len(G) - 6, 3):
+            G[row : row + 3, :3], G[row : row + 3, 3] = np.eye(3), hat(at)[:, 2]
+        return G
+
+    def _turned(self, rotation: Array, shift: Array) -> None:
+        self.rotation = rotation @ self.rotation
+        self.columns = rotation @ self.columns
+        self.columns[:, 1:] += shift[:, None]
+
+    def move(self, rotation: Array, shift: Array, at: Array, covariance: Array) -> None:
+        """Express everything in another world, which is turned about the vertical: X ← T X, ξ ← Ad_T ξ.
+
+        Velocities turn and points move: Ad_T takes ξ_R to R_T ξ_R, ξ_v to R_T ξ_v, and the ξ of p and d to
+        R_T ξ + t × R_T ξ_R. What is not known of T is an error of turn δψ about z and of place δ of one point x:
+        ξ_R grows by z δψ, and the ξ of p and d by δ + x × z δψ.
+
+        Args:
+            rotation: R_T, (3, 3), about z.
+            shift: t, (3,) in m.
+            at: x, in the new world, (3,) in m.
+            covariance: of (δ, δψ), (4, 4) in m² and rad².
+        """
+        n = len(self.P)
+        Ad, G = np.eye(n), self._motions(at)
+        for row in range(0, n - 6, 3):
+            Ad[row : row + 3, row : row + 3] = rotation
+        for row in range(6, n - 6, 3):
+            Ad[row : row + 3, :3] = hat(shift) @ rotation
+        self.P = Ad @ self.P @ Ad.T + G @ covariance @ G.T
+        self._turned(rotation, shift)
 
     def add(self, name: str, place: Array, covariance: Array) -> None:
         """Begin a contact point where the kinematics see it.

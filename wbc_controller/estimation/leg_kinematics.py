@@ -127,6 +127,24 @@ class LegKinematics:
         self.imu_rotation, self.imu_position = np.array(imu.rotation), np.array(imu.translation)
         self._imu = np.concatenate([self.imu_rotation.T.ravel(), self.imu_position])
 
+    def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
+        """The joint that moves a frame, and where the frame is on it, for `from_imu`.
+
+        Args:
+            name: of the frame.
+            key: the setting that names it.
+
+        Raises:
+            ConfigurationError: where the robot has no such frame.
+        """
+        frame = self._pinocchio.frames[self._model.frame_id(name, key)]
+        return int(frame.parentJoint), frame.placement
+
+    def from_imu(self, joint: int, placement: pin.SE3) -> pin.SE3:
+        """The pose of a frame from the IMU and in its axes."""
+        imu = self._data.oMi[self._imu_joint] * self._imu_placement
+        return imu.actInv(self._data.oMi[joint] * placement)
+
     def imu_motion(self) -> tuple[Array, Array]:
         """Linear and angular velocity of the IMU against the base, in the base's axes, both (3,), in m/s and rad/s."""
         # of its link, at the base's origin

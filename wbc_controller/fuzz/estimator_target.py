@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.estimation.absolute_pose import AGREED
 from wbc_controller.fuzz.contents import ordinary
 from wbc_controller.fuzz.target import CYCLE_LIMIT, Broken, OtherEnd, fuzzed_robot, saying_all, within
 from wbc_controller.mock.measurement import STREAMS, measure
@@ -17,6 +18,8 @@ from wbc_controller.wire.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Endpoin
 
 #: Time for which the robot stands still at the start, s: short, as every episode begins with it.
 _SETTLING = 0.1
+#: Time between two states while absolute poses begin the world, s: longer, for the same reason; below gaps of the IMU.
+_STRIDE = 0.05
 
 
 class EstimatorTarget:
@@ -29,7 +32,7 @@ class EstimatorTarget:
             robot: name of a shipped robot.
         """
         fuzzed = fuzzed_robot(robot)
-        estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING})
+        estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = saying_all(fuzzed.settings).model_copy(update={"estimation": estimation})
         self._model = fuzzed.model
         topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
@@ -40,6 +43,10 @@ class EstimatorTarget:
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
             self._go_on("the start")
+        for _ in range(round(AGREED / _STRIDE) + 2):
+            self._user.clock.time += _STRIDE - self._period
+            self._user.send("pose", self._sensed("pose"))
+            self._go_on("the start of poses")
         self.alive = self._node.estimator.base is not None
         if not self.alive:
             raise Broken(f"the estimator does not begin: {self._node.estimator.waits_for}")
@@ -60,7 +67,7 @@ class EstimatorTarget:
         if refused and answers:
             raise Broken(f"{what} was refused ({refused}), and is answered all the same")
         self._go_on(f"the cycle behind {what}")
-        self.alive = self._node.estimator.base is not None
+        self.alive = self._node.estimator.odometry is not None
 
     def finish(self) -> None:
         """Go on once more; see `Target`."""

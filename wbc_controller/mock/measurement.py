@@ -11,12 +11,12 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.mock.plant import Plant
 from wbc_controller.records import Array
 from wbc_controller.wire import messages
-from wbc_controller.wire.odometry import odometry, quaternion, vector
+from wbc_controller.wire.odometry import odometry, pose_with_covariance, quaternion, vector
 
 #: Reference frame of poses.
 WORLD_FRAME = "world"
 #: The streams of a robot, in the order in which they are sent: the joint states are last, as they trigger a cycle.
-STREAMS = ("clock", "odom", "imu", "joint_states")
+STREAMS = ("clock", "odom", "imu", "pose", "joint_states")
 
 
 @dataclass(slots=True)
@@ -38,6 +38,8 @@ class Measurement:
         angular_velocity: likewise, (3,) in rad/s.
         specific_force: likewise, (3,) in m/s².
         absent: names of joints that the joint states lack.
+        absolute: absolute pose of the robot, position and quaternion in the world, (7,).
+        vagueness: standard deviations of its position and its turns, m and rad.
         silent: streams that send nothing this time.
     """
 
@@ -54,7 +56,9 @@ class Measurement:
     orientation: Array
     angular_velocity: Array
     specific_force: Array
+    absolute: Array
     silent: set[str]
+    vagueness: tuple[float, float] = (0.0, 0.0)
     absent: set[str] = field(default_factory=set)
 
     def message(self, stream: str) -> Any:
@@ -66,6 +70,8 @@ class Measurement:
             return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
             return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
+        if stream == "pose":
+            return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
         names = self.names
         if self.absent:
@@ -85,7 +91,7 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
         imu_frame: frame of the inertial measurement unit, whose axes its data have.
     """
     q, v = plant.state()
-    silent = set() if robot.floating_base else {"odom"}
+    silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # absolute poses are measured more rarely
     return Measurement(
         stamp,
         dict.fromkeys(STREAMS, stamp),
@@ -98,6 +104,7 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
         v[:6],
         imu_frame,
         *plant.imu(imu_frame),
+        np.array(q[:7]),
         silent,
     )
 

@@ -25,6 +25,7 @@ import numpy as np
 from wbc_controller.assembly.estimation import imu_frame
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.mock.absolute_pose import PoseSource
 from wbc_controller.mock.faults.catalogue import read_faults
 from wbc_controller.mock.faults.fault import Fault
 from wbc_controller.mock.faults.injector import Injector
@@ -118,6 +119,7 @@ class MockRobot:
         self._sensors = ImperfectSensors(parts, model, self._period, seed) if parts is not None else None
         self._imu_frame = imu_frame(settings, model)
         self.plant.body(self._imu_frame)  # there has to be such a frame
+        self._poses = PoseSource(settings, model) if settings.mock.pose_rate > 0.0 and model.floating_base else None
         self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None
         self._tau_time = 0.0
@@ -195,10 +197,17 @@ class MockRobot:
         measured = measure(self._robot, self.plant, stamp, self._imu_frame)
         if self._sensors is not None:
             self._sensors.measure(measured)
+        if self._poses is not None:
+            self._poses.measure(measured, self.plant.state()[0], self.plant.time)
         if self.faults.busy:
             self.faults.spoil(measured)
         for stream in STREAMS:
             payload = messages.encode(measured.message(stream)) if stream not in measured.silent else None
+            if stream == "pose":
+                if self._poses is not None:
+                    for taken, late in self._poses.late(self.plant.time, stamp, payload):
+                        self._send(stream, taken, late)
+                continue
             if self.faults.busy:
                 for parcel in self.faults.post(stream, stamp, payload):
                     self._send(stream, parcel.taken, parcel.payload)
@@ -283,7 +292,7 @@ class MockRobot:
     def _open(self, endpoint: Endpoint, transport: Transport) -> None:
         key = endpoint.key
         if endpoint.direction is Direction.OUT:
-            if key not in ("odom", "tf") or self._robot.floating_base:
+            if (key not in ("odom", "tf") or self._robot.floating_base) and (key != "pose" or self._poses is not None):
                 self._publishers[key, endpoint.subject] = transport.advertise(endpoint)
             return
         self._types[key] = endpoint.type

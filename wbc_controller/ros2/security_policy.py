@@ -115,6 +115,11 @@ def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotMode
         return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
     if endpoint.key in CONTACT_SENSORS and node == CONTROLLER:
         return estimates_base(settings, model)
+    if endpoint.key == "pose":
+        if endpoint.direction is Direction.OUT:
+            return settings.mock.pose_rate > 0.0 and model.floating_base
+        estimated = node == ESTIMATOR_NODE or settings.estimation.base_state == "imu"
+        return settings.estimation.absolute_pose and estimated and model.floating_base
     if endpoint.key in ("odom", "tf"):
         return model.floating_base
     if endpoint.key == "robot_description" and endpoint.direction is Direction.IN:

@@ -31,8 +31,8 @@ from wbc_controller.wire.messages import diagnostics, encode
 from wbc_controller.wire.odometry import odometry, transform
 from wbc_controller.wire.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
 
-#: Frame in which the base is estimated (REP 105): it drifts, and does not jump.
-FRAME = "odom"
+#: Frame in which the base is estimated (REP 105): it drifts, and never jumps; and that of absolute poses.
+FRAME, MAP = "odom", "map"
 #: Time for which a force that the controller has sent says that a contact holds, s.
 _FRESH = 0.1
 #: Time between two transforms, s.
@@ -86,7 +86,7 @@ class EstimatorService:
         for topic in topics:
             if topic.key == "contact_wrench":
                 transport.subscribe(topic, partial(self._take, topic.subject))
-        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", *KEYS)]
+        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *KEYS)]
         tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
         self._inputs = Inputs(
             model, make_vocabulary(settings, model), sensors, transport, clock,
@@ -115,26 +115,32 @@ class EstimatorService:
         """Take what has come, and publish the estimate where it is new."""
         latched = self._inputs.latch(self.meant())
         for sentence in latched.refused:
-            topic, _, reason = sentence.partition(": ")
-            self._refused[topic] = reason
-        estimator, state = self.estimator, latched.state
-        if state is not None and estimator.base is not None and estimator.stamp > self._stamp:
-            self._stamp = estimator.stamp
-            pose, twist = estimator.base
-            content = odometry(state.stamp, FRAME, self._base, pose, twist, estimator.covariance)
+            topic, named, reason = sentence.partition(": ")
+            if named:  # else it is of a contact that is left out, which the diagnostics say anyway
+                self._refused[topic] = reason
+        estimator, found = self.estimator, self.estimator.odometry
+        if found is not None and estimator.stamp > self._stamp:
+            self._stamp, stamp = estimator.stamp, self._inputs.stamp_of_joint_states()
+            pose, twist = found
+            content = odometry(stamp, FRAME, self._base, pose, twist, estimator.covariance)
             self._publish["odom"](encode(content))
             now = self._clock.now()
             if now >= self._transform_due:
                 self._transform_due = now + _TRANSFORMS
-                self._publish["tf"](encode(transform(state.stamp, FRAME, self._base, pose)))
-        elif estimator.base is None:
+                self._publish["tf"](encode(transform(stamp, FRAME, self._base, pose)))
+                poses = estimator.poses
+                if poses is not None and poses.aligned:
+                    self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.back().pose)))
+        elif found is None:
             self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
-        self._say(latched.notes)
+        self._say(latched.notes, latched.estimate)
 
-    def _say(self, notes: Mapping[str, str]) -> None:
+    def _say(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
         """Publish diagnostics if they are due, or what they say has changed."""
         estimator, now = self.estimator, self._clock.now()
-        text = estimator.waits_for if estimator.base is None else "the base is estimated"
+        text = estimator.waits_for if estimator.odometry is None else "the base is estimated"
+        if estimator.odometry is not None and estimator.waits_for:
+            text += f"; in {MAP} it is not: {estimator.waits_for}"
         if estimator.slipping:
             text += f"; {', '.join(estimator.slipping)} moves, and is left out"
         changed = text.partition(":")[0] != self._said.partition(":")[0]
@@ -151,7 +157,7 @@ class EstimatorService:
             turned, moving = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
             values["tilt"] = f"one standard deviation {turned:.5f} rad"
             values["velocity"] = f"one standard deviation {moving:.5f} m/s"
-        values |= {f"note/{name}": note for name, note in notes.items()}
+        values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
         self._publish["diagnostics"](self._encoded(level, text, values))

@@ -5,8 +5,8 @@
 - Requests are decoded and validated on a thread of their own, `reader`, which leaves the loop most of the processor.
   Where no such thread runs, as in lockstep, they are decoded when a cycle latches its inputs.
 - A cycle decodes at most one joint state and one odometry, the newest, and takes at most `_MOST_PER_CYCLE` requests.
-  Where the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them, and of each
-  sensor at a contact the newest message.
+  Where the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them, absolute
+  poses, at most `_MOST_POSES`, and of each sensor at a contact the newest message.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import numpy as np
 from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.holding import ContactSensing
 from wbc_controller.records import Array, ChangeSettings, RobotState
@@ -36,7 +37,7 @@ from wbc_controller.service.stamps import StampTracker
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire import decoding
 from wbc_controller.wire.messages import decode
-from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader, StateReader
+from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader, PoseReader, StateReader
 from wbc_controller.wire.topics import Direction, Endpoint
 
 _log = logging.getLogger(__name__)
@@ -46,11 +47,13 @@ _REQUEST_DEPTH = 100
 #: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
 _MOST_PER_CYCLE = 20
 #: Largest message, in bytes, by row of the topic table: states, trajectories, and other requests.
-_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "trajectory": 1 << 20}
+_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, "trajectory": 1 << 20}
 _LARGEST |= dict.fromkeys(KEYS, 1 << 14)
 _LARGEST_REQUEST = 1 << 18
 #: IMU data that one cycle takes, at most: the newest, of an IMU that is that much faster than the loop.
 _MOST_IMU = 20
+#: Absolute poses that one cycle takes, at most: the newest.
+_MOST_POSES = 4
 #: Name of the base's estimate among the ages of the inputs.
 ESTIMATE = "base estimate"
 #: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
@@ -80,6 +83,7 @@ class Latched:
         changes: sets of changes, in order of arrival; each set is applied whole or not at all.
         refused: a sentence for each message that was refused.
         taken: number of requests since the last cycle that were read, refused or turned away.
+        estimate: what to know about the base's estimate beside its age, for diagnostics.
     """
 
     state: RobotState | None
@@ -90,13 +94,14 @@ class Latched:
     changes: tuple[tuple[Change | ChangeSettings, ...], ...]
     refused: tuple[str, ...]
     taken: int
+    estimate: dict[str, str]
 
 
 @dataclass(slots=True)
 class _Part:
-    """Newest message of one part of the state: joint states, odometry, or IMU data.
+    """Newest message of one part of the state: joint states, odometry, or IMU data; or the newest absolute pose.
 
-    Of IMU data `q` is the angular velocity, and `v` the specific force.
+    Of IMU data `q` is the angular velocity, and `v` the specific force; of a pose they are the pose and its covariance.
     """
 
     reader: StateReader
@@ -159,11 +164,15 @@ class Inputs:
         self._parts = {"joint_states": _Part(JointStateReader(model.joints), self._tracker())}
         self._estimator = estimator
         self._samples: list[ImuSample] = []
+        self._poses: list[PoseSample] = []
+        self._pose: _Part | None = None  # no part of the state, as there is an estimate without
+        self._pose_topic = ""
         self._base: tuple[Array, Array] | None = None  # what was estimated in the last cycle
         self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
         self.holding: Collection[str] = ()
         if estimator is not None:
             self._parts["imu"] = _Part(ImuReader(estimator.imu_frame), self._tracker())
+            self._pose = _Part(PoseReader(), self._tracker()) if estimator.takes_poses else None
         elif model.floating_base:
             self._parts["odom"] = _Part(OdometryReader(model.base_link), self._tracker())
         self._notes: dict[str, str] = {}
@@ -185,11 +194,15 @@ class Inputs:
                     self._boxes.append((endpoint, box))
                     transport.subscribe(endpoint, self._bounded(endpoint, box.put))
                 continue
-            if endpoint.key in self._parts:
+            if endpoint.key == "pose":
+                if self._pose is None:
+                    continue
+                self._pose_topic = endpoint.name
+            if endpoint.key in (*self._parts, "pose"):
                 box = Mailbox(
                     clock,
                     self.arrived if endpoint.key == "joint_states" else None,
-                    depth=_MOST_IMU if endpoint.key == "imu" else 1,
+                    depth={"imu": _MOST_IMU, "pose": _MOST_POSES}.get(endpoint.key, 1),
                 )
                 self._boxes.append((endpoint, box))
                 transport.subscribe(endpoint, self._bounded(endpoint, box.put))
@@ -213,7 +226,7 @@ class Inputs:
 
     def restart(self) -> None:
         """Take the next stamps as those of a new time: the clock has begun anew."""
-        for part in self._parts.values():
+        for part in (*self._parts.values(), *((self._pose,) if self._pose is not None else ())):
             part.stamps = self._tracker()
         if self._estimator is not None:
             self._estimator.restart()
@@ -231,6 +244,10 @@ class Inputs:
             return StampTracker()
         return StampTracker(self._clock.ahead, self._clock_tolerance)
 
+    def stamp_of_joint_states(self) -> int:
+        """Stamp of the newest joint state that was decoded, ns; 0 before the first."""
+        return self._parts["joint_states"].stamp
+
     def age_of_joint_states(self) -> float:
         """Age of the newest joint state that was decoded, s; infinite before the first."""
         return self._parts["joint_states"].stamps.age(self._clock.now())
@@ -247,12 +264,13 @@ class Inputs:
         """How far the stamps have gone on while the clock has stood still, s."""
         return max(part.stamps.stood for part in self._parts.values())
 
-    def latch(self, holding: Collection[str] = ()) -> Latched:
+    def latch(self, holding: Collection[str] = (), *, held: bool = False) -> Latched:
         """Decode the newest state, and take the requests that have been read.
 
         Args:
             holding: names of the contacts that are meant to hold: an estimate of the base rests on them, but for what
                 sensors at the contacts say.
+            held: whether the robot is under control: absolute poses that contradict must not move its world.
         """
         refused: list[str] = []
         for endpoint, box in self._boxes:
@@ -266,7 +284,7 @@ class Inputs:
             if self._contact_sensors is not None:
                 self.holding, silent = self._contact_sensors.decide(self._clock.now(), holding)
                 refused += silent
-            refused += self._estimate(self._estimator, self.holding)
+            refused += self._estimate(self._estimator, self.holding, held=held)
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
@@ -286,8 +304,18 @@ class Inputs:
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         return Latched(
             self._state(), self._joint_velocity(), self.ages(), self._noted(), tuple(commands), tuple(changes),
-            tuple(refused), taken=stopped + len(taken) + turned_away.total(),
+            tuple(refused), taken=stopped + len(taken) + turned_away.total(), estimate=self._about_poses(),
         )  # fmt: skip
+
+    def _about_poses(self) -> dict[str, str]:
+        """What to know about absolute poses: their age, and what became of them."""
+        if self._pose is None or self._estimator is None:
+            return {}
+        age = self._pose.stamps.age(self._clock.now())
+        about = {"pose/age": f"{age:.3f} s" if math.isfinite(age) else "none has come"}
+        if "pose" in self._notes:
+            about["pose/last refusal"] = self._notes["pose"]
+        return about | (self._estimator.poses.values if self._estimator.poses is not None else {})
 
     def _noted(self) -> dict[str, str]:
         """What to know about the age of each part of the state."""
@@ -377,7 +405,7 @@ class Inputs:
             if reason is not None:
                 raise InputRefused(reason)
             return
-        part = self._parts[key]
+        part = self._pose if key == "pose" and self._pose is not None else self._parts[key]
         stamp, q, v = part.reader.read(payload)
         reason = part.stamps.judge(stamp, received)
         if reason is not None:
@@ -386,16 +414,23 @@ class Inputs:
         self._notes.pop(key, None)
         if key == "imu":
             self._samples.append(ImuSample(1.0e-9 * stamp, q, v))
+        elif key == "pose":
+            self._poses.append(PoseSample(1.0e-9 * stamp, q, v))
 
-    def _estimate(self, estimator: BaseEstimator, holding: Collection[str]) -> list[str]:
-        """Estimate the base from what has come; a sentence for each contact that is newly left out."""
+    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
+        """Estimate the base from what has come; a sentence for each contact that is newly left out, and each pose."""
         joints, before = self._parts["joint_states"], estimator.slipping
         samples, self._samples = self._samples, []
         if not samples or not len(joints.v):
+            del self._poses[:-_MOST_POSES]
             return []
         estimator.update(samples, joints.q, joints.v, holding)
+        poses, self._poses = self._poses, []
+        refused = estimator.correct(poses, held=held) if self._pose is not None else []
+        if refused:
+            self._notes["pose"] = refused[-1]
         self._base = estimator.base
-        return [
+        return [f"{self._pose_topic}: {reason}" for reason in refused] + [
             f"the base's estimate leaves out contact {name!r}, which moves, and takes it in again where it is then"
             for name in estimator.slipping
             if name not in before

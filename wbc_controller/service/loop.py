@@ -90,7 +90,8 @@ class ControlLoop:
     def cycle(self) -> CycleReport:
         """Run one cycle."""
         started = self._timer()
-        latched = self._inputs.latch(self.controller.holding)
+        held = self.controller.mode in (Mode.ACTIVE, Mode.HOLDING)
+        latched = self._inputs.latch(self.controller.holding, held=held)
         timeout = self.controller.state_timeout
         stood = self._inputs.stood()
         now = self._clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
@@ -197,6 +198,7 @@ class ControlLoop:
             taken=latched.taken,
             weights=result.references.weights if result.references is not None else {},
             state=latched.state,
+            estimate=latched.estimate,
         )
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:

@@ -65,6 +65,20 @@ class EstimationSettings(Section):
     contact_timeout: Annotated[Positive, Field(ge=0.005, le=10.0)] = Field(
         0.1, description="Age from which a measured contact force decides nothing, s."
     )
+    absolute_pose: bool = Field(
+        False,
+        description="Whether absolute poses of the robot, from motion capture or SLAM, are read from the topic `pose`: "
+        "the world is theirs then, and there is no estimate until they have come.",
+    )
+    pose_frame: str = Field(
+        "", max_length=255, description="Frame of the robot whose poses these are; empty for the base link."
+    )
+    pose_noise: Annotated[Positive, Field(ge=1.0e-4, le=10.0)] = Field(
+        0.002, description="Least standard deviation of their position, m: a covariance of zeros is unknown."
+    )
+    pose_turn_noise: Annotated[Positive, Field(ge=1.0e-4, le=3.0)] = Field(
+        0.005, description="Least standard deviation of their heading, rad."
+    )
     disturbance: Literal["never", "imu", "always"] = Field(
         "imu",
         description="Whether generalized forces that the model lacks (friction, wrong torques and masses) are "

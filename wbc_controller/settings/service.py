@@ -256,3 +256,9 @@ class MockSettings(Section):
         "biases, resolution and errors of parts that robots carry (docs/estimation.md). Odometry stays true.",
     )
     sensor_seed: int = Field(0, ge=0, le=2**31 - 1, description="Of the noise, biases and errors of the sensors.")
+    pose_rate: NonNegative = Field(
+        0.0, le=1.0e3, description="Rate of absolute poses on the topic `pose`, Hz; 0 for none."
+    )
+    pose_delay: NonNegative = Field(0.0, le=10.0, description="Time by which these poses come late, s.")
+    pose_noise: NonNegative = Field(0.0, le=10.0, description="Standard deviation of their position, m.")
+    pose_turn_noise: NonNegative = Field(0.0, le=3.0, description="Standard deviation of their orientation, rad.")

@@ -170,6 +170,58 @@ def read_contact_force(content: Any, contact: str, normals: Mapping[str, Array])
     return force, normal
 
 
+#: Frames in which absolute poses may be given, and their farthest position and largest variance, m, m² and rad².
+POSE_FRAMES = ("", "world", "map")
+FARTHEST_POSE, VAGUEST_POSE = 1.0e4, 100.0
+#: The least eigenvalue of a covariance, as a share of its trace: rounding.
+_ROUNDED = -1.0e-9
+
+
+def read_pose(content: Any) -> tuple[Array, Array]:
+    """Read a geometry_msgs/PoseWithCovarianceStamped.
+
+    Returns:
+        Position and quaternion in the world, (7,); and the covariance of position and turns about the world's axes,
+        (6, 6) in m² and rad².
+
+    Raises:
+        InputRefused: if it is given in another frame, not finite or not a rotation, farther than a robot's world is
+            large, or has a covariance that is none.
+    """
+    frame, pose = content.header.frame_id, content.pose.pose
+    if frame not in POSE_FRAMES:
+        raise InputRefused(f"header.frame_id is {frame!r}; an absolute pose is given in {', '.join(POSE_FRAMES[1:])}")
+    q = [*_xyz(pose.position), pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w]
+    return checked_pose(np.array(q), np.array(content.pose.covariance))
+
+
+def checked_pose(pose: Array, covariance: Array) -> tuple[Array, Array]:
+    """As `read_pose`, from position and quaternion, (7,), and the covariance's rows, (36,).
+
+    Raises:
+        InputRefused: as `read_pose`.
+    """
+    q = finite(pose.tolist(), "the pose")
+    if not (np.abs(q[:3]) <= FARTHEST_POSE).all():
+        raise InputRefused(f"the position is {q[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin")
+    q[3:] = unit_quaternion(q[3:], "the orientation ")
+    C = finite(covariance.tolist(), "the covariance").reshape(6, 6)
+    C = 0.5 * (C + C.T)
+    variances = C.diagonal()
+    if not (variances >= 0.0).all():
+        raise InputRefused(f"the covariance has the variances {variances.tolist()}; none is negative")
+    if not (variances[[0, 1, 2, 5]] <= VAGUEST_POSE).all():
+        raise InputRefused(
+            f"the covariance has the variances {variances.tolist()}; those of position and heading are at most "
+            f"{VAGUEST_POSE:g} m² and rad²"
+        )
+    used = C[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])]
+    least = float(np.linalg.eigvalsh(used)[0])
+    if not least >= _ROUNDED * float(np.trace(used)):
+        raise InputRefused(f"the covariance of position and heading has the eigenvalue {least:.3g}; none is negative")
+    return q, C
+
+
 def _xyz(vector: Any) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 

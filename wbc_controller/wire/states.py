@@ -139,6 +139,29 @@ class OdometryReader(StateReader):
         return pose, twist
 
 
+class PoseReader(StateReader):
+    """Reads geometry_msgs/PoseWithCovarianceStamped: position and quaternion in the world, (7,); covariance, (6, 6)."""
+
+    type = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._pose = self._covariance = slice(0)
+
+    def _by_codec(self, content: Any) -> tuple[Array, Array]:
+        return decoding.read_pose(content)
+
+    def _find(self, shape: FixedShape) -> None:
+        self._pose = shape.place(*(_POSITION + axis for axis in "xyz"), *(_ORIENTATION + axis for axis in "xyzw"))
+        self._covariance = shape.place("pose.covariance")
+
+    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
+        try:
+            return decoding.checked_pose(values[self._pose], values[self._covariance])
+        except InputRefused:
+            return None  # the codec's way says it
+
+
 class ImuReader(StateReader):
     """Reads sensor_msgs/Imu: angular velocity in rad/s and specific force in m/s², (3,) each, in the IMU's axes."""
 

@@ -134,6 +134,9 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "Wrench on the robot by a force sensor, from which the contact holds, if `estimation.base_state` is imu."),
     Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
           "Whether a contact where no force is measured holds, by a foot switch, if `estimation.base_state` is imu."),
+    Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _IN, STATE_IN,
+          "Absolute pose of `estimation.pose_frame` in the world, from motion capture or SLAM, stamped when it was "
+          "measured; read where `estimation.absolute_pose` is set and the base is estimated here."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF, used if the configuration names no file."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,
@@ -204,6 +207,9 @@ MOCK_TOPICS: tuple[Topic, ...] = (
           "Transform from `world` to the base, for viewers; robot_state_publisher sends the links' transforms."),
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _OUT, STATE_OUT,
           "Orientation, angular velocity and specific force of `estimation.imu_frame`, or else of the base link."),
+    Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _OUT, STATE_OUT,
+          "Absolute pose of `estimation.pose_frame`, `mock.pose_rate` times a second, as late and as noisy as the "
+          "settings beside it say; nothing by default."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, STATE_OUT,
           "True contact wrench in the contact frame."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _OUT, LATCHED, "The robot's URDF."),
@@ -235,6 +241,9 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
           "Positions and velocities of the joints: each message is answered by an estimate."),
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
           "Angular velocity and specific force in the axes of `estimation.imu_frame`. The orientation is not used."),
+    Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _IN, STATE_IN,
+          "Absolute pose of `estimation.pose_frame` in the world, from motion capture or SLAM, stamped when it was "
+          "measured; read where `estimation.absolute_pose` is set."),
     Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
           "Whether a contact holds, from a foot switch or another controller, where no force is measured; until the "
           "first one, as below."),
@@ -248,7 +257,8 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT,
           "Pose of the base in `odom`, where the robot began, and twist in the base's axes (REP 105), with "
           "covariances; nothing while there is no estimate."),
-    Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT, "Transform from `odom` to the base, 50 times a second."),
+    Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT,
+          "Transform from `odom` to the base, 50 times a second; with absolute poses also that from `map` to `odom`."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "Whether the base is estimated, or what that waits for; contacts that hold, and those that slip; refused "
           "inputs."),

@@ -77,7 +77,7 @@ class OdomTurnDrift(Fault):
 
 
 class OdomJump(Fault):
-    """The base's position jumps and stays off, as when an estimator relocalizes; at the end it jumps back."""
+    """The base's position jumps, also in absolute poses, and stays off, as by relocalization; then it jumps back."""
 
     place = _PLACE
     size: float = number(0.3, 0.005, 3.0, "m", "of the jump, in a random horizontal direction")
@@ -87,13 +87,14 @@ class OdomJump(Fault):
         jump = self.size * site.direction()
 
         def shift(measured: Measurement) -> None:
-            measured.pose[:3] += jump
+            for pose in (measured.pose, measured.absolute):
+                pose[:3] += jump
 
         return Effect(shift)
 
 
 class OdomTurnJump(Fault):
-    """The base's heading jumps and stays off; at the end it jumps back."""
+    """The base's heading jumps, also in absolute poses, and stays off; at the end it jumps back."""
 
     place = _PLACE
     angle: float = number(0.3, 0.01, 3.0, "rad", "of the jump, in a random direction")
@@ -103,7 +104,8 @@ class OdomTurnJump(Fault):
         angle = self.angle * site.rng.choice([-1.0, 1.0])
 
         def turn(measured: Measurement) -> None:
-            _turn(measured.pose, np.array([0.0, 0.0, angle]))
+            for pose in (measured.pose, measured.absolute):
+                _turn(pose, np.array([0.0, 0.0, angle]))
 
         return Effect(turn)
 
