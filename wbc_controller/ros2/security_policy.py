@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree
 
-from wbc_controller.assembly.estimation import estimates_base
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.ros2.answers import RECORD, SERVICES
 from wbc_controller.service.contact_sensors import KEYS as CONTACT_SENSORS
@@ -114,7 +113,7 @@ def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotMode
     if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
         return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
     if endpoint.key in CONTACT_SENSORS and node == CONTROLLER:
-        return estimates_base(settings, model)
+        return model.floating_base and settings.estimation.base_state == "imu"
     if endpoint.key == "pose":
         if endpoint.direction is Direction.OUT:
             return settings.mock.pose_rate > 0.0 and model.floating_base
