@@ -170,6 +170,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "core/program",
             "core/whole_body_qp",
             "safety",
+            "estimation",
             "settings",
             "assembly",
             "control",
