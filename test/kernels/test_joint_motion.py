@@ -29,8 +29,8 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     crossed, up = lower > upper, v > 0.0
     lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
     return (
-        np.clip(np.clip((-velocity - v) / period, -most, most), lower, upper),
-        np.clip(np.clip((velocity - v) / period, -most, most), lower, upper),
+        np.clip(np.clip((-velocity - v) / ahead, -most, most), lower, upper),
+        np.clip(np.clip((velocity - v) / ahead, -most, most), lower, upper),
     )
 
 

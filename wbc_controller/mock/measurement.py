@@ -39,6 +39,7 @@ class Measurement:
         specific_force: likewise, (3,) in m/s².
         absent: names of joints that the joint states lack.
         silent: streams that send nothing this time.
+        tells_velocity: whether the joint states have velocities.
     """
 
     taken: int
@@ -56,6 +57,7 @@ class Measurement:
     specific_force: Array
     silent: set[str]
     absent: set[str] = field(default_factory=set)
+    tells_velocity: bool = True
 
     def message(self, stream: str) -> Any:
         """The message of one of the `STREAMS`."""
@@ -72,6 +74,8 @@ class Measurement:
             there = [name not in self.absent for name in names]
             names = [name for name in names if name not in self.absent]
             values = {quantity: of_all[there] for quantity, of_all in values.items()}
+        if not self.tells_velocity:
+            values["velocity"] = np.zeros(0)
         return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
 
 

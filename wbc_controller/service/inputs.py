@@ -26,6 +26,7 @@ from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
+from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.mailbox import Mailbox
@@ -129,6 +130,7 @@ class Inputs:
         *,
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
+        velocity_filter: VelocityFilter | None = None,
     ) -> None:
         """Subscribe.
 
@@ -141,6 +143,7 @@ class Inputs:
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
             clock_tolerance: how far a stamp may be ahead of the clock's, s; None where the two are not synchronized.
             estimator: estimates a floating base; None where its odometry is measured elsewhere.
+            velocity_filter: makes joint velocities of their positions; None where they are measured.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -149,7 +152,9 @@ class Inputs:
         self._prepare = prepare
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._clock_tolerance = clock_tolerance
-        self._parts = {"joint_states": _Part(JointStateReader(model.joints), self._tracker())}
+        self._velocity_filter = velocity_filter
+        reader = JointStateReader(model.joints, velocities=velocity_filter is None)
+        self._parts = {"joint_states": _Part(reader, self._tracker())}
         self._estimator = estimator
         self._samples: list[ImuSample] = []
         self._base: tuple[Array, Array] | None = None  # what was estimated in the last cycle
@@ -200,6 +205,8 @@ class Inputs:
         """Take the next stamps as those of a new time: the clock has begun anew."""
         for part in self._parts.values():
             part.stamps = self._tracker()
+        if self._velocity_filter is not None:
+            self._velocity_filter.restart()
         if self._estimator is not None:
             self._estimator.restart()
             self._base = None
@@ -213,6 +220,14 @@ class Inputs:
         if self._clock_tolerance is None:
             return StampTracker()
         return StampTracker(self._clock.ahead, self._clock_tolerance)
+
+    def status(self) -> dict[str, str]:
+        """How the state is made, for diagnostics, by key."""
+        made = self._velocity_filter
+        if made is None:
+            return {}
+        late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
+        return {"joint_velocity": f"differentiated, {late}"}
 
     def age_of_joint_states(self) -> float:
         """Age of the newest joint state that was decoded, s; infinite before the first."""
@@ -352,6 +367,8 @@ class Inputs:
         reason = part.stamps.judge(stamp, received)
         if reason is not None:
             raise InputRefused(reason)
+        if key == "joint_states" and self._velocity_filter is not None:
+            v = self._velocity_filter.update(stamp, q)
         part.stamp, part.q, part.v = stamp, q, v
         self._notes.pop(key, None)
         if key == "imu":

@@ -256,3 +256,8 @@ class MockSettings(Section):
         "biases, resolution and errors of parts that robots carry (docs/estimation.md). Odometry stays true.",
     )
     sensor_seed: int = Field(0, ge=0, le=2**31 - 1, description="Of the noise, biases and errors of the sensors.")
+    joint_velocity: bool = Field(
+        True,
+        description="Whether its joint states have velocities; otherwise the controller needs "
+        "`estimation.joint_velocity` = differentiated.",
+    )
