@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from wbc_controller.assembly.safety import make_supervisor_limits
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 
 T = 0.004
@@ -49,7 +50,8 @@ def test_it_begins_at_rest_keeps_what_it_knows_and_begins_anew_with_the_clock():
     assert math.isinf(found.delay)
     np.testing.assert_array_equal(found.update(5_000_000, np.array([1.0, 2.0])), [0.0, 0.0])
     moving = found.update(7_000_000, np.array([1.1, 2.0]))
-    assert moving[0] > 1.0 and moving[1] == 0.0
+    assert moving[0] > 1.0
+    assert moving[1] == 0.0
     assert found.delay == pytest.approx(delay(T, 0.002))
     np.testing.assert_array_equal(found.update(7_000_000, np.array([9.0, 9.0])), moving)
     np.testing.assert_array_equal(found.update(3_000_000, np.array([1.2, 2.0])), [0.0, 0.0])
@@ -59,3 +61,10 @@ def test_after_a_gap_it_is_the_difference():
     found = VelocityFilter(T)
     found.update(1_000_000, np.array([0.0]))
     assert found.update(1_001_000_000, np.array([0.5]))[0] == pytest.approx(0.5, rel=1e-6)
+
+
+def test_damping_is_made_for_velocities_that_are_late(robot_of, changed):
+    settings, model = robot_of("go2")
+    without = changed(settings, {"estimation": {"joint_velocity": "differentiated", "joint_velocity_time": T}})
+    assert make_supervisor_limits(settings, model).velocity_delay == 0.0
+    assert make_supervisor_limits(without, model).velocity_delay == pytest.approx(delay(T, 0.002))
