@@ -12,8 +12,8 @@ import pytest
 
 from wbc_controller.assembly.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.service import guard_service
 from wbc_controller.safety.guard import GuardMode
+from wbc_controller.service import guard_service
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.guard_service import NODE_NAME, GuardService, run_guard
 from wbc_controller.settings import RobotSettings
