@@ -76,7 +76,8 @@ def test_the_filter_is_told_the_figures_of_its_sensors():
     settings = load("go2").replace(told("cheap")).settings.estimation
     assert settings.accelerometer_bias == PARTS["cheap"].accelerometer_bias
     assert settings.gyroscope_noise == PARTS["cheap"].gyroscope_noise
-    assert settings.joint_position_noise == pytest.approx(np.hypot(2e-4, 2.0 * np.pi / 2**14 / np.sqrt(12.0)))
+    rounding = 2.0 * np.pi / 2**14 / np.sqrt(12.0)
+    assert settings.joint_position_noise == pytest.approx(np.linalg.norm([2e-4, rounding, 5e-3]))
     assert told("ideal") == {}
 
 

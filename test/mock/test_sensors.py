@@ -11,11 +11,12 @@ import pytest
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock.measurement import measure
 from wbc_controller.mock.plant import Plant
-from wbc_controller.mock.robot import MockRobot
+from wbc_controller.mock.robot import NODE_NAME, MockRobot
 from wbc_controller.mock.sensors import PARTS, ImperfectSensors
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import decode
+from wbc_controller.wire.topics import MOCK_TOPICS, counterpart, endpoints
 
 PERIOD, MANY = 0.002, 4000
 
@@ -113,3 +114,16 @@ def test_an_imu_may_be_on_any_link_of_the_robot(robot_of, changed):
     settings, model = robot_of("go2")
     with pytest.raises(ConfigurationError, match="nose"):
         MockRobot(model, changed(settings, {"estimation": {"imu_frame": "nose"}}), MemoryTransport(MemoryBus()))
+
+
+def test_it_may_measure_no_joint_velocities(robot_of, changed):
+    settings, model = robot_of("go2")
+    bus, heard = MemoryBus(), []
+    robot = MockRobot(model, changed(settings, {"mock": {"joint_velocity": False}}), MemoryTransport(bus))
+    for topic in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
+        if topic.key == "joint_states":
+            MemoryTransport(bus).subscribe(counterpart(topic), heard.append)
+    robot.publish()
+    content = decode(heard[0], "sensor_msgs/msg/JointState")
+    assert len(content.velocity) == 0
+    assert len(content.position) == model.nj

@@ -159,16 +159,21 @@ def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
     assert len(robot.heard["odom"]) > before
 
 
-def test_which_contacts_hold(robot):
+def test_which_contacts_hold():
+    robot = Robot()
     assert robot.holding() == FEET  # nobody has said anything: those of the configuration
-    robot.clock.time = 1.0
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
+    assert robot.holding() == FEET  # a robot that hangs at the start presses on nothing
+    robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_left_foot")
+    robot.run(0.7)
+    now = robot.clock.time
     for name in ("front_left_foot", "rear_right_foot"):
         robot.send("contact_wrench", push(), name)
     assert robot.holding() == {"front_left_foot", "rear_right_foot"}
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
     robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_right_foot")
     assert robot.holding() == {"rear_right_foot", "front_right_foot"}
-    robot.clock.time = 1.2  # the controller sends no forces any more
+    robot.clock.time = now + 0.2  # the controller sends no forces any more
     assert robot.holding() == FEET - {"front_left_foot"}
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from wbc_controller.assembly.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.safety.guard import GuardMode
 from wbc_controller.service import guard_service
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.guard_service import NODE_NAME, GuardService, run_guard
@@ -283,3 +284,19 @@ def test_it_needs_neither_pinocchio_nor_a_solver():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_it_damps_by_positions_where_the_robot_measures_no_velocities(stage):
+    guard = stage(estimation={"joint_velocity": "differentiated"})
+    names, speed = guard.model.joints, 0.05
+    for i in range(150):
+        guard.clock.time += 0.002
+        position = np.full(len(names), speed * 0.002 * i)
+        state = guard.make.joint_state(names, position, [], time=round(1e9 * guard.clock.time))
+        guard.publish["joint_states"](encode(state))
+        if i < 100:
+            guard.command(0.0)
+        guard.service.cycle()
+    assert guard.service.guard.mode is GuardMode.DAMPING
+    assert "not fresh" not in guard.received("state")[-1].data
+    np.testing.assert_allclose(guard.efforts()[-1], -guard.settings.guard.damping * speed, rtol=1e-3)

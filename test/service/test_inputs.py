@@ -11,6 +11,7 @@ import pytest
 
 from wbc_controller.core.references.changes import EnableTask, SetWeight
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.service import inputs
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.inputs import Inputs
@@ -26,12 +27,15 @@ NAN = float("nan")
 class Wire:
     """`Inputs` and whoever publishes to it."""
 
-    def __init__(self, settings, model, q):
+    def __init__(self, settings, model, q, velocity_filter=None):
         self.settings, self.model, self.q = settings, model, q
         self.clock = ManualClock(50.0)
         bus = MemoryBus()
         topics = controller_endpoints(settings, model)
-        self.inputs = Inputs(model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock)
+        self.inputs = Inputs(
+            model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock,
+            velocity_filter=velocity_filter,
+        )  # fmt: skip
         user = MemoryTransport(bus)
         self.publish = {
             (topic.key, topic.subject): user.advertise(counterpart(topic))
@@ -355,3 +359,27 @@ def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkey
     assert done.wait(20.0)
     go2.inputs.stop_reader()
     assert slept == [3.0]  # each reading takes one second of that clock
+
+
+def test_velocities_are_those_of_the_positions_where_the_robot_measures_none(robot_of, stance_of, make):
+    wire = Wire(*robot_of("go2"), stance_of("go2"), VelocityFilter(0.004))
+    model, speed = wire.model, np.linspace(-1.0, 1.0, wire.model.nj)
+    for i in range(50):
+        stamp = 1_000_000_000 + 2_000_000 * i
+        wire.clock.time += 0.002
+        wire.send("odom", make.odom(wire.q[:7], [0.0] * 6, model.base_link, stamp))
+        position = wire.q[model.q_index] + 0.002 * i * speed
+        wire.send("joint_states", make.joint_state(model.joints, position, [], time=stamp))
+        latched = wire.inputs.latch()
+        assert not latched.refused
+    np.testing.assert_allclose(latched.state.v[model.v_index], speed, atol=1e-6)
+    np.testing.assert_allclose(latched.joint_velocity, speed, atol=1e-6)
+    assert wire.inputs.status() == {"joint_velocity": f"differentiated, {delay(0.004, 0.002):.4f} s late"}
+
+
+def test_a_message_without_velocities_is_refused_with_the_setting_that_would_take_it(go2, make):
+    model = go2.model
+    go2.send("joint_states", make.joint_state(model.joints, go2.q[model.q_index], []))
+    latched = go2.inputs.latch()
+    assert latched.joint_velocity is None
+    assert "estimation.joint_velocity has to be differentiated" in latched.refused[0]

@@ -498,13 +498,13 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     }[where]
     whole, calls = getattr(owner, name), []
 
-    def broken(*arguments):
+    def broken(*arguments, **named):
         calls.append(len(controller.efforts()))
         if len(calls) == 1:
             raise MemoryError("none left")
         if len(calls) == 3:
             stop.set()
-        return whole(*arguments)
+        return whole(*arguments, **named)
 
     monkeypatch.setattr(owner, name, broken)
     controller.joints()

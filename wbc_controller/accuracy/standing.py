@@ -21,8 +21,8 @@ from wbc_controller.settings.service import SensorQuality
 _LOOK = 0.1
 #: Share of the probability that is outside the bounds of the consistency.
 _OUTSIDE = 0.05
-#: What moves a contact point of the mock robot beside its joints: its ground is rigid; m/s/√Hz, and m.
-_CREEP, _POINTS = 3.0e-5, 2.0e-4
+#: What moves a contact point of the mock robot beside its joints: its ground is rigid; m/s/√Hz.
+_CREEP = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,10 @@ def told(sensors: SensorQuality) -> dict[str, Any]:
         "estimation.accelerometer_bias_walk": parts.accelerometer_walk,
         "estimation.accelerometer_bias": parts.accelerometer_bias,
         # A rounded value is off by up to half a step, evenly.
-        "estimation.joint_position_noise": math.hypot(parts.encoder_noise, parts.encoder_resolution / math.sqrt(12.0)),
+        "estimation.joint_position_noise": math.hypot(
+            parts.encoder_noise, parts.encoder_resolution / math.sqrt(12.0), parts.encoder_offset
+        ),
         "estimation.contact_noise": _CREEP,
-        "estimation.contact_position_noise": _POINTS,
     }
 
 

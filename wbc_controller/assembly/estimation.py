@@ -17,6 +17,7 @@ from wbc_controller.estimation.disturbance import DisturbanceEstimate, Disturban
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.holding import ContactSensing, HoldingLimits
 from wbc_controller.estimation.invariant_filter import ImuNoise
+from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -60,6 +61,18 @@ def make_beside_the_model(settings: Settings, model: RobotModel) -> BesideTheMod
     )
     estimate = DisturbanceEstimate(model, disturbance_limits(settings))
     return BesideTheModel(estimate, known, 1.0 / settings.control.rate)
+
+
+def make_velocity_filter(settings: Settings) -> VelocityFilter | None:
+    """Make the filter of joint velocities; None where they are measured."""
+    known = settings.estimation
+    return VelocityFilter(known.joint_velocity_time) if known.joint_velocity == "differentiated" else None
+
+
+def velocity_delay(settings: Settings) -> float:
+    """By how much joint velocities are late that come once per control period, s; 0 where they are measured."""
+    known = settings.estimation
+    return delay(known.joint_velocity_time, 1.0 / settings.control.rate) if make_velocity_filter(settings) else 0.0
 
 
 def estimates_base(settings: Settings, model: RobotModel) -> bool:

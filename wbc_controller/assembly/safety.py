@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from wbc_controller.assembly.estimation import velocity_delay
 from wbc_controller.assembly.limits import make_torque_speed
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.safety.plausibility import FallLimits, PlausibilityLimits
@@ -40,5 +41,6 @@ def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorL
             # Odometry that repeats for less than this is slow, and not stale yet.
             frozen_time=max(safety.frozen_time, safety.state_timeout),
         ),
+        velocity_delay=velocity_delay(settings),
         fall=FallLimits(tilt=safety.max_tilt, height=safety.min_height),
     )

@@ -220,21 +220,22 @@ class Director:
         """Raise `DemoFailed` if the robot has fallen or the controller is no longer active."""
         if not self._mode().startswith("active"):
             raise DemoFailed(f"the controller is no longer active: {self._mode()}")
-        q, _ = self.state()
+        q = self.state()
         if self._model.floating_base and pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
             raise DemoFailed("the robot fell")
 
-    def state(self) -> tuple[Array, Array]:
-        """Newest state: q (nq,) and v (nv,)."""
+    def state(self) -> Array:
+        """Newest configuration, (nq,): a robot may measure no joint velocities."""
         model = self._model
         base: tuple[Array, ...] = ()
         if model.floating_base:
             base = read_odometry(self.log.last("mock", "odom"), model.base_link)
-        return model.state(*self._order.read(self.log.last("mock", "joint_states")), *base)
+        (position,) = self._order.columns(self.log.last("mock", "joint_states"), "position")
+        return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
         """Centre of mass at the newest state, (3,) in m."""
-        return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()[0]))
+        return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
     def _move_to_standing(self) -> None:
         """Command the present position of the centre of mass as its reference, so that the reference is known here.
@@ -279,7 +280,7 @@ class Director:
 
     def _reach(self, reach: Reach) -> None:
         self._begin("reach")
-        q, _ = self.state()
+        q = self.state()
         pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
         pose = self._data.oMf[self._model.frame_id(self._frames[reach.task], f"tasks.{reach.task}.frame")]
         target = pose.translation + np.array(reach.offset)

@@ -93,11 +93,11 @@ def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
         time = header_time(payload)
         if time <= last or (model.floating_base and time not in odometry):
             continue
-        joints = order.read(decode(payload, "sensor_msgs/msg/JointState"))
+        (position,) = order.columns(decode(payload, "sensor_msgs/msg/JointState"), "position")
         base: tuple[Array, ...] = ()
         if model.floating_base:
             base = read_odometry(decode(odometry[time], "nav_msgs/msg/Odometry"), model.base_link)
-        q, _ = model.state(*joints, *base)
+        q, _ = model.state(position, np.zeros(model.nj), *base)
         times.append(time)
         configurations.append(q)
         last = time

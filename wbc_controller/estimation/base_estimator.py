@@ -14,7 +14,7 @@ from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, P
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
-from wbc_controller.estimation.move import Move
+from wbc_controller.estimation.move import HERE, Move
 from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
@@ -159,7 +159,11 @@ class BaseEstimator:
 
         With absolute poses it is that of the corrected pose, turned into these axes.
         """
-        return self._running.covariance() if self._running is not None else None
+        if self._running is None:
+            return None
+        of_pose, of_twist = self._running.covariance()
+        turn = np.kron(np.eye(2), self._running.odometry.rotation)
+        return turn @ of_pose @ turn.T, of_twist
 
     def restart(self) -> None:
         """Forget everything: the robot has to stand still again."""
@@ -350,8 +354,8 @@ class _Running:
             places.setdefault(point.rpartition("/")[0], []).append(found.columns[:, 2 + i])
         return {name: np.array(columns) for name, columns in places.items()}
 
-    def base(self, move: Move) -> tuple[Array, Array]:
-        """Pose of the base in another world than the filter's, (7,), and its twist in its own axes, (6,)."""
+    def base(self, move: Move = HERE) -> tuple[Array, Array]:
+        """Pose of the base in the filter's world, or in another one, (7,), and its twist in its own axes, (6,)."""
         found, legs = self.filter, self._kinematics
         R = found.rotation @ legs.imu_rotation.T
         moving, turning = legs.imu_motion()
@@ -362,7 +366,7 @@ class _Running:
         return pose, np.concatenate([velocity, omega])
 
     def covariance(self) -> tuple[Array, Array]:
-        """Covariances of the base's pose, position and turns about the frame's axes, and of its twist, (6, 6) each.
+        """Covariances of the base's pose, position and turns about the world's axes, and of its twist, (6, 6) each.
 
         From X̂ X⁻¹ = exp(ξ), to first order: the base at p has the errors ξ_p - pₓ ξ_R and ξ_R, and its velocity in its
         own axes Rᵀ ξ_v + rₓ δω, where r is the place of the IMU, and δω what bias and noise of the gyroscope make.
@@ -377,8 +381,6 @@ class _Running:
         errors[6:9, 3:6], errors[6:9, 9:12] = R.T, -arm @ legs.imu_rotation
         errors[9:12, 9:12] = -legs.imu_rotation
         C = errors @ P[np.ix_(own, own)] @ errors.T
-        both = np.kron(np.eye(2), self.odometry.rotation)
-        C[:6, :6] = both @ C[:6, :6] @ both.T
         noise = np.vstack([arm, np.eye(3)])
         C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)
         return C[:6, :6], C[6:, 6:]

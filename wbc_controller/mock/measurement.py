@@ -41,6 +41,7 @@ class Measurement:
         absolute: absolute pose of the robot, position and quaternion in the world, (7,).
         vagueness: standard deviations of its position and its turns, m and rad.
         silent: streams that send nothing this time.
+        tells_velocity: whether the joint states have velocities.
     """
 
     taken: int
@@ -60,6 +61,7 @@ class Measurement:
     silent: set[str]
     vagueness: tuple[float, float] = (0.0, 0.0)
     absent: set[str] = field(default_factory=set)
+    tells_velocity: bool = True
 
     def message(self, stream: str) -> Any:
         """The message of one of the `STREAMS`."""
@@ -78,6 +80,8 @@ class Measurement:
             there = [name not in self.absent for name in names]
             names = [name for name in names if name not in self.absent]
             values = {quantity: of_all[there] for quantity, of_all in values.items()}
+        if not self.tells_velocity:
+            values["velocity"] = np.zeros(0)
         return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
 
 

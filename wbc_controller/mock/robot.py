@@ -195,6 +195,7 @@ class MockRobot:
         if self.faults.busy:
             self.faults.pass_time()
         measured = measure(self._robot, self.plant, stamp, self._imu_frame)
+        measured.tells_velocity = self._mock.joint_velocity
         if self._sensors is not None:
             self._sensors.measure(measured)
         if self._poses is not None:

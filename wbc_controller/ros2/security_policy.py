@@ -86,11 +86,14 @@ def security_policy(
     }
     policy = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(policy, "enclaves")
+    measured = [end.name for used in opened.values() for end in used if end.key in (*CONTACT_SENSORS, "pose")]
     commanded: list[str] = []
     for node, used in opened.items():
         serves = [f"~/{name}" for name in NODE_SERVES]
         publishes = [endpoint.name for endpoint in used if endpoint.direction is Direction.OUT]
         publishes += NODE_PUBLISHES
+        if node == MOCK:  # whose enclave is that of the robot's drivers
+            publishes += measured
         subscribes = [endpoint.name for endpoint in used if endpoint.direction is Direction.IN]
         if node == CONTROLLER:
             serves += [f"~/{name}" for name in (*LIFECYCLE_SERVES, *SERVICES, RECORD)]

@@ -63,6 +63,7 @@ class SupervisorLimits:
         relax_window: window over which that time adds up, s.
         plausibility: limits of plausible states; None checks nothing.
         fall: limits beyond which the robot has fallen; None checks nothing.
+        velocity_delay: by how much the joint velocities are late, s; damping bears it.
     """
 
     activation_ramp: float
@@ -77,6 +78,7 @@ class SupervisorLimits:
     relax_window: float = 0.0
     plausibility: PlausibilityLimits | None = None
     fall: FallLimits | None = None
+    velocity_delay: float = 0.0
 
 
 class Supervisor:
@@ -127,8 +129,8 @@ class Supervisor:
         self._step = limits.period * self._rate  # of one period
         self._allowed = self._step  # of this cycle
         # What takes time, or remembers, is made anew only where its own limits are other ones.
-        if old is None or (old.damping, old.period) != (limits.damping, limits.period):
-            self._joint_damping = stable_damping(self._model, limits.damping, limits.period)
+        if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # a delay is for good
+            self._joint_damping = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
         if old is None or old.plausibility != limits.plausibility:
             self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
         if old is None or old.fall != limits.fall:

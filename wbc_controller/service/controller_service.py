@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.assembly.estimation import estimates_base, make_estimator, make_sensing
+from wbc_controller.assembly.estimation import estimates_base, make_estimator, make_sensing, make_velocity_filter
 from wbc_controller.control.controller import Controller
 from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.shortfall import Shortfall
@@ -135,19 +135,22 @@ def make_loop(
     estimated = estimates_base(settings, model)
     scheduling = in_force()
     _log.info("scheduling: %s", scheduling or "not known")
+    inputs = Inputs(
+        model,
+        vocabulary,
+        topics,
+        transport,
+        clock,
+        partial(controller.live.prepare, source="update"),
+        clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
+        estimator=make_estimator(settings, model, published) if estimated else None,
+        sensing=make_sensing(settings, model, published) if estimated else None,
+        velocity_filter=make_velocity_filter(settings),
+    )
+    recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
     loop = ControlLoop(
         controller,
-        Inputs(
-            model,
-            vocabulary,
-            topics,
-            transport,
-            clock,
-            partial(controller.live.prepare, source="update"),
-            clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
-            estimator=make_estimator(settings, model, published) if estimated else None,
-            sensing=make_sensing(settings, model, published) if estimated else None,
-        ),
+        inputs,
         Outputs(
             model,
             published,
@@ -160,7 +163,7 @@ def make_loop(
             markers_period,
             node,
             scheduling,
-            recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED},
+            lambda: {**inputs.status(), **recorded()},
         ),
         make_audit(settings, model),
         Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.assembly.contacts import make_contact
-from wbc_controller.assembly.estimation import make_estimator, make_sensing
+from wbc_controller.assembly.estimation import make_estimator, make_sensing, make_velocity_filter
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.service.clock import Clock, MonotonicClock
@@ -91,6 +91,7 @@ class EstimatorService:
         self._inputs = Inputs(
             model, make_vocabulary(settings, model), sensors, transport, clock,
             clock_tolerance=tolerance, estimator=self.estimator, sensing=make_sensing(settings, model, contacts),
+            velocity_filter=make_velocity_filter(settings),
         )  # fmt: skip
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf
@@ -151,7 +152,7 @@ class EstimatorService:
         self._said, self._diagnostics_due = text, now + self._diagnostics_period
         refused, self._refused = self._refused, {}
         values: dict[str, str] = {"holding": ", ".join(sorted(self._inputs.holding)) or "none"}
-        values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()}
+        values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()} | self._inputs.status()
         found = estimator.covariance
         if found is not None:
             turned, moving = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())

@@ -18,6 +18,7 @@ import numpy as np
 
 from wbc_controller.assembly.robot_description import Description, describe
 from wbc_controller.errors import InputRefused
+from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.records import Array, Mode
 from wbc_controller.safety.guard import Guard, GuardLimits, GuardMode, Heard
 from wbc_controller.service.clock import Clock, MonotonicClock
@@ -25,7 +26,7 @@ from wbc_controller.service.urdf import find_urdf
 from wbc_controller.settings import Settings
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.joint_order import JointOrder
-from wbc_controller.wire.messages import decode, diagnostics, encode, message, torques
+from wbc_controller.wire.messages import decode, diagnostics, encode, message, nanoseconds, torques
 from wbc_controller.wire.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
 
 #: Name of the node, and prefix of its private topics.
@@ -76,6 +77,9 @@ class GuardService:
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
         self._commands, self._states = JointOrder(settings.robot.joints), JointOrder(settings.robot.joints)
+        known = settings.estimation
+        differentiated = known.joint_velocity == "differentiated"
+        self._velocity_filter = VelocityFilter(known.joint_velocity_time) if differentiated else None
         self._period = 1.0 / settings.control.rate
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
         self._diagnostics_due = -math.inf
@@ -141,7 +145,7 @@ class GuardService:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
             try:
-                (velocity,) = self._states.columns(decode(newest[1], self._types["joint_states"]), "velocity")
+                velocity = self._velocity_in(decode(newest[1], self._types["joint_states"]))
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
@@ -153,6 +157,14 @@ class GuardService:
             return Heard(
                 self._command_at, self._torques, self._unanswered_at, self._mode, velocity_or_none, self._velocity_at
             )
+
+    def _velocity_in(self, content: Any) -> Array:
+        """Joint velocities that a joint state tells, or that its positions do, (nj,) in rad/s."""
+        if self._velocity_filter is None:
+            (velocity,) = self._states.columns(content, "velocity")
+            return velocity
+        (position,) = self._states.columns(content, "position")
+        return self._velocity_filter.update(nanoseconds(content.header.stamp), position)
 
     def cycle(self) -> float:
         """Run one cycle: decide, send torques if the guard has taken over, and publish its state.

@@ -29,6 +29,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.holding import ContactSensing
+from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.contact_sensors import KEYS, ContactSensors
@@ -140,6 +141,7 @@ class Inputs:
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
         sensing: ContactSensing | None = None,
+        velocity_filter: VelocityFilter | None = None,
     ) -> None:
         """Subscribe.
 
@@ -153,6 +155,7 @@ class Inputs:
             clock_tolerance: how far a stamp may be ahead of the clock's, s; None where the two are not synchronized.
             estimator: estimates a floating base; None where its odometry is measured elsewhere.
             sensing: what is known of the sensors at the contacts that the estimate rests on; None to read none.
+            velocity_filter: makes joint velocities of their positions; None where they are measured.
         """
         self.arrived = threading.Event()
         self._model = model
@@ -161,7 +164,9 @@ class Inputs:
         self._prepare = prepare
         self._boxes: list[tuple[Endpoint, Mailbox]] = []
         self._clock_tolerance = clock_tolerance
-        self._parts = {"joint_states": _Part(JointStateReader(model.joints), self._tracker())}
+        self._velocity_filter = velocity_filter
+        reader = JointStateReader(model.joints, velocities=velocity_filter is None)
+        self._parts = {"joint_states": _Part(reader, self._tracker())}
         self._estimator = estimator
         self._samples: list[ImuSample] = []
         self._poses: list[PoseSample] = []
@@ -228,6 +233,8 @@ class Inputs:
         """Take the next stamps as those of a new time: the clock has begun anew."""
         for part in (*self._parts.values(), *((self._pose,) if self._pose is not None else ())):
             part.stamps = self._tracker()
+        if self._velocity_filter is not None:
+            self._velocity_filter.restart()
         if self._estimator is not None:
             self._estimator.restart()
             self._base = None
@@ -247,6 +254,14 @@ class Inputs:
     def stamp_of_joint_states(self) -> int:
         """Stamp of the newest joint state that was decoded, ns; 0 before the first."""
         return self._parts["joint_states"].stamp
+
+    def status(self) -> dict[str, str]:
+        """How the state is made, for diagnostics, by key."""
+        made = self._velocity_filter
+        if made is None:
+            return {}
+        late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
+        return {"joint_velocity": f"differentiated, {late}"}
 
     def age_of_joint_states(self) -> float:
         """Age of the newest joint state that was decoded, s; infinite before the first."""
@@ -282,8 +297,10 @@ class Inputs:
         if self._estimator is not None:
             self.holding = holding
             if self._contact_sensors is not None:
-                self.holding, silent = self._contact_sensors.decide(self._clock.now(), holding)
+                measured, silent = self._contact_sensors.decide(self._clock.now(), holding)
                 refused += silent
+                if self._estimator.filter is not None:  # a robot that hangs at the start presses on nothing
+                    self.holding = measured
             refused += self._estimate(self._estimator, self.holding, held=held)
         if self._reader is None:
             while self._requests:
@@ -410,6 +427,8 @@ class Inputs:
         reason = part.stamps.judge(stamp, received)
         if reason is not None:
             raise InputRefused(reason)
+        if key == "joint_states" and self._velocity_filter is not None:
+            v = self._velocity_filter.update(stamp, q)
         part.stamp, part.q, part.v = stamp, q, v
         self._notes.pop(key, None)
         if key == "imu":

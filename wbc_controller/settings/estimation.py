@@ -79,6 +79,15 @@ class EstimationSettings(Section):
     pose_turn_noise: Annotated[Positive, Field(ge=1.0e-4, le=3.0)] = Field(
         0.005, description="Least standard deviation of their heading, rad."
     )
+    joint_velocity: Literal["measured", "differentiated"] = Field(
+        "measured",
+        description="measured: velocities of the joints come with their positions. differentiated: they are computed "
+        "from positions and stamps, for robots that measure none; those that come are ignored.",
+    )
+    joint_velocity_time: Annotated[Positive, Field(ge=5.0e-4, le=0.05)] = Field(
+        0.004,
+        description="Time constant of that filter, s; velocities are late by about twice as much.",
+    )
     disturbance: Literal["never", "imu", "always"] = Field(
         "imu",
         description="Whether generalized forces that the model lacks (friction, wrong torques and masses) are "

@@ -262,3 +262,8 @@ class MockSettings(Section):
     pose_delay: NonNegative = Field(0.0, le=10.0, description="Time by which these poses come late, s.")
     pose_noise: NonNegative = Field(0.0, le=10.0, description="Standard deviation of their position, m.")
     pose_turn_noise: NonNegative = Field(0.0, le=3.0, description="Standard deviation of their orientation, rad.")
+    joint_velocity: bool = Field(
+        True,
+        description="Whether its joint states have velocities; otherwise the controller needs "
+        "`estimation.joint_velocity` = differentiated.",
+    )

@@ -41,7 +41,10 @@ class Listener:
         """
         self._session, self._robot = session, robot
         model, settings = robot.model, robot.settings
-        self._joints = _Stream(session.poll("controller", "joint_states"), JointStateReader(model.joints))
+        measured = settings.estimation.joint_velocity == "measured"
+        self._joints = _Stream(
+            session.poll("controller", "joint_states"), JointStateReader(model.joints, velocities=measured)
+        )
         self._base = _Stream(session.poll("controller", "odom"), OdometryReader(model.base_link))
         self._commands = session.poll("controller", "joint_commands")
         self._wrenches = {name: session.poll("controller", "contact_wrench", name) for name in settings.contacts}
@@ -61,6 +64,7 @@ class Listener:
         self._base.look()
         stamp, position, velocity = self._joints.newest or (0, model.posture, np.zeros(model.nj))
         pose = self._base.newest if model.floating_base else None
+        velocity = velocity if len(velocity) else np.zeros(model.nj)  # that of a robot which measures none is not shown
         q, v = model.state(position, velocity, *((pose[1], pose[2]) if pose is not None else ()))
         if model.floating_base and pose is None:
             q = self._standing.on_contacts(q)

@@ -53,6 +53,11 @@ class JointOrder:
         values = []
         for what in columns:
             array = getattr(content, what)
+            if what == "velocity" and len(array) == 0 and len(content.name) > 0:
+                raise InputRefused(
+                    f"velocity has 0 values for {len(content.name)} names; for a robot that measures none, "
+                    "estimation.joint_velocity has to be differentiated"
+                )
             if len(array) != len(content.name):
                 raise InputRefused(f"{what} has {len(array)} values for {len(content.name)} names")
             own = array[self.index]

@@ -80,30 +80,40 @@ class StateReader(ABC):
 
 
 class JointStateReader(StateReader):
-    """Reads sensor_msgs/JointState by joint name: positions in rad and velocities in rad/s, (nj,) each."""
+    """Reads sensor_msgs/JointState by joint name: positions in rad and velocities in rad/s, (nj,) each.
+
+    A reader that ignores velocities, which a message then need not have, gives an empty array in their place.
+    """
 
     type = "sensor_msgs/msg/JointState"
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    def __init__(self, joints: Sequence[str], *, velocities: bool = True) -> None:
         """Make a reader.
 
         Args:
             joints: names of the robot's joints, in its order.
+            velocities: whether it reads velocities.
         """
         super().__init__()
         self._order = JointOrder(joints)
-        self._index = np.zeros((2, 0), dtype=np.intp)
+        self._columns = ("position", "velocity") if velocities else ("position",)
+        self._index = np.zeros((len(self._columns), 0), dtype=np.intp)
 
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        return self._order.read(content)
+        return _pair(self._order.columns(content, *self._columns))
 
     def _find(self, shape: FixedShape) -> None:
-        starts = [shape.place(column).start for column in ("position", "velocity")]
+        starts = [shape.place(column).start for column in self._columns]
         self._index = np.stack([start + self._order.index for start in starts])
 
     def _in_place(self, values: Array) -> tuple[Array, Array] | None:
         own = values[self._index]
-        return (own[0], own[1]) if np.isfinite(own).all() else None
+        return _pair(list(own)) if np.isfinite(own).all() else None
+
+
+def _pair(columns: Sequence[Array]) -> tuple[Array, Array]:
+    """Positions, and velocities where they were read."""
+    return columns[0], columns[1] if len(columns) > 1 else np.zeros(0)
 
 
 class OdometryReader(StateReader):
