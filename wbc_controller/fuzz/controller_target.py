@@ -51,9 +51,9 @@ class _Sieve:
         """Read what has come since the last call."""
         return self._inputs.latch()
 
-    def latch(self, holding: Collection[str]) -> Latched:
+    def latch(self, holding: Collection[str], *, held: bool) -> Latched:
         """The newest state, and the requests that were let through; as `Inputs.latch`."""
-        passed, self.passed = [*self.passed, self._inputs.latch(holding)], []
+        passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
         return dataclasses.replace(
             passed[-1],
             commands=tuple(word for latched in passed for word in latched.commands),

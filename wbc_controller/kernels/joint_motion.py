@@ -61,7 +61,7 @@ def acceleration_bounds(
         fastest: largest speeds, (nj,) in rad/s; (0,) where there are none.
         most: largest acceleration, rad/s².
         period: time for which an acceleration is held, s.
-        ahead: the same, or a longer horizon of the limits, s.
+        ahead: the same, or a longer horizon of the position limits, s.
         stopping: distance beyond its limit within which a joint stops that braking with `most` does not stop, rad.
         return_time: time constant with which a joint returns from beyond its limit, s.
         rounding: distance by which rounding may take it there, rad.
@@ -87,5 +87,5 @@ def acceleration_bounds(
             else:
                 high = low
         # Where velocity and position limits conflict, the position limit takes precedence.
-        lower[i] = _clipped(_clipped((-speed - v[i]) / ahead, -most, most), low, high)
-        upper[i] = _clipped(_clipped((speed - v[i]) / ahead, -most, most), low, high)
+        lower[i] = _clipped(_clipped((-speed - v[i]) / period, -most, most), low, high)
+        upper[i] = _clipped(_clipped((speed - v[i]) / period, -most, most), low, high)

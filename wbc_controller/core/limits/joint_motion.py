@@ -34,9 +34,8 @@ class JointMotionLimit:
 
         w² / (2 q̈_max) + w T / 2 ≤ d - w T / 2,    so    q̈ ≤ (√(q̈_max² T² + 2 q̈_max d) - q̈_max T - q̇) / T.
 
-    Velocity limit: |q̇ + T q̈| ≤ q̇_max. With the T of one period this is a switch, which drives a joint to and fro where
-    torques come late by L; a longer T is a gain of 1 / T, stable for L < π T / 2. Acceleration limit: |q̈| ≤ q̈_max,
-    to which the other two bounds are clipped, but for a joint that would run into its stop.
+    Velocity limit: |q̇ + T q̈| ≤ q̇_max. Acceleration limit: |q̈| ≤ q̈_max, to which the other two bounds are clipped, but
+    for a joint that would run into its stop.
 
     From a viable state the bounds leave a non-empty interval: full braking, or stopping within the period, meets them
     all. From a state that is not viable a joint brakes with q̈_max, or with what it needs to reverse at its limit (d
@@ -51,7 +50,7 @@ class JointMotionLimit:
         velocity: largest speed, (nj,) in rad/s, or None where velocities are not limited.
         acceleration: q̈_max, rad/s².
         horizon: lower bound of T, s. A T longer than the period is viable too, and less sensitive to noise in the
-            measured position: near the limit the bound moves by 1 / T² per rad, and by 1 / T per rad/s.
+            measured position: near the limit the bound moves by 1 / T² per rad.
     """
 
     def __init__(
