@@ -87,7 +87,8 @@ def test_a_step_is_too_short_for_an_anchor():
 
 
 def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
-    rig = Rig("go2", {"estimation.base_state": "imu"})
+    short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
+    rig = Rig("go2", {"estimation.base_state": "imu", **short})
     rig.stand()
     rig.run(0.3)
     began, drift = rig.com(), np.array([0.0, 0.03, 0.0]) * rig.controller.period
@@ -101,6 +102,6 @@ def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
         found.columns[:, 1:] += drift[:, None]
         errors.append(np.linalg.norm(rig.com() - began))
 
-    rig.run(4.0, look)
-    assert np.linalg.norm(rig.estimator.filter.position - rig.robot.plant.state()[0][:3]) > 0.1
+    rig.run(2.0, look)
+    assert np.linalg.norm(rig.estimator.filter.position - rig.robot.plant.state()[0][:3]) > 0.05
     assert max(errors) < 0.012  # behind by 30 mm/s for a fifth of a second
