@@ -63,8 +63,10 @@ def measure(robot: str, minutes: float, count: int, folder: Path) -> list[tuple[
         view = processes.launch("view", command)
         until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
         port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
-        schedule(os.SCHED_IDLE)  # the browsers' threads inherit it
+        # Of this thread, which gives it to those that it starts: each browser's.
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
         browsers = [Browser(port) for _ in range(count)]
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         time.sleep(LOADING)
         first, used = memory(view.pid), processor_time(view.pid)
         for block in range(round(60.0 * minutes / BLOCK)):
@@ -90,19 +92,12 @@ def measure(robot: str, minutes: float, count: int, folder: Path) -> list[tuple[
             raise SystemExit(f"the robot has not stood to the end: {mode}")
         for each in browsers:
             each.close()
-        schedule(os.SCHED_OTHER)
     print(f"{robot}, {minutes:g} min, {count} browsers")
     slow = np.quantile(drawn, 0.05)
     print(f"states drawn per second: {np.median(drawn):.1f} in the median, {slow:.1f} or more in 95 % of the blocks")
     print(f"the page's process: {first / 1024:.1f} MB at the beginning, {last / 1024:.1f} MB at the end")
     print(f"it used {100.0 * used / (30.0 * minutes):.0f} % of one processor")
     return loop_times(recording, windows)
-
-
-def schedule(kind: int) -> None:
-    """Give all threads of this process a scheduling class."""
-    for thread in Path("/proc/self/task").iterdir():
-        os.sched_setscheduler(int(thread.name), kind, os.sched_param(0))
 
 
 def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> list[tuple[str, np.ndarray]]:
