@@ -47,7 +47,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("numpy", "scipy", "pinocchio"),
     ),
     "estimation": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
-    "bridges": (("core/robot", "core/tasks"), ("numpy", "pinocchio")),
+    "bridges": (("core/robot", "core/tasks"), ("numpy",)),
     "views": (
         ("core/robot", "core/contacts", "core/tasks", "settings"),
         ("numpy", "scipy", "pinocchio", "coal", "plotly", "rich"),

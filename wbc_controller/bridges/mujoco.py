@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.orientation import rotation_of
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
 
@@ -66,7 +66,7 @@ class MujocoInterface:
             return model.state(*joints)
         pose = data.qpos[self._base_qpos : self._base_qpos + 7][[0, 1, 2, 4, 5, 6, 3]]
         twist = np.array(data.qvel[self._base_dof : self._base_dof + 6])
-        rotation = pin.Quaternion(pose[3:]).normalized().toRotationMatrix()
+        rotation = rotation_of(pose[3:])
         twist[:3] = rotation.T @ twist[:3]
         return model.state(*joints, pose, twist)
 
@@ -77,7 +77,7 @@ class MujocoInterface:
         data.qpos[self._qpos], data.qvel[self._dof] = q[model.q_index], v[model.v_index]
         if model.floating_base:
             data.qpos[self._base_qpos : self._base_qpos + 7] = q[[0, 1, 2, 6, 3, 4, 5]]
-            rotation = pin.Quaternion(q[3:7]).normalized().toRotationMatrix()
+            rotation = rotation_of(q[3:7])
             data.qvel[self._base_dof : self._base_dof + 6] = np.concatenate([rotation @ v[:3], v[3:6]])
 
     def apply(self, data: Any, tau: Array) -> None:

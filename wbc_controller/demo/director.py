@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from wbc_controller.core.references.trajectories import Knot, Trajectory
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.demo.recording import Event
 from wbc_controller.demo.scenario import Move, Reach, Scenario, Shove
 from wbc_controller.errors import WbcError
@@ -286,7 +287,7 @@ class Director:
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
-        there = np.concatenate([target, pin.Quaternion(pose.rotation).coeffs()])
+        there = np.concatenate([target, quaternion_of(pose.rotation)])
         content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", there)
         self._send("controller", "setpoint", reach.task, content)
         start = self.time

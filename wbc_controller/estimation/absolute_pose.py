@@ -33,6 +33,7 @@ import pinocchio as pin
 from scipy.special import chdtri
 
 from wbc_controller.core.arrays import solved
+from wbc_controller.core.robot.orientation import rotation_of
 from wbc_controller.estimation.invariant_filter import InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.move import HERE, Move
@@ -240,7 +241,7 @@ class AbsolutePoses:
             z, (4,) in m and rad; H, (4, n); the covariance of its noise, (4, 4); and p̂_F, (3,) in m.
         """
         R, p = self.seen(sample.stamp)
-        Y = pin.Quaternion(sample.pose[3:]).matrix()
+        Y = rotation_of(sample.pose[3:])
         z = np.append(sample.pose[:3] - p, _heading(Y @ R.T))
         H = np.zeros((4, len(self._filter.P)))
         H[:3, :3], H[:3, 6:9], H[3, 2] = -hat(p), np.eye(3), 1.0

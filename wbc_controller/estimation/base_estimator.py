@@ -6,10 +6,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.special import chdtri
 
 from wbc_controller.core.arrays import all_finite, solved
+from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
@@ -362,7 +362,7 @@ class _Running:
         omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - turning
         velocity = R.T @ found.velocity - hat(omega) @ legs.imu_position - moving
         place = move.of(*(found.position - R @ legs.imu_position).tolist())
-        pose = np.concatenate([place, pin.Quaternion(move.rotation @ R).coeffs()])
+        pose = np.concatenate([place, quaternion_of(move.rotation @ R)])
         return pose, np.concatenate([velocity, omega])
 
     def covariance(self) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.control.controller import Controller
+from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.errors import WbcError
 from wbc_controller.mock.simulation import Simulation
 from wbc_controller.records import Mode
@@ -178,8 +179,7 @@ def _poses(controller: Controller, rng: np.random.Generator) -> None:
 
 def _turned(rng: np.random.Generator, most: float) -> np.ndarray:
     """A unit quaternion (x, y, z, w) with random roll, pitch and yaw of up to `most` rad."""
-    coefficients: np.ndarray = pin.Quaternion(pin.rpy.rpyToMatrix(*rng.uniform(-most, most, 3))).coeffs()
-    return coefficients
+    return quaternion_of(pin.rpy.rpyToMatrix(*rng.uniform(-most, most, 3)))
 
 
 def _posture(controller: Controller, rng: np.random.Generator) -> None:

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.assembly.estimation import pose_frame
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.mock.measurement import Measurement
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -55,7 +56,7 @@ class PoseSource:
         noise = self._rng.standard_normal(6)
         turned = pin.exp3(self._noise[1] * noise[3:]) @ placed.rotation
         place = placed.translation + self._noise[0] * noise[:3]
-        measured.absolute = np.concatenate([place, pin.Quaternion(turned).coeffs()])
+        measured.absolute = np.concatenate([place, quaternion_of(turned)])
         measured.vagueness = self._noise
         measured.silent.discard("pose")
 

@@ -21,6 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, valid_choices
 from wbc_controller.mock.grips import closures_of, grips_of, place, wrench
 from wbc_controller.mock.hoist import RAMP, Hoist
@@ -242,7 +243,7 @@ class Plant:
         # In MuJoCo the world accelerates upwards instead of gravity: what it calls acceleration is the specific force.
         force = acceleration[3:] + np.cross(acceleration[:3], arm) + np.cross(turning, np.cross(turning, arm))
         to_local = placement.rotation.T
-        return pin.Quaternion(placement.rotation).coeffs(), to_local @ turning, to_local @ force
+        return quaternion_of(placement.rotation), to_local @ turning, to_local @ force
 
     def contact_wrenches(self) -> dict[str, Array]:
         """Return the true force or wrench on the robot at each contact of the configuration.

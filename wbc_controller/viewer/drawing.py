@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import viser
 
+from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.viewer.meshes import Mesh
 from wbc_controller.viewer.moment import Moment, Robot
@@ -135,7 +136,7 @@ class _Tree:
         """Move the frames whose joint has moved: most joints of a robot that stands have not."""
         placements = [data.liMi[joint] for joint in self._joints]
         positions = np.array([each.translation for each in placements])
-        turns = np.array([pin.Quaternion(each.rotation).coeffs() for each in placements])[:, [3, 0, 1, 2]]
+        turns = np.array([quaternion_of(each.rotation) for each in placements])[:, [3, 0, 1, 2]]
         for i in np.flatnonzero(np.abs(positions - self._positions).max(axis=1) > _STILL):
             self._frames[i].position = self._positions[i] = positions[i]
         for i in np.flatnonzero(1.0 - np.abs(np.einsum("ij,ij->i", turns, self._turns)) > _STILL**2):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pinocchio as pin
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.records import Array
 
@@ -53,14 +53,14 @@ def _three(position: Array, n: int) -> Array:
 
 
 def _joined(vector: Array, rotation: Array, form: ReferenceForm) -> Array:
-    return np.concatenate([vector, pin.Quaternion(rotation).coeffs()]) if form.oriented else vector
+    return np.concatenate([vector, quaternion_of(rotation)]) if form.oriented else vector
 
 
 def _rotation(quaternion: Array) -> Array:
     """Rotation matrix of a quaternion, (3, 3); none where the form has no orientation."""
     if not len(quaternion):
         return np.eye(3)
-    return np.asarray(pin.Quaternion(quaternion).normalized().toRotationMatrix())
+    return rotation_of(quaternion)
 
 
 def _heading(dynamics: Dynamics) -> Array:

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array, Reference, frozen
 
 
@@ -59,10 +60,10 @@ class Trajectory:
         n = self._linear
         if n == len(a.position):
             return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
-        start = _rotation(a.position[n:])
-        turn = pin.log3(start.T @ _rotation(b.position[n:]))
+        start = rotation_of(a.position[n:])
+        turn = pin.log3(start.T @ rotation_of(b.position[n:]))
         to_chart = np.linalg.inv(pin.Jexp3(turn))  # body angular velocity to rate of the rotation vector
-        end = _rotation(b.position[n:])
+        end = rotation_of(b.position[n:])
         rate = to_chart @ end.T @ b.velocity[n:]
         return (
             np.concatenate([a.position[:n], np.zeros(3)]),
@@ -95,7 +96,7 @@ class Trajectory:
         n = self._linear
         if n == len(knots[0].position):
             return Reference(x, x_dot, x_ddot)
-        return _with_orientation(_rotation(knots[i].position[n:]), n, x, x_dot, x_ddot)
+        return _with_orientation(rotation_of(knots[i].position[n:]), n, x, x_dot, x_ddot)
 
 
 def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Array) -> Reference:
@@ -105,7 +106,7 @@ def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Arra
     angular = rotation @ (jacobian @ rate)
     angular_dot = rotation @ (jacobian @ x_ddot[n:] + _jacobian_dot(turn, rate) @ rate)
     return Reference(
-        np.concatenate([x[:n], pin.Quaternion(rotation).coeffs()]),
+        np.concatenate([x[:n], quaternion_of(rotation)]),
         np.concatenate([x_dot[:n], angular]),
         np.concatenate([x_ddot[:n], angular_dot]),
     )
@@ -115,10 +116,6 @@ def _jacobian_dot(turn: Array, rate: Array) -> Array:
     """d/dt Jexp3, (3, 3), by a central difference along the rate; along a geodesic its product with the rate is 0."""
     step = 1.0e-5
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
-
-
-def _rotation(quaternion: Array) -> Array:
-    return np.asarray(pin.Quaternion(quaternion).normalized().toRotationMatrix())
 
 
 def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.core.tasks.task import Gains, MotionTask
 from wbc_controller.kernels.frames import frame_task
@@ -27,17 +28,12 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
     Returns:
         R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
     """
-    return _turn(rotation, _matrix(quaternion))
+    return _turn(rotation, rotation_of(quaternion))
 
 
 def _turn(rotation: Array, reference: Array) -> Array:
     error: Array = pin.log3(reference.dot(rotation.T))
     return error
-
-
-def _matrix(quaternion: Array) -> Array:
-    matrix: Array = pin.Quaternion(quaternion).normalized().toRotationMatrix()
-    return matrix
 
 
 class _FrameTask(MotionTask):
@@ -132,14 +128,14 @@ class FrameOrientationTask(_FrameTask):
 
     def position(self, dynamics: Dynamics) -> Array:
         """Orientation as a quaternion, (4,)."""
-        return np.array(pin.Quaternion(dynamics.placement(self._frame_id).rotation).coeffs())
+        return quaternion_of(dynamics.placement(self._frame_id).rotation)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Rotation vector to the reference in world axes, (3,) in rad."""
         if self._known is not None and position is self._known[0]:
             reference = self._known[1]
         else:
-            reference = _matrix(position)
+            reference = rotation_of(position)
             self._known = None if position.flags.writeable else (position, reference)
         return _turn(dynamics.placement(self._frame_id).rotation, reference)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.mock.faults.fault import Effect, Fault, Site, number
 from wbc_controller.mock.measurement import Measurement
 from wbc_controller.records import Array
@@ -282,8 +283,7 @@ class ImuBias(Fault):
 
 def _turn(pose: Array, rotation: Array) -> None:
     """Turn the orientation of a pose, (7,), by a rotation vector in the world's axes, (3,) in rad."""
-    turned = pin.Quaternion(pin.exp3(rotation)) * pin.Quaternion(pose[3:].copy())
-    pose[3:] = turned.coeffs()
+    pose[3:] = quaternion_of(pin.exp3(rotation) @ rotation_of(pose[3:]))
 
 
 KINDS: tuple[type[Fault], ...] = (

@@ -11,6 +11,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.robot.orientation import rotation_of
 from wbc_controller.mock.faults.fault import Effect, Fault, Site, known, number
 from wbc_controller.mock.mechanism import FLOOR, position_and_wxyz
 from wbc_controller.mock.plant import Plant
@@ -179,7 +180,7 @@ class FloorTilt(Fault):
             return Effect()
         plant, began = site.plant, site.plant.time
         floor = _movable_floor(plant)
-        rotation = pin.Quaternion(floor.quat[[1, 2, 3, 0]]).toRotationMatrix()
+        rotation = rotation_of(floor.quat[[1, 2, 3, 0]])
         centre = np.array([*plant.state()[0][:2], 0.0])
         centre[2] = -float(rotation[:2, 2] @ (centre[:2] - floor.pos[:2])) / rotation[2, 2] + floor.pos[2]
         axis = site.direction()
