@@ -76,7 +76,7 @@ class Tuning:
         gains: gains by task and by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or ``gain``
             in 1/s.
         position_margin: distance kept from the joint position limits, rad.
-        position_horizon: look-ahead time of the joint position limits, s.
+        position_horizon: look-ahead time of the limits of joint position and velocity, s.
         velocity_scale: share of the velocity limits that may be used.
         acceleration: largest joint acceleration, rad/s².
         torque_rate: torque rate limit, in effort limits per second.

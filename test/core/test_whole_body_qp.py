@@ -237,7 +237,7 @@ def joint_bounds(bench, state):
 
 
 def test_a_joint_that_cannot_brake_as_it_should_brakes_as_it_can(bench):
-    g1 = bench("g1", limits={"acceleration": 1.0e5})
+    g1 = bench("g1", limits={"acceleration": 1.0e5, "velocity": False})
     i, v = g1.model.joints.index("left_elbow_joint"), np.zeros(g1.model.nv)
     v[g1.model.v_index[i]] = 15.0
     state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)  # asks for 7500 rad/s² at least: the motor cannot
@@ -572,7 +572,7 @@ def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
 @pytest.mark.parametrize("kind", ["torque", "motion", "normal_force", "cone"])
 def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
     """By finite differences: give one bound a little, solve again, and see by how much the cost falls."""
-    g1 = bench("g1")
+    g1 = bench("g1", limits={"velocity": False})  # it would bind before the torque does
     formulation, elbow = g1.controller.formulation, g1.model.joints.index("left_elbow_joint")
     references = g1.references(posture=5.0)
     wish = np.zeros(g1.model.na)

@@ -47,10 +47,18 @@ def _position_bound(
     return bound
 
 
-@compiled(ANY_VECTOR, ANY_VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT)
+@part
+def _velocity_bound(speed: float, fastest: float, period: float, ahead: float) -> float:
+    """Upper bound of the acceleration from a largest speed; a joint that moves the other way may always stop."""
+    return (fastest - speed) / ahead if speed > 0.0 else fastest / ahead - speed / period
+
+
+@compiled(
+    ANY_VECTOR, ANY_VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT
+)  # fmt: skip
 def acceleration_bounds(
-    q: Array, v: Array, limits: Array, fastest: Array, most: float, period: float, ahead: float, stopping: float,
-    return_time: float, rounding: float, lower: Array, upper: Array,
+    q: Array, v: Array, limits: Array, fastest: Array, most: float, period: float, ahead: float, slowing: float,
+    stopping: float, return_time: float, rounding: float, lower: Array, upper: Array,
 ) -> None:  # fmt: skip
     """Bounds of the joint accelerations from limits of position, velocity and acceleration.
 
@@ -62,6 +70,7 @@ def acceleration_bounds(
         most: largest acceleration, rad/s².
         period: time for which an acceleration is held, s.
         ahead: the same, or a longer horizon of the position limits, s.
+        slowing: the same of the velocity limits, s.
         stopping: distance beyond its limit within which a joint stops that braking with `most` does not stop, rad.
         return_time: time constant with which a joint returns from beyond its limit, s.
         rounding: distance by which rounding may take it there, rad.
@@ -87,5 +96,5 @@ def acceleration_bounds(
             else:
                 high = low
         # Where velocity and position limits conflict, the position limit takes precedence.
-        lower[i] = _clipped(_clipped((-speed - v[i]) / period, -most, most), low, high)
-        upper[i] = _clipped(_clipped((speed - v[i]) / period, -most, most), low, high)
+        lower[i] = _clipped(_clipped(-_velocity_bound(-v[i], speed, period, slowing), -most, most), low, high)
+        upper[i] = _clipped(_clipped(_velocity_bound(v[i], speed, period, slowing), -most, most), low, high)

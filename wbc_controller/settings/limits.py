@@ -97,8 +97,8 @@ class LimitSettings(Section):
     position_horizon: NonNegative = Field(
         0.02,
         le=1.0,
-        description="Time over which the position limits look ahead, s, at least one period: a longer horizon brakes "
-        "earlier, and is less sensitive to noise in the measured positions.",
+        description="Time over which the limits of position and velocity look ahead, s, at least one period: a longer "
+        "horizon brakes earlier, and is less sensitive to noise and to torques that come late.",
     )
     velocity: bool = Field(True, description="Enforce the URDF's joint velocity limits.")
     velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Usable share of the velocity limits.")

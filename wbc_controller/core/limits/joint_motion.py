@@ -11,6 +11,9 @@ from wbc_controller.records import Array, Tuning
 
 #: Time constant with which a joint beyond its position limit returns, s: slow, as the robot may start there.
 RETURN_TIME = 0.1
+#: Longest time over which the velocity limits look ahead, s: for torques up to 26 ms late, and well below
+#: `RETURN_TIME` / 4, above which a velocity limit would forbid a joint beyond its limit to return.
+SLOWING_TIME = 0.017
 #: Distance by which rounding may take a joint beyond its limit, rad.
 _ROUNDING = 1.0e-11
 #: Distance beyond its position limit within which a joint that cannot meet its bounds has to stop, rad.
@@ -34,8 +37,12 @@ class JointMotionLimit:
 
         w² / (2 q̈_max) + w T / 2 ≤ d - w T / 2,    so    q̈ ≤ (√(q̈_max² T² + 2 q̈_max d) - q̈_max T - q̇) / T.
 
-    Velocity limit: |q̇ + T q̈| ≤ q̇_max. Acceleration limit: |q̈| ≤ q̈_max, to which the other two bounds are clipped, but
-    for a joint that would run into its stop.
+    Velocity limit: q̇ + T q̈ ≤ q̇_max for q̇ > 0, and mirrored for q̇ < 0, with a T of at most `SLOWING_TIME`. Within one
+    period it would be a switch, which drives a joint to and fro where torques come late by L; a longer T is a gain of
+    1 / T, stable for L < π T / 2. A joint that moves the other way may stop within a period Δt all the same,
+    q̈ ≤ q̇_max / T - q̇ / Δt for q̇ < 0: the limit contradicts neither the braking before a position limit nor the return
+    from beyond one. Acceleration limit: |q̈| ≤ q̈_max, to which the other two bounds are clipped, but for a joint that
+    would run into its stop.
 
     From a viable state the bounds leave a non-empty interval: full braking, or stopping within the period, meets them
     all. From a state that is not viable a joint brakes with q̈_max, or with what it needs to reverse at its limit (d
@@ -50,7 +57,7 @@ class JointMotionLimit:
         velocity: largest speed, (nj,) in rad/s, or None where velocities are not limited.
         acceleration: q̈_max, rad/s².
         horizon: lower bound of T, s. A T longer than the period is viable too, and less sensitive to noise in the
-            measured position: near the limit the bound moves by 1 / T² per rad.
+            measured position: near the limit the bound moves by 1 / T² per rad, and by 1 / T per rad/s.
     """
 
     def __init__(
@@ -111,8 +118,9 @@ class JointMotionLimit:
             period: time for which an acceleration is held, s.
         """
         lower, upper = np.empty(len(q)), np.empty(len(q))
+        ahead, slowing = max(period, self.horizon), max(period, min(self.horizon, SLOWING_TIME))
         acceleration_bounds(
-            q, v, self._limits, self._fastest, self.acceleration, period, max(period, self.horizon),
+            q, v, self._limits, self._fastest, self.acceleration, period, ahead, slowing,
             STOPPING, RETURN_TIME, _ROUNDING, lower, upper,
         )  # fmt: skip
         return lower, upper
