@@ -104,10 +104,10 @@ def test_a_foot_that_moves_is_left_out_and_the_base_stays_where_it_is():
 
     scene.joints = bent
     left_out = []
-    for _ in range(3):
+    for _ in range(30):
         worst = scene.run(scene.controller.period)
         left_out.append(scene.estimator.slipping)
-    assert left_out == [("front_left_foot",), (), ()]  # and it is taken in again where it is
+    assert left_out == 21 * [("front_left_foot",)] + 9 * [()]  # and it is taken in again where it rests
     assert worst[:3].max() < 0.002
     assert worst[6:9].max() < 0.03
 

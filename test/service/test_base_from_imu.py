@@ -148,7 +148,7 @@ def test_a_foot_that_moves_is_said(robot):
     bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1
     report = robot.cycle()
     assert [sentence for sentence in report.refused if "the base's estimate leaves out contact" in sentence] == [
-        "the base's estimate leaves out contact 'rear_right_foot', which moves, and takes it in again where it is then"
+        "the base's estimate leaves out contact 'rear_right_foot', which moves, and takes it in again where it rests"
     ]
 
 

@@ -21,6 +21,8 @@ from wbc_controller.records import Array
 _GRAVITY_TOLERANCE = 0.1
 #: Probability with which a contact that holds is taken for one that slips, per update.
 _SLIP = 1.0e-5
+#: A contact that was left out rests if it has moved by less than this for this time, m and s: no faster than 0.1 m/s.
+_MOVED, _RESTED = 0.004, 0.04
 #: Share of the settling time that the data have to span: the first and the last of them lie within it.
 _SETTLED = 0.9
 #: Variance of the velocity of a robot that stands still, (m/s)².
@@ -77,7 +79,7 @@ class BaseEstimator:
     (`absolute_pose`).
 
     A contact whose kinematics contradict the estimate by more than noise can is left out: it slips, or has lifted. It
-    is taken in again at once where it is then.
+    is taken in again where it is once it rests, or at once where no other contact is left.
 
     Attributes:
         imu_frame: name of the IMU's frame.
@@ -116,7 +118,7 @@ class BaseEstimator:
 
     @property
     def slipping(self) -> tuple[str, ...]:
-        """Names of the contacts that were left out in the last update."""
+        """Names of the contacts that are left out, as they move."""
         return self._running.slipping if self._running is not None else ()
 
     @property
@@ -287,7 +289,7 @@ class _Running:
 
     Attributes:
         filter: the filter.
-        slipping: contacts that were left out in the last update.
+        slipping: contacts that are left out, as they move.
         poses: what becomes of absolute poses; None where none are taken.
     """
 
@@ -301,7 +303,7 @@ class _Running:
     ) -> None:
         self.filter = filter
         self.poses = poses
-        self.slipping: tuple[str, ...] = ()
+        self._moving: dict[str, tuple[float, Array]] = {}  # of those: where their points were, (k, 3) in m, and when
         self._last = last
         self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
@@ -315,6 +317,10 @@ class _Running:
     def stamp(self) -> float:
         """Stamp of the newest sample, s."""
         return self._last.stamp
+
+    @property
+    def slipping(self) -> tuple[str, ...]:
+        return tuple(self._moving)
 
     def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> str | None:
         """Take measurements; why the estimate cannot go on, where it cannot."""
@@ -432,10 +438,31 @@ class _Running:
             found.correct(names, z, S)
         for name in slipping:
             self._leave(name)
+        alone = not found.names  # what the IMU says alone drifts
+        self._moving = {name: seen for name, seen in self._moving.items() if name in holding and not alone}
         for name in holding:
-            if name not in known or name in slipping:
-                self._enter(name, legs.sight(name))
-        self.slipping = tuple(slipping)
+            if name in slipping or name not in known:
+                sight = legs.sight(name)
+                if name in slipping and not alone:
+                    self._moving[name] = (self.stamp, self._placed(sight))
+                elif self._rests(name, sight):
+                    self._enter(name, sight)
+
+    def _placed(self, sight: Sight) -> Array:
+        """The points of a contact in the filter's world, (k, 3) in m."""
+        return np.asarray(sight.places @ self.filter.rotation.T + self.filter.position)
+
+    def _rests(self, name: str, sight: Sight) -> bool:
+        """Whether a contact that may have been left out does not move, and is left out no more."""
+        if name not in self._moving:
+            return True
+        since, there = self._moving[name]
+        here = self._placed(sight)
+        if np.abs(here - there).max() > _MOVED:
+            self._moving[name] = (self.stamp, here)
+        elif self.stamp - since >= _RESTED:
+            del self._moving[name]
+        return name not in self._moving
 
     def _seen(self, name: str) -> Sight:
         """A contact's points, those of balls where they would be had they not rolled."""

@@ -450,7 +450,7 @@ class Inputs:
             self._notes["pose"] = refused[-1]
         self._base = estimator.base
         return [f"{self._pose_topic}: {reason}" for reason in refused] + [
-            f"the base's estimate leaves out contact {name!r}, which moves, and takes it in again where it is then"
+            f"the base's estimate leaves out contact {name!r}, which moves, and takes it in again where it rests"
             for name in estimator.slipping
             if name not in before
         ]
