@@ -16,9 +16,9 @@ demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be 
 play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag its hands: make play ROBOT=go2
 	$(BIN)/wbc play $(ROBOT)
 
-test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that need the processors to themselves
+test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, two at a time
 	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live and not browser"
-	$(BIN)/python -m pytest --durations 12 -m live
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations 12 -m live
 
 browser: $(VENV)/dev.installed  ## press, drag and pull on the live page in headless Chromium, which has to be installed
 	$(BIN)/python -m pytest -m browser

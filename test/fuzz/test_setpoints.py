@@ -64,11 +64,12 @@ def test_a_joint_beyond_its_limit_counts_and_is_named():
 
 
 def test_what_an_impact_does_is_measured_apart():
-    """Talos's left hand strikes the floor, and its wrist is in its stop before the next cycle."""
-    trial = run_trial(Simulation(load("talos")), "talos", 0, 200)
+    """G1's right hand strikes the floor with 2.4 kN, and flings the wrist into its stop."""
+    trial = run_trial(Simulation(load("g1")), "g1", 0, 108)
     assert trial.kept
-    assert trial.impact > 0.02
-    assert trial.ended == "IMPLAUSIBLE_STATE"
+    assert trial.impact > 0.015
+    assert trial.joint != "right_wrist_yaw_joint"
+    assert trial.ended == "FALLEN"
 
 
 class Kneeling(Bent):

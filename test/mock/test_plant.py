@@ -380,6 +380,36 @@ def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
         np.testing.assert_allclose(omega, pin.getFrameVelocity(*at).angular, atol=1e-9)
         expected = pin.getFrameClassicalAcceleration(*at).linear - place.rotation.T @ model.pinocchio.gravity.linear
         np.testing.assert_allclose(force, expected, atol=1e-6)
+        plant.set_state(q, v)  # which begins a new period: it measures the force of the instant
+
+
+@pytest.mark.parametrize("frame", ["base", "imu"])
+def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing, frame):
+    model, settings = go2
+    plant, data = Plant(model, settings), model.pinocchio.createData()
+    control, period = standing(model, settings, plant.state()[0]), 1.0 / settings.control.rate
+    plant.hold(False, ramp=0.0)
+    plant.push(model.base_link, [30.0, 20.0, -80.0, 3.0, 2.0, 1.0], 0.1)
+
+    def velocity():
+        pin.forwardKinematics(model.pinocchio, data, *plant.state())
+        pin.updateFramePlacements(model.pinocchio, data)
+        at = (model.pinocchio, data, model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
+        return np.array(pin.getFrameVelocity(*at).linear)
+
+    plant.imu(frame)
+    start, total, largest = velocity(), np.zeros(3), 0.0
+    for _ in range(100):
+        plant.apply(control(plant))
+        turned = pin.Quaternion(plant.imu(frame)[0]).matrix()
+        for _ in range(plant.steps_per_period):
+            plant.step()
+        _, omega, force = plant.imu(frame)
+        middle = turned @ pin.exp3(0.5 * period * omega)
+        total += period * (middle @ force + model.pinocchio.gravity.linear)
+        largest = max(largest, float(np.linalg.norm(velocity() - start)))
+    assert largest > 0.1
+    np.testing.assert_allclose(total, velocity() - start, atol=0.002)
 
 
 def test_a_joint_moves_again_when_all_its_locks_are_gone(go2):

@@ -37,6 +37,14 @@ def test_every_array(values):
     assert back.dtype == array.dtype
 
 
+def test_a_matrix_comes_back_in_the_order_of_its_memory():
+    rows = np.arange(6.0).reshape(2, 3)
+    for array in (rows, np.asfortranarray(rows), rows[:, 1:], rows[:1]):
+        back = from_json(to_json(array))
+        np.testing.assert_array_equal(back, array)
+        assert back.flags.f_contiguous == array.flags.f_contiguous
+
+
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.text() | FLOATS.filter(math.isfinite),

@@ -28,8 +28,9 @@ from wbc_controller.settings.config import load
 DURATION = 2.0
 #: How far a joint may be beyond its position limit, rad or m.
 BEYOND = 0.02
-#: Time after a link has struck the floor for which its impact moves the joints, s: the stops give way for a few steps.
-_IMPACT = 0.01
+#: Time after a link has struck the floor for which its impact moves the joints, s: a wrist that it flings with 23 rad/s
+#: crosses 0.3 rad meanwhile, whatever its motor does, and the stops give way for a few steps.
+_IMPACT = 0.02
 #: Modes in which torques come from solutions.
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
 
@@ -49,7 +50,7 @@ class SetpointTrial:
         beyond: how far a joint was beyond its position limit at most, rad or m, but for impacts; negative where none
             was.
         joint: its name.
-        impact: how far one was within 10 ms after a link had struck the floor, likewise.
+        impact: how far one was within 20 ms after a link had struck the floor, likewise.
         relaxed: number of cycles in which constraints were relaxed.
         holding: number of cycles without a solution.
     """
@@ -230,6 +231,6 @@ def summary(trials: Sequence[SetpointTrial]) -> Iterator[str]:
             f"{sum(bool(t.ended) for t in own)} ended in damping; {sum(t.relaxed for t in own)} cycles relaxed, "
             f"{sum(t.holding for t in own)} held; beyond a position limit by {max(worst.beyond, 0.0):.4f} at most "
             f"({worst.joint}, trial {worst.number}, {worst.kind}), by over {BEYOND:g} in "
-            f"{sum(not t.kept for t in own)} trials; within 10 ms after a link struck the floor by "
+            f"{sum(not t.kept for t in own)} trials; within 20 ms after a link struck the floor by "
             f"{max(0.0, *(t.impact for t in own)):.4f}"
         )

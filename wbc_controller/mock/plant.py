@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,6 +116,7 @@ class Plant:
         self._most_damping = most if model.actuation.direct else np.full(model.nj, most[model.actuation.driven].min())
         self._pushes: list[_Push] = []
         self._imus: dict[str, _Body] = {}
+        self._moved: dict[str, deque[Array]] = {}  # velocity of each of them in the world after each step of a period
         self._locks: dict[str, list[object]] = {}
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # whether a locked joint is limited otherwise, and its range
         self._stale = False
@@ -221,6 +223,10 @@ class Plant:
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
         """Read an ideal inertial measurement unit.
 
+        As one that integrates inside, it measures the mean specific force of the last control period: within a period
+        the force of the floor changes, and samples of it drift by 5 % of a squat's velocity. The first time, and after
+        `set_state`, it is that of the instant.
+
         Args:
             frame: a frame of the URDF, at whose origin it is, and whose axes it has.
 
@@ -234,16 +240,33 @@ class Plant:
         if frame not in self._imus:
             self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
         body = self._imus[frame]
-        motion, acceleration = np.zeros(6), np.zeros(6)
-        mujoco.mj_rnePostConstraint(self._model, self._data)
-        for read, out in ((mujoco.mj_objectVelocity, motion), (mujoco.mj_objectAcceleration, acceleration)):
-            read(self._model, self._data, mujoco.mjtObj.mjOBJ_XBODY, body.id, out, 0)
-        placement, turning = self._placement(body), motion[:3]
-        arm = placement.translation - self._data.xpos[body.id]
-        # In MuJoCo the world accelerates upwards instead of gravity: what it calls acceleration is the specific force.
-        force = acceleration[3:] + np.cross(acceleration[:3], arm) + np.cross(turning, np.cross(turning, arm))
+        moved = self._moved.setdefault(frame, deque(maxlen=self.steps_per_period + 1))
+        turning, velocity = self._motion(body)
+        if not moved:
+            moved.append(velocity)
+        placement = self._placement(body)
         to_local = placement.rotation.T
+        steps = len(moved) - 1
+        if steps:
+            duration = steps * self.step_seconds
+            middle = pin.exp3(0.5 * duration * turning)  # from the axes of the middle of the period to those of now
+            force = middle @ ((moved[-1] - moved[0]) / duration - self._model.opt.gravity)
+        else:
+            acceleration = np.zeros(6)
+            mujoco.mj_rnePostConstraint(self._model, self._data)
+            kind = mujoco.mjtObj.mjOBJ_XBODY
+            mujoco.mj_objectAcceleration(self._model, self._data, kind, body.id, acceleration, 0)
+            arm = placement.translation - self._data.xpos[body.id]
+            # In MuJoCo the world accelerates upwards instead of gravity: its acceleration is the specific force.
+            force = acceleration[3:] + np.cross(acceleration[:3], arm) + np.cross(turning, np.cross(turning, arm))
         return quaternion_of(placement.rotation), to_local @ turning, to_local @ force
+
+    def _motion(self, body: _Body) -> tuple[Array, Array]:
+        """Angular velocity and velocity of the origin of a frame on a body, in world axes, (3,) each."""
+        motion = np.zeros(6)
+        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_XBODY, body.id, motion, 0)
+        arm = self._placement(body).translation - self._data.xpos[body.id]
+        return motion[:3], motion[3:] + np.cross(motion[:3], arm)
 
     def contact_wrenches(self) -> dict[str, Array]:
         """Return the true force or wrench on the robot at each contact of the configuration.
@@ -433,6 +456,7 @@ class Plant:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
         self._write(q, v)
         self._data.qacc_warmstart[:] = 0.0
+        self._moved.clear()
         self.forward()
 
     def _write(self, q: Array, v: Array) -> None:
@@ -471,6 +495,8 @@ class Plant:
         if self._hoist is not None:
             self._hoist.advance()
         self.forward()
+        for frame, moved in self._moved.items():
+            moved.append(self._motion(self._imus[frame])[1])
         if not np.isfinite(self._data.qacc).all():
             raise WbcError(f"the physics diverged at {self.time:.3f} s; a smaller mock.step may help")
 

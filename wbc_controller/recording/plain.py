@@ -61,8 +61,10 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
     if isinstance(value, np.ndarray):
-        data = base64.b64encode(value.tobytes()).decode("ascii")
-        return {"$array": data, "type": value.dtype.str, "shape": list(value.shape)}
+        # The order counts too: products of a matrix differ in their last bit between one stored by rows and by columns.
+        order = "F" if value.flags.fnc else "C"
+        data = base64.b64encode(value.tobytes(order)).decode("ascii")
+        return {"$array": data, "type": value.dtype.str, "shape": list(value.shape), "order": order}
     if isinstance(value, Mode):
         return {"$mode": value.value}
     if isinstance(value, Trajectory):
@@ -88,7 +90,8 @@ def _value(plain: Any) -> Any:
         return float(plain["$float"])
     if "$array" in plain:
         kind = np.dtype(plain["type"])
-        array = np.frombuffer(base64.b64decode(plain["$array"]), dtype=kind).reshape(plain["shape"]).copy()
+        values = np.frombuffer(base64.b64decode(plain["$array"]), dtype=kind)
+        array = values.reshape(plain["shape"], order=plain.get("order", "C")).copy("K")
         array.setflags(write=False)
         return array
     if "$mode" in plain:
