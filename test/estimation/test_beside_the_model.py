@@ -60,16 +60,16 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     missed = np.zeros(model.nv)
     missed[knee] = 1.0  # N·m, as M is the unit matrix
     fed(estimate, model, missed, 0.5)
-    assert estimate.forces[knee] == pytest.approx(0.5 / 0.5 * (1.0 - 0.01), rel=0.005)  # ∫ r / T, less the leak
+    assert estimate.forces[knee] == pytest.approx(0.5 / 0.5 * (1.0 - 0.02), rel=0.005)  # ∫ r / T, less the leak
     assert np.count_nonzero(estimate.forces) == 1
     assert estimate.at_bound == ()
     fed(estimate, model, missed, 20.0)
     bound = 0.2 * model.effort_limits[model.actuators.index("FL_calf_joint")]
-    assert estimate.forces[knee] == pytest.approx(min(bound, 50.0 * (1.0 - np.exp(-20.5 / 25.0))), rel=0.02)
+    assert estimate.forces[knee] == pytest.approx(min(bound, 25.0 * (1.0 - np.exp(-20.5 / 12.5))), rel=0.02)
     fed(estimate, model, 10.0 * missed, 5.0)
     assert estimate.forces[knee] == pytest.approx(bound)
     assert estimate.at_bound == ("FL_calf_joint",)
-    fed(estimate, model, 0.0 * missed, 25.0)  # it forgets within 50 T
+    fed(estimate, model, 0.0 * missed, 12.5)  # it forgets within 25 T
     assert estimate.forces[knee] == pytest.approx(bound * np.exp(-1.0), rel=0.02)
     assert estimate.at_bound == ()
 

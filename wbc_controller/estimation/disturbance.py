@@ -3,7 +3,7 @@
 With a disturbance d, (nv,), the equations of motion of the quadratic program are M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. They
 predict v̇ from the torques sent; what the robot does instead tells how wrong d is,
 
-    ḋ = Nᵀ M (v̇_measured - v̇_predicted) / T - d / (50 T),      N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J,
+    ḋ = Nᵀ M (v̇_measured - v̇_predicted) / T - d / (25 T),      N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J,
 
 as the disturbance observer of robot arms does (De Luca, Mattone, "Sensorless robot collision detection and hybrid
 force/motion control", ICRA 2005), but with the accelerations of the program, whose contact forces are chosen with d. Nᵀ
@@ -22,8 +22,8 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.estimation.projection import free_part
 from wbc_controller.records import Array, frozen
 
-#: Time in which it forgets, as a multiple of its time constant: it leaves a fiftieth of what it takes up.
-_LEAK = 50.0
+#: Time in which it forgets, as a multiple of its time constant: it leaves a twenty-fifth of what it takes up.
+_LEAK = 25.0
 #: Lever of the moments that the base may lack, for a share of the robot's weight, m.
 _LEVER = 0.1
 #: Time over which residuals are summed up before they are projected, s.

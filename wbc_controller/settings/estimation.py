@@ -94,7 +94,7 @@ class EstimationSettings(Section):
         "estimated and taken into account. imu: where base_state is imu.",
     )
     disturbance_time: Annotated[Positive, Field(ge=0.02, le=60.0)] = Field(
-        0.1, description="Time constant with which they are estimated, s."
+        0.2, description="Time constant with which they are estimated, s."
     )
     disturbance_share: Annotated[Positive, Field(le=1.0)] = Field(
         0.2, description="Their largest size, as a share of the joints' torques and of the robot's weight."
