@@ -113,7 +113,7 @@ class Prediction:
         stamp: of its state, ns.
         v: velocity in that state, (nv,).
         v_dot: acceleration that the torques sent should give, (nv,); None where they were not those of the program.
-        contacts: names of the contacts that held.
+        forces: what the contacts that held should carry, by name, in N, N·m.
         M: mass matrix in that state, (nv, nv).
         J: stacked Jacobian of these contacts, (k, nv).
     """
@@ -121,7 +121,7 @@ class Prediction:
     stamp: int
     v: Array
     v_dot: Array | None
-    contacts: tuple[str, ...]
+    forces: Mapping[str, Array]
     M: Array
     J: Array
 

@@ -118,8 +118,9 @@ class Motions:
     made: Motions
     ends = False
 
-    def __init__(self, config, changes):
+    def __init__(self, config, changes, force_sensors):
         Motions.made = self
+        self.shift = np.zeros(3)
         self.settings, self.asked, self.faults = config.settings, [], ()
         self.controller = SimpleNamespace(
             model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.array([10.0, 10.0]))
@@ -188,7 +189,7 @@ def test_the_table_of_flaws_is_printed(monkeypatch):
 
     monkeypatch.setattr("wbc_controller.accuracy.flaws.cost_of", made_up)
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
-    assert "| slope 10° | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
+    assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
     assert run.exit_code == 1
 
 

@@ -15,7 +15,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.beside_the_model import BesideTheModel
 from wbc_controller.estimation.disturbance import DisturbanceEstimate, DisturbanceLimits
 from wbc_controller.estimation.friction import FrictionCompensation
-from wbc_controller.estimation.projection import free_part, mobility
+from wbc_controller.estimation.projection import mobility, parts
 from wbc_controller.records import RobotState
 
 LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
@@ -31,9 +31,10 @@ def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, 
     J = np.vstack([J, J[:1]]) if double else J  # rows need not be independent
     inverse = np.linalg.inv(M)
     N = np.eye(nv) - inverse @ J.T @ np.linalg.pinv(J @ inverse @ J.T) @ J
-    np.testing.assert_allclose(free_part(M, J, r), N.T @ r, atol=1e-5)
+    np.testing.assert_allclose(parts(M, J, r)[0], N.T @ r, atol=1e-5)
     np.testing.assert_allclose(mobility(M, J), np.diag(N @ inverse), atol=1e-5)
-    np.testing.assert_allclose(J @ inverse @ free_part(M, J, r), 0.0, atol=1e-5)  # it moves no contact
+    np.testing.assert_allclose(J @ inverse @ parts(M, J, r)[0], 0.0, atol=1e-5)  # it moves no contact
+    np.testing.assert_allclose(J.T @ parts(M, J, r)[1], r - N.T @ r, atol=1e-5)
 
 
 def stood(robot="go2", **changes):
@@ -100,7 +101,7 @@ def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
 
 def estimated(model, *, rows=(), gap=0.002, arrived=1.0, relaxed=()):
     """What is estimated of a velocity that grows by 1 a second, of which the program has predicted nothing."""
-    beside, nv = BesideTheModel(DisturbanceEstimate(model, LIMITS), None, 0.002), model.nv
+    beside, nv = BesideTheModel(DisturbanceEstimate(model, LIMITS), None, None, 0.002), model.nv
     tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
     solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
     for i in range(20):
@@ -147,7 +148,7 @@ def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_o
 def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
     config, model = robot_of("go2")
     with pytest.raises(ConfigurationError, match=r"robot.friction.FL_calf: did you mean 'FL_calf_joint'"):
-        make_beside_the_model(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model)
+        make_beside_the_model(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 
 
 def test_what_is_not_asked_for_costs_nothing(robot_of):

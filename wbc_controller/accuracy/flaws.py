@@ -33,26 +33,48 @@ class Flaw:
         name: for the table.
         changes: settings, by dotted key.
         faults: of the mock robot, by its actuators' names.
+        force_sensors: whether the robot has force sensors at its contacts.
     """
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
+    force_sensors: bool = False
 
 
 def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], Sequence[Fault]]:
     return lambda actuators: (kind(duration=LONGEST, **parameters),)
 
 
-#: The rows of the table.
+#: Noise of an IMU's samples, and its density at 500 of them per second.
+_SIGMA = 0.05
+_DENSITY = _SIGMA * 0.002**0.5
+#: The rows of the table. Of noise that a data sheet tells, the filter is told.
 FLAWS = (
     Flaw("none"),
     Flaw("torques 20 ms late", faults=_always(ActuatorDelay, delay=0.02)),
     Flaw("torques lag by 20 ms", faults=_always(ActuatorLag, time_constant=0.02)),
-    Flaw("encoder noise 5e-3 rad", faults=_always(JointNoise, sigma=0.005, velocity_sigma=1.0e-4)),
+    Flaw(
+        "encoder noise 5e-3 rad",
+        {"estimation.joint_position_noise": 0.005},
+        _always(JointNoise, sigma=0.005, velocity_sigma=1.0e-4),
+    ),
     Flaw("joint velocity noise 0.2 rad/s", faults=_always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2)),
-    Flaw("IMU noise 0.05 rad/s, m/s²", faults=_always(ImuNoise, sigma=0.05)),
-    Flaw("slope 10°", {"mock.floor_normal": [0.0, float(np.sin(np.deg2rad(10))), float(np.cos(np.deg2rad(10)))]}),
+    Flaw(
+        "the same, velocities from positions",
+        {"estimation.joint_velocity": "differentiated"},
+        _always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2),
+    ),
+    Flaw(
+        "IMU noise 0.05 rad/s, m/s²",
+        {"estimation.gyroscope_noise": _DENSITY, "estimation.accelerometer_noise": _DENSITY},
+        _always(ImuNoise, sigma=_SIGMA),
+    ),
+    Flaw(
+        "slope 10°, force sensors",  # let down onto it, one foot after the other
+        {"mock.floor_normal": [0.0, float(np.sin(np.deg2rad(10))), float(np.cos(np.deg2rad(10)))]},
+        force_sensors=True,
+    ),
     Flaw("100 Hz", {"control.rate": 100.0}),
     Flaw("masses 20 % too small", faults=_always(MassError, share=0.2)),
     Flaw("masses 20 % too large", faults=_always(MassError, share=-0.2)),
@@ -110,7 +132,7 @@ def cost_of(
     if known_friction:
         dry = config.settings.mock.joint_friction
         config = config.replace({"robot.friction": {joint: {"dry": dry} for joint in config.settings.robot.joints}})
-    rig = Rig(config, {})
+    rig = Rig(config, {}, force_sensors=flaw.force_sensors)
     rig.faults = tuple(flaw.faults(rig.controller.model.actuators))
     torques: list[Array] = []
     found: dict[str, float] = {}
@@ -137,7 +159,7 @@ def _error(rig: Rig, points: Array, torques: list[Array]) -> float:
     rig.follow(times.tolist(), list(rig.origin + points))
 
     def look() -> None:
-        errors.append(float(np.linalg.norm(rig.com() - rig.wanted())))
+        errors.append(float(np.linalg.norm(rig.com() + rig.shift - rig.wanted())))
         torques.append(rig.report.command.tau if rig.report.command is not None else torques[-1])
 
     rig.run(float(times[-1]) + 0.5, look)

@@ -42,6 +42,7 @@ class Rig:
         report: of the last cycle.
         answered: the true q and v of the state that the last cycle has answered; None before the first.
         origin: where the centre of mass should be while it stands, (3,) in m; set by `stand`.
+        shift: from the true world to the one of the estimate, (3,) in m, when it had come to stand.
     """
 
     report: CycleReport
@@ -134,6 +135,9 @@ class Rig:
         self.robot.plant.hold(False)
         self.run(_RESTED)
         self.origin = self.wanted()
+        base = None if self.estimator is None else self.estimator.base
+        true, _ = self.robot.plant.state() if self.answered is None else self.answered
+        self.shift = np.zeros(3) if base is None else base[0][:3] - true[:3]
 
     def wanted(self) -> Array:
         """Where the centre of mass should be now, (3,) in m."""

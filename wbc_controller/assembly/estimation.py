@@ -6,13 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
+from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact, UnilateralContact
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.estimation.absolute_pose import PoseSensor
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
 from wbc_controller.estimation.beside_the_model import BesideTheModel
+from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.estimation.disturbance import DisturbanceEstimate, DisturbanceLimits
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.holding import ContactSensing, HoldingLimits
@@ -40,8 +41,13 @@ def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
 
 
-def make_beside_the_model(settings: Settings, model: RobotModel) -> BesideTheModel:
+def make_beside_the_model(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BesideTheModel:
     """Make what says which forces act beside the model: known friction, and the estimate.
+
+    Args:
+        settings: the robot's settings.
+        model: its model.
+        contacts: its contacts, by name.
 
     Raises:
         ConfigurationError: where a joint with friction is unknown.
@@ -60,7 +66,12 @@ def make_beside_the_model(settings: Settings, model: RobotModel) -> BesideTheMod
         else None
     )
     estimate = DisturbanceEstimate(model, disturbance_limits(settings))
-    return BesideTheModel(estimate, known, 1.0 / settings.control.rate)
+    carried = None
+    if estimates_base(settings, model):
+        limits = make_sensing(settings, model, contacts).limits
+        normals = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
+        carried = ContactForces(normals, limits.on, limits.off)
+    return BesideTheModel(estimate, known, carried, 1.0 / settings.control.rate)
 
 
 def make_velocity_filter(settings: Settings) -> VelocityFilter | None:

@@ -61,8 +61,8 @@ class ControlCycle:
         beside: what acts beside the model.
         live: the settings with all changes since.
         tape: where it is a list, what each cycle was given, and what it gave, is appended; whoever records empties it.
-        holding: names of the contacts that were active in the last cycle; where none was solved, of those that are
-            when the controller is activated.
+        holding: names of the contacts that were active in the last cycle, but for those that carry nothing; where none
+            was solved, of those that are active when the controller is activated.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class ControlCycle:
         try:
             model = make_model(settings, self.config.urdf) if model is None else model
             self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
-            self.beside = make_beside_the_model(settings, model)
+            self.beside = make_beside_the_model(settings, model, self.qp.contacts)
             self.live = LiveSettings(settings, partial(live_part, qp=self.qp))
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
@@ -213,7 +213,8 @@ class ControlCycle:
                 f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
             )
         if references is not None and self.supervisor.solving:
-            self.holding = tuple(name for name, activation in references.contacts.items() if activation > 0.0)
+            active = [name for name, activation in references.contacts.items() if activation > 0.0]
+            self.holding = tuple(name for name in active if name not in self.beside.lifted)
         else:
             self.holding = self._at_activation()
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
@@ -378,7 +379,13 @@ class ControlCycle:
             if self._streamed:
                 references = replace(references, tasks={**references.tasks, **self._streamed})
                 self._streamed = {}
+            lifted = self.beside.lifted
             disturbance = self.beside.look(state)
+            refused += [
+                f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
+                for name in self.beside.lifted
+                if name not in lifted
+            ]
             if disturbance is not None:
                 references = replace(references, disturbance=disturbance)
             return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references

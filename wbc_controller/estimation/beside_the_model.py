@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.estimation.disturbance import DisturbanceEstimate
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.records import Array, Disturbance, Prediction, RobotState, Solution, frozen
@@ -20,19 +21,27 @@ class BesideTheModel:
 
     Attributes:
         estimate: of what is not known.
+        carried: what the contacts carry, while `estimate` is on; None where nobody asks.
     """
 
-    MEMORY = ("estimate", "_friction", "_before")
+    MEMORY = ("estimate", "carried", "_friction", "_before")
 
-    def __init__(self, estimate: DisturbanceEstimate, friction: FrictionCompensation | None, period: float) -> None:
+    def __init__(
+        self,
+        estimate: DisturbanceEstimate,
+        friction: FrictionCompensation | None,
+        carried: ContactForces | None,
+        period: float,
+    ) -> None:
         """Begin with nothing.
 
         Args:
             estimate: of what is not known.
             friction: what is known; None where nothing is.
+            carried: what the contacts carry; None where nobody asks.
             period: of the control, s.
         """
-        self.estimate = estimate
+        self.estimate, self.carried = estimate, carried
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
         self._before: Prediction | None = None
@@ -40,9 +49,16 @@ class BesideTheModel:
     def restart(self) -> None:
         """Forget all."""
         self.estimate.restart()
+        if self.carried is not None:
+            self.carried.restart()
         if self._friction is not None:
             self._friction.restart()
         self._before = None
+
+    @property
+    def lifted(self) -> tuple[str, ...]:
+        """Names of the contacts that carry nothing, where that is known."""
+        return self.carried.lifted if self.carried is not None else ()
 
     def look(self, state: RobotState) -> Disturbance | None:
         """Compare a state with what was predicted for it.
@@ -59,11 +75,14 @@ class BesideTheModel:
         gap = 1.0e-9 * (state.stamp - before.stamp) if before is not None else 0.0
         if before is not None and 0.0 < gap <= self._largest_gap:
             wanted = gap * before.v_dot if before.v_dot is not None else None
+            contacts = tuple(before.forces)
             if self._friction is not None:
-                self._friction.look(before.M, before.J, before.contacts, state.v, gap, wanted)
+                self._friction.look(before.M, before.J, contacts, state.v, gap, wanted)
             if not self.estimate.rests:
                 missed = state.v - before.v - wanted if wanted is not None else None
-                self.estimate.look(before.M, before.J, before.contacts, gap, missed)
+                self.estimate.look(before.M, before.J, contacts, gap, missed)
+                if self.carried is not None and self.estimate.held is not None:
+                    self.carried.look(before.forces, *self.estimate.held)
         elif before is not None and gap <= 0.0:  # the same state again
             self._before = before
         estimated, friction = self.estimate.forces, self._friction
@@ -97,12 +116,13 @@ class BesideTheModel:
         arrived = (
             solution is not None and tau is not None and not solution.relaxed and np.array_equal(tau, solution.tau)
         )
-        contacts = tuple(solution.forces) if solution is not None and arrived else ()
+        chosen = solution.forces if solution is not None and arrived else {}
+        forces = {name: frozen(force) for name, force in chosen.items()}
         self._before = Prediction(
             state.stamp,
             state.v,
             solution.v_dot if solution is not None and arrived else None,
-            contacts,
+            forces,
             frozen(dynamics.M),
-            frozen(jacobian(contacts)),
+            frozen(jacobian(tuple(forces))),
         )

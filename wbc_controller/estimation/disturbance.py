@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.estimation.projection import free_part
+from wbc_controller.estimation.projection import parts
 from wbc_controller.records import Array, frozen
 
 #: Time in which it forgets, as a multiple of its time constant: it leaves a twenty-fifth of what it takes up.
@@ -56,9 +56,11 @@ class DisturbanceEstimate:
         limits: how fast it follows.
         forces: the present estimate, d, (nv,) in N, N·m.
         at_bound: names of the joints, and ``base``, at which it is as large as it may be.
+        held: the mean force that the contacts took up beyond their prediction, (k,), and over how long, s; None but at
+            the end of a sum in which all was predicted.
     """
 
-    MEMORY = ("forces", "at_bound", "_contacts", "_sum", "_time")
+    MEMORY = ("forces", "at_bound", "_contacts", "_sum", "_time", "_whole_sum")
 
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
         """Begin with none.
@@ -82,10 +84,12 @@ class DisturbanceEstimate:
         """Forget all."""
         self.forces = frozen(np.zeros(len(self._whole)))
         self.at_bound: tuple[str, ...] = ()
+        self.held: tuple[Array, float] | None = None
         self._begin(())
 
     def _begin(self, contacts: tuple[str, ...]) -> None:
         self._contacts, self._sum, self._time = contacts, np.zeros(len(self._whole)), 0.0
+        self._whole_sum = True  # whether all of it was predicted
 
     @property
     def rests(self) -> bool:
@@ -102,10 +106,13 @@ class DisturbanceEstimate:
             gap: time to the state that it is compared with, s.
             missed: how much more the velocity has changed than was predicted, (nv,); None where nothing was predicted.
         """
+        self.held = None
         if contacts != self._contacts:
             self._begin(contacts)
         if missed is not None:
             self._sum = self._sum + M @ missed
+        else:
+            self._whole_sum = False
         self._time += gap
         if self._time < _SUMMED:
             return
@@ -115,7 +122,9 @@ class DisturbanceEstimate:
             self.at_bound = ()
         else:
             T, most = self.limits.time_constant, self.limits.share * self._whole
-            unexpected = free_part(M, J, self._sum)
+            unexpected, held = parts(M, J, self._sum)
+            if self._whole_sum:
+                self.held = held / self._time, self._time
             wanted = self.forces + (unexpected - self._time / _LEAK * self.forces) / max(T, self._time)
             forces = np.clip(wanted, -most, most)
             self.at_bound = tuple(dict.fromkeys(self._names[(np.abs(wanted) > most) & (most > 0.0)].tolist()))

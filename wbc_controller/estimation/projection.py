@@ -15,8 +15,8 @@ from wbc_controller.records import Array
 _RIDGE = 1.0e-9
 
 
-def free_part(M: Array, J: Array, force: Array) -> Array:
-    """What of generalized forces moves a robot on its contacts, Nᵀ r.
+def parts(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
+    """What of generalized forces moves a robot on its contacts, and what the contacts take up: r = Nᵀ r + Jᵀ λ.
 
     Args:
         M: mass matrix, (nv, nv).
@@ -24,18 +24,19 @@ def free_part(M: Array, J: Array, force: Array) -> Array:
         force: r, (nv,) in N, N·m.
 
     Returns:
-        (nv,).
+        Nᵀ r, (nv,), and λ = (J M⁻¹ Jᵀ)⁻¹ J M⁻¹ r, (k,).
     """
     if not len(J):
-        return force
+        return force, np.zeros(0)
     spread: Array = dpotrs(dpotrf(M)[0], J.T)[0]  # M⁻¹ Jᵀ, (nv, k)
-    return np.asarray(force - J.T @ dposv(_delassus(J, spread), spread.T @ force)[1])
+    held: Array = dposv(_delassus(J, spread), spread.T @ force)[1]
+    return np.asarray(force - J.T @ held), held
 
 
 def mobility(M: Array, J: Array) -> Array:
     """Acceleration of each coordinate for a unit of force along it on the contacts: the diagonal of N M⁻¹, (nv,).
 
-    Its inverse is the inertia that the force has to move. Arguments as for `free_part`.
+    Its inverse is the inertia that the force has to move. Arguments as for `parts`.
     """
     factor = dpotrf(M)[0]
     free = np.diag(dpotri(factor)[0]).copy()

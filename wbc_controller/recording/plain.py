@@ -8,7 +8,7 @@ import enum
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def _plain(value: Any) -> Any:
         return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
     if isinstance(value, np.ndarray):
         # The order counts too: products of a matrix differ in their last bit between one stored by rows and by columns.
-        order = "F" if value.flags.fnc else "C"
+        order: Literal["F", "C"] = "F" if value.flags.fnc else "C"
         data = base64.b64encode(value.tobytes(order)).decode("ascii")
         return {"$array": data, "type": value.dtype.str, "shape": list(value.shape), "order": order}
     if isinstance(value, Mode):

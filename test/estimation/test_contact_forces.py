@@ -1,0 +1,74 @@
+"""Contacts that carry nothing are found by torques and motion, and no others are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wbc_controller.accuracy.rig import Rig
+from wbc_controller.estimation.contact_forces import ContactForces
+from wbc_controller.mock.faults.fault import LONGEST
+from wbc_controller.mock.faults.world import FloorHole
+from wbc_controller.settings.config import load
+
+FEET = {"left": np.array([3.0, -2.0, 100.0]), "right": np.array([0.0, 0.0, 80.0, 0.0, 0.0, 0.0])}
+
+
+@pytest.fixture
+def carried():
+    return ContactForces({"left": 2, "right": 2}, on=10.0, off=5.0)
+
+
+def look(carried, count=20, **missed):
+    """For a while, with forces that are this much off what was predicted."""
+    lacking = np.zeros(9)
+    lacking[2], lacking[5] = missed.get("left", 0.0), missed.get("right", 0.0)
+    for _ in range(count):
+        carried.look(FEET, lacking, 0.01)
+    return carried.lifted
+
+
+def test_a_contact_without_its_force_is_lifted_until_it_has_some(carried):
+    assert look(carried) == ()
+    assert look(carried, 1, right=-80.0) == ()  # not at once: noise is filtered
+    assert look(carried, right=-80.0) == ("right",)
+    assert look(carried, right=-73.0) == ("right",)  # between off and on
+    assert look(carried, right=-60.0) == ()
+    assert look(carried, right=-73.0) == ()
+
+
+def test_one_that_should_carry_little_and_one_that_can_pull_are_none_of_its_business(carried):
+    light = {"left": np.array([0.0, 0.0, 4.0]), "grip": np.array([0.0, 0.0, -50.0])}
+    for _ in range(20):
+        carried.look(light, np.zeros(6), 0.01)
+    assert carried.lifted == ()
+
+
+def test_one_that_is_switched_off_is_forgotten(carried):
+    assert look(carried, left=-100.0) == ("left",)
+    carried.look({"right": FEET["right"]}, np.zeros(6), 0.01)
+    assert carried.lifted == ()
+    look(carried, left=-100.0)
+    carried.restart()
+    assert carried.lifted == ()
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_a_foot_whose_floor_vanishes_is_found_and_said_and_a_sway_lifts_none(robot):
+    rig = Rig(load(robot).replace({"estimation.base_state": "imu", "mock.sensors": "good"}), {})
+    rig.stand()
+    rig.follow([0.4, 0.8], [rig.origin + np.array([0.0, 0.03, -0.02]), rig.origin])
+    lifted, said = [], []
+
+    def note():
+        lifted.extend(rig.controller.beside.lifted)
+        said.extend(each for each in rig.report.refused if "carries nothing" in each)
+
+    rig.run(1.0, note)
+    assert lifted == said == []
+    contact = next(iter(rig.settings.contacts))
+    rig.robot.plan([FloorHole(duration=LONGEST, contact=contact)], since=rig.time)
+    rig.run(0.08, note)
+    assert set(lifted) == {contact}
+    assert contact not in rig.controller.holding
+    assert said == [f"contact {contact!r} carries nothing, by how the robot moves: the base's estimate leaves it out"]
