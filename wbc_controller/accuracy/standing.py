@@ -21,8 +21,9 @@ from wbc_controller.settings.service import SensorQuality
 _LOOK = 0.1
 #: Share of the probability that is outside the bounds of the consistency.
 _OUTSIDE = 0.05
-#: What moves a contact point of the mock robot beside its joints: its ground is rigid; m/s/√Hz.
-_CREEP = 1.0e-3
+#: What moves a contact point of the mock robot beside its joints: its ground is all but rigid; m/s/√Hz, by how far
+#: robots of several kinds drift.
+_CREEP = 8.0e-5
 
 
 @dataclass(frozen=True, slots=True)
