@@ -11,7 +11,7 @@ help:  ## say what there is to make
 	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 10
 
 demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be shoved: make demo ROBOT=talos
-	$(BIN)/wbc demo $(ROBOT)
+	$(BIN)/wbc demo $(ROBOT) --sensors good
 
 play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag its hands: make play ROBOT=go2
 	$(BIN)/wbc play $(ROBOT)

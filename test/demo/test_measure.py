@@ -45,7 +45,8 @@ def good_run():
     return Recording(
         robot="x", actuators=("a", "b"), time=TIME, q=np.zeros((n, 9)), tau=tau, effort_limits=np.array([5.0, 10.0]),
         com=com, com_reference=np.zeros((n, 3)), frame_errors={"hand": distance},
-        contact_wrenches={"left": half, "right": half}, true_wrenches={"left": half, "right": half},
+        contact_wrenches={"left": half, "right": half}, unmodelled=np.zeros(n),
+        true_wrenches={"left": half, "right": half},
         friction={"left": 0.7, "right": 0.7}, cycle_seconds=np.full(n, 1e-3), stage_seconds={}, events=(), results=(),
         supports={},
     )  # fmt: skip
@@ -79,6 +80,14 @@ def test_a_good_run_meets_every_target():
     assert said[SHOVE].name == "shove left 5 N·s"
     assert said[SHOVE].measured.startswith("15.00 mm")
     assert said[TORQUE].measured == "100.0 %"
+
+
+def test_what_acts_beside_the_model_carries_weight_in_the_program_and_not_in_the_simulator():
+    run = replace(good_run(), unmodelled=np.full(len(TIME), -0.015 * WEIGHT))
+    assert missed(run) == {STAND_QP}
+    lighter = {name: wrench + [0, 0, 0.0075 * WEIGHT, 0, 0, 0] for name, wrench in run.contact_wrenches.items()}
+    assert not missed(replace(run, contact_wrenches=lighter))
+    assert missed(replace(run, contact_wrenches=lighter, true_wrenches=lighter)) == {STAND_SIMULATOR}
 
 
 @pytest.mark.parametrize("value", [49.2, 50.8 + 0.3, np.nan, np.inf])

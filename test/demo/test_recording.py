@@ -62,7 +62,7 @@ def test_refuses_what_does_not_fit(recording, changes, message):
 
 
 def test_refuses_an_empty_run(recording):
-    n = {name: getattr(recording, name)[:0] for name in ("time", "q", "tau", "com", "com_reference")}
+    n = {name: getattr(recording, name)[:0] for name in ("time", "q", "tau", "com", "com_reference", "unmodelled")}
     empty = {name: {} for name in ("frame_errors", "contact_wrenches", "true_wrenches")}
     with pytest.raises(ValueError, match="at least one sample"):
         dataclasses.replace(recording, **n, **empty)

@@ -72,6 +72,7 @@ def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recor
         com_reference=reference,
         frame_errors={"pelvis": 0.01 * np.abs(np.sin(time)) + 0.05 * shoved, "left_hand": 0.02 * depth},
         contact_wrenches=planned,
+        unmodelled=np.zeros(len(time)),
         true_wrenches=true,
         friction={contact: settings.contacts[contact].friction for contact in supports},
         cycle_seconds=cycles,

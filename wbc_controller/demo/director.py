@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,11 @@ from wbc_controller.wire.messages import decode, encode, header, header_time, me
 from wbc_controller.wire.setpoints import setpoint_message, vector, wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint, counterpart
 
-#: Wall time without a new state after which the demo is given up, s.
+#: Wall time after which the demo is given up that waits for something, s.
 _PATIENCE = 20.0
 #: Time from sending a trajectory to its start, s: it has to arrive before it starts.
 _LEAD = 0.1
+#: Time in which the robot comes to rest, s.
 _SETTLE = 1.5
 
 _STILL = np.zeros(3)
@@ -147,6 +149,7 @@ class Director:
         self._begin("start")
         self._wait_for("the robot's first state", lambda: self.log.last("mock", "joint_states") is not None)
         self._wait_for("the controller", lambda: self._mode() != "")
+        self._let_pass(_SETTLE)  # a robot that estimates its base stands still until it knows it
         self._activate()
         self._run(1.2)
         if self._model.floating_base:
@@ -181,8 +184,9 @@ class Director:
         return "" if state is None else str(state.data)
 
     def _activate(self) -> None:
-        # A controller that has just been discovered may miss the first request.
-        for _ in range(20):
+        # A controller that has just been discovered may miss the first request, or have no estimate of its base yet.
+        end = monotonic() + _PATIENCE
+        while monotonic() < end:
             self._command("activate")
             for _ in range(50):
                 self._advance(self.log)
@@ -197,7 +201,8 @@ class Director:
         self._publish[owner, key, subject](encode(content))
 
     def _wait_for(self, what: str, condition: Callable[[], bool]) -> None:
-        for _ in range(int(_PATIENCE / 0.05)):
+        end = monotonic() + _PATIENCE  # not so many states: a robot that starts first sends 500 of them in a second
+        while monotonic() < end:
             if condition():
                 return
             self._advance(self.log)

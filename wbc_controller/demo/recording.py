@@ -18,7 +18,7 @@ from wbc_controller.records import Array, frozen, frozen_mapping
 from wbc_controller.settings import ContactSettings, SurfaceContact
 
 #: Version of the file format, incremented whenever the layout of a saved recording changes.
-FORMAT = 3
+FORMAT = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +88,8 @@ class Recording:
         frame_errors: per task, the norm of its error, (n,) in m or rad; NaN while the task is disabled.
         contact_wrenches: per contact, its force or wrench in the solution, (n, k) in N and N·m: a wrench in the
             contact's frame, force first (k = 6), or a force along the world's axes (k = 3). NaN or zero while inactive.
+        unmodelled: vertical force on the base that the solution takes into account beside the model, (n,) in N; NaN
+            without a solution.
         true_wrenches: per contact, the true force or wrench in the simulation, in the same form.
         friction: per contact, its Coulomb coefficient.
         cycle_seconds: time that each cycle of the controller took, (m,) in s.
@@ -110,6 +112,7 @@ class Recording:
     com_reference: Array
     frame_errors: Mapping[str, Array]
     contact_wrenches: Mapping[str, Array]
+    unmodelled: Array
     true_wrenches: Mapping[str, Array]
     friction: Mapping[str, float]
     cycle_seconds: Array
@@ -129,6 +132,7 @@ class Recording:
             "effort_limits": (na,),
             "com": (n, 3),
             "com_reference": (n, 3),
+            "unmodelled": (n,),
             "cycle_seconds": (None,),
         }
         for name, shape in shapes.items():
@@ -228,7 +232,7 @@ class Recording:
             raise ConfigurationError(f"recording {path}: not a recording of a demo run: {error}") from error
 
 
-_ARRAYS = ("time", "q", "tau", "effort_limits", "com", "com_reference", "cycle_seconds")
+_ARRAYS = ("time", "q", "tau", "effort_limits", "com", "com_reference", "unmodelled", "cycle_seconds")
 _GROUPS = ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "audit")
 
 

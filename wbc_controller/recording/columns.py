@@ -24,7 +24,8 @@ def columns(recorded: Recorded) -> dict[str, Array]:
 
     Returns:
         ``stamp`` (n,) in ns, ``tau`` (n, na) in N·m, ``mode`` (n,), ``seconds/<stage>`` (n,) in s, ``q`` (n, nq),
-        ``v`` (n, nv), ``force/<contact>`` (n, k) in N and N·m, its force in the solution, NaN without one, and
+        ``v`` (n, nv), ``force/<contact>`` (n, k) in N and N·m, its force in the solution, NaN without one,
+        ``disturbance`` (n, nv) in N and N·m, what the solution takes into account beside the model, and
         ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in
         N, largest unexplained joint torque in N·m, and the number of warnings. Without an audit the residuals are NaN,
         as is the time of a stage in a cycle without it. Empty where no command was sent.
@@ -39,6 +40,7 @@ def columns(recorded: Recorded) -> dict[str, Array]:
             "tau": values["tau"],
             "q": values["q"],
             "v": values["v"],
+            "disturbance": values["disturbance"],
             **{name: value for name, value in values.items() if name.startswith("force/")},
             "mode": MODES[int(number("mode"))].value,
             "audit": audited(cycle),

@@ -15,7 +15,7 @@ from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, CycleReport, Mode, Reference, References
 
 #: Version of the layout; another one is not read.
-FORMAT = 1
+FORMAT = 2
 MODES = tuple(Mode)
 #: Inputs whose ages are recorded, stages whose times are, and results of the audit.
 AGES = ("joint_states", "odom", "imu", "base estimate")
@@ -55,6 +55,7 @@ def layout_of(qp: WholeBodyQP) -> tuple[Slot, ...]:
     slots += [Slot("state", "q", model.nq), Slot("state", "v", model.nv), Slot("state", "joint_velocity", model.nj)]
     slots += [Slot("torques", "tau", model.na)]
     slots += [Slot("solution", "v_dot", model.nv), Slot("solution", "tau_wanted", model.na)]
+    slots.append(Slot("solution", "disturbance", model.nv))
     slots += [Slot("solution", f"force/{name}", contact.size) for name, contact in qp.contacts.items()]
     return tuple(slots)
 
@@ -103,6 +104,7 @@ class Row:
         self._state = (nothing[model.nq], nothing[model.nv])
         self._joints, self._tau = np.full(model.nj, _NAN), np.full(model.na, _NAN)
         self._v_dot = nothing[model.nv]
+        self._no_disturbance = np.zeros(model.nv)
         self._forces = {name: nothing[contact.size] for name, contact in qp.contacts.items()}
         self._no_audit = (_NAN, _NAN, 0.0)
         self._no_force = np.full(3, _NAN)
@@ -137,9 +139,10 @@ class Row:
         parts.append(self._joints if velocity is None else velocity)
         parts.append(self._tau if command is None else command.tau)
         if solution is None:
-            parts += [self._v_dot, self._tau, *self._forces.values()]
+            parts += [self._v_dot, self._tau, self._v_dot, *self._forces.values()]
         else:
-            parts += [solution.v_dot, solution.tau]
+            beside = solution.disturbance
+            parts += [solution.v_dot, solution.tau, self._no_disturbance if beside is None else beside.forces]
             forces = solution.forces
             parts += [forces.get(name, nothing) for name, nothing in self._forces.items()]
         return b"".join(parts)

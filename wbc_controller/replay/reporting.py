@@ -10,6 +10,7 @@ import numpy as np
 from wbc_controller.control.cycle import ControlCycle
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import AccelerationTask, Task
+from wbc_controller.demo.measure import vertical_on_base
 from wbc_controller.demo.recording import Event, Recording, supports_of
 from wbc_controller.demo.report import write_report
 from wbc_controller.errors import ConfigurationError
@@ -77,6 +78,8 @@ def recording_of(recorded: Recorded, controller: ControlCycle) -> tuple[Recordin
         rows.setdefault("time", []).append(np.array(stamp))
         rows.setdefault("at", []).append(np.array(float(cycle.time)))
         rows.setdefault("audit", []).append(audited(cycle))
+        unmodelled = vertical_on_base(model, np.array(values["q"]), values["disturbance"])
+        rows.setdefault("unmodelled", []).append(np.array(unmodelled))
         for name, contact in settings.contacts.items():
             wrench = controller.contacts[name].basis @ values[f"force/{name}"]
             size = 3 if isinstance(contact, PointContact | RollingContact) else 6
@@ -106,6 +109,7 @@ def recording_of(recorded: Recorded, controller: ControlCycle) -> tuple[Recordin
             com_reference=found["com_reference"],
             frame_errors={name: np.array(series) for name, series in errors.items() if np.isfinite(series).any()},
             contact_wrenches={name: found[f"wrench/{name}"] for name in settings.contacts},
+            unmodelled=found["unmodelled"],
             true_wrenches={},
             friction={
                 name: each.friction for name, each in settings.contacts.items() if not isinstance(each, FixedContact)
