@@ -84,6 +84,23 @@ def test_a_bit_that_is_another_one_is_found(recorded):
     assert [each.same for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
 
 
+def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded):
+    """An event is written after its cycle: a controller that is killed may have got to the one alone."""
+    asked = max(number for number, event in recorded.events.items() if "requests" in event)
+    del recorded.events[asked]
+    behind = sorted(number for number in recorded.memories if number > asked)
+    begun = behind[0]
+    replay = Replay(recorded)
+    solved = list(replay.run())
+    assert [each.cycle.number for each in solved] == [*range(asked), *range(begun, recorded.count)]
+    assert all(each.same for each in solved)
+    assert replay.skipped == begun - asked
+    for number in behind:
+        del recorded.memories[number]
+    assert [each.cycle.number for each in replay.run()] == [*range(asked)]
+    assert replay.skipped == recorded.count - asked
+
+
 def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_path, monkeypatch):
     run = record(tmp_path / "a.mcap")
     run.stand(20)

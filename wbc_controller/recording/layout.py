@@ -24,7 +24,7 @@ STAGES = (
 )  # fmt: skip
 _HEAD = (
     "number", "now", "stamp_seconds", "stamp_nanoseconds", "mode", "has_state", "has_joint_velocity", "has_command",
-    "has_solution", "has_references", "same_state", "fault", "iterations", "relaxed", "deadlines_missed",
+    "has_solution", "has_references", "same_state", "has_event", "fault", "iterations", "relaxed", "deadlines_missed",
 )  # fmt: skip
 _NAN = float("nan")
 
@@ -109,7 +109,7 @@ class Row:
         self._no_audit = (_NAN, _NAN, 0.0)
         self._no_force = np.full(3, _NAN)
 
-    def write(self, number: int, taped: Taped, report: CycleReport | None, same: bool) -> bytes:
+    def write(self, number: int, taped: Taped, report: CycleReport | None, same: bool, event: bool) -> bytes:
         """The numbers of a cycle as bytes.
 
         Args:
@@ -117,6 +117,7 @@ class Row:
             taped: what it was given, and gave.
             report: of the loop; None for a cycle that was computed anew before it was sent.
             same: whether its state is that of the cycle before, the very object.
+            event: whether it has an event, which comes after it: a process that is killed may not get to that.
         """
         result, state, velocity = taped.result, taped.state, taped.joint_velocity
         command, solution, references = result.command, result.solution, result.references
@@ -124,7 +125,7 @@ class Row:
         head = [
             number, taped.now, stamp // 1_000_000_000, stamp % 1_000_000_000, MODES.index(result.mode),
             state is not None, velocity is not None, command is not None, solution is not None, references is not None,
-            same, result.fault is not None, 0.0 if solution is None else solution.iterations,
+            same, event, result.fault is not None, 0.0 if solution is None else solution.iterations,
             0.0 if solution is None else len(solution.relaxed), 0.0 if report is None else report.deadlines_missed,
         ]  # fmt: skip
         ages: Mapping[str, float] = {} if report is None else report.ages

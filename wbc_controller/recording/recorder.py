@@ -278,12 +278,12 @@ class Recorder:
     def _cycle(self, taped: Taped, report: CycleReport | None, at: int, batch: list[bytes]) -> None:
         """Add the frames of one cycle; only the last of a loop's cycle has its report."""
         same, self._state = taped.state is not None and taped.state is self._state, taped.state
-        batch.append(frame(CYCLE, at, self._row.write(self._number, taped, report, same)))
+        event = self._rare(taped, report, at)
+        batch.append(frame(CYCLE, at, self._row.write(self._number, taped, report, same, event)))
         references = taped.result.references
         wanted = self._references.write(self._number, references) if references is not None else None
         if wanted is not None:
             batch.append(frame(self._wanted, at, self._before_wanted + wanted))
-        self._rare(taped, report, at)
         self._number += 1
 
     def _lose(self, cycles: int) -> None:
@@ -294,14 +294,14 @@ class Recorder:
             self._warned = now
             _log.warning("the recorder does not keep up: %d cycles lack in the recording", self._lost)
 
-    def _rare(self, taped: Taped, report: CycleReport | None, at: int) -> None:
-        """Hand over what only some cycles have."""
+    def _rare(self, taped: Taped, report: CycleReport | None, at: int) -> bool:
+        """Hand over what only some cycles have; whether this one has it."""
         result = taped.result
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
         left_out, self._left_out = self._left_out, Counter()
         if same and not (taped.apart or taped.requests or taped.changes or refused or taped.problem or left_out):
-            return
+            return False
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
         if result.fault is not None and (self._fault is None or self._fault.code != result.fault.code):
             self._trigger = frame(TRIGGER, 0, result.fault.code.encode())
@@ -324,6 +324,7 @@ class Recorder:
             event["left out"] = {self._channels[channel - 1][1]: count for channel, count in left_out.items()}
         self._mode, self._fault, self._live = result.mode, result.fault, taped.live
         self._jobs.put(lambda: frame(self._events, at, _string(to_json(self._with_yaml(event)))))
+        return True
 
     def _remember(self, controller: Controller) -> None:
         """Record all that the controller remembers, before the next cycle."""

@@ -98,7 +98,12 @@ class Replay:
             if begin is None or cycle.number < begin:
                 self.skipped += first is None or cycle.number >= first
                 continue
-            apart = recorded.events.get(cycle.number, {}).get("apart", False)
+            event = recorded.events.get(cycle.number)
+            apart = event is not None and event.get("apart", False)
+            if event is None and cycle.number_of("has_event"):  # it was lost, as where the controller was killed
+                self.skipped += 1
+                begin, expected = recorded.memory_after(cycle.number + 1), None
+                continue
             if cycle.number != expected or apart:  # the first, one behind a gap, or behind what is not known
                 if cycle.number not in recorded.memories:
                     self.skipped += 1
