@@ -78,9 +78,7 @@ def _solve(recorded: Recorded) -> int:
             first = first or f"the first is cycle {solved.cycle.number} at {since(recorded, solved.cycle.time)}"
     click.echo()
     if run.skipped:
-        click.echo(
-            f"{run.skipped} cycles cannot be solved again: what the controller was asked or remembered is not recorded"
-        )
+        click.echo(f"{run.skipped} cycles cannot be solved again: what the controller was asked or remembered is lost")
     if not different:
         click.echo(f"{count} cycles solved again: all torques are the same, bit for bit")
         return 0 if count else DIFFERENT
