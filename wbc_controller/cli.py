@@ -110,6 +110,8 @@ def run(
 @click.argument("config", shell_complete=complete_config)
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
 @click.option("--lockstep", is_flag=True, help="Wait for the controller's answer to each state.")
+@click.option("--patient", is_flag=True, help="Simulated time waits for a controller that is late: a computer that is "
+              "too slow makes slow motion. The controller needs --use-sim-time.")  # fmt: skip
 @click.option(
     "--faults", type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="A YAML file with a list of faults and the times at which they happen: docs/faults.md.",
@@ -119,6 +121,7 @@ def mock(
     config: str,
     real_time_factor: float,
     lockstep: bool,
+    patient: bool,
     faults: Path | None,
     namespace: str,
     remaps: tuple[str, ...],
@@ -143,6 +146,7 @@ def mock(
             remappings=remappings,
             real_time_factor=real_time_factor,
             lockstep=lockstep,
+            patient=patient,
             faults=faults,
         )
 

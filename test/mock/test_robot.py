@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.mock import robot as module
 from wbc_controller.mock.robot import NODE_NAME, MockRobot
 from wbc_controller.settings import Settings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
@@ -373,6 +374,43 @@ def test_lateness_is_given_up_and_counted(make):
     robot.run(stop)
     assert robot.rebased == 1
     assert robot.plant.time == pytest.approx(0.01)
+
+
+def test_a_patient_robot_waits_for_a_controller_that_is_late(make, monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", 600.0)
+    robot, peer = make(patient=True)
+    stop, seen = threading.Event(), []
+
+    def answers():
+        while len(seen) < 8:
+            time.sleep(0.03)  # 15 periods
+            seen.append(len(peer.all("joint_states")))
+            peer.effort(np.zeros(robot.plant.model.nu))
+        stop.set()
+
+    controller = threading.Thread(target=answers)
+    controller.start()
+    robot.run(stop)
+    controller.join()
+    assert np.diff(seen).max() <= 7  # 10 ms, the period in which they came, and the one that is published
+    assert np.diff(seen).min() >= 1
+
+
+def test_a_patient_robot_goes_on_where_nobody_sends_torques_any_more(make, monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", 0.01)
+    robot, peer = make(patient=True)
+    stop = threading.Event()
+
+    def controller(content):
+        count = len(peer.all("joint_states"))
+        if count == 20:
+            peer.effort(np.zeros(robot.plant.model.nu))
+        if count == 60:
+            stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert robot.plant.time == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), float("inf")])

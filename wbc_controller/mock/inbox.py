@@ -20,6 +20,7 @@ class Inbox:
         """Store torques; only the newest count."""
         with self._arrived:
             self._effort = payload
+            self._arrived.notify()
 
     def put_answer(self, payload: bytes) -> None:
         """Store a command of lockstep."""
@@ -51,6 +52,11 @@ class Inbox:
             requests = list(self._requests)
             self._requests.clear()
             return requests
+
+    def wait_for_effort(self, timeout: float) -> bool:
+        """Wait until there are torques, at most `timeout` seconds; says whether there are."""
+        with self._arrived:
+            return self._arrived.wait_for(lambda: self._effort is not None, timeout)
 
     def wait_for_answer(self, timeout: float) -> None:
         """Wait until a command has arrived, at most `timeout` seconds."""

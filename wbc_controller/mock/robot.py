@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -48,6 +49,9 @@ SLOW_RATE = 100.0
 REPUBLISH_AFTER = 0.05
 #: Lateness at which the real-time schedule restarts, s: catching up on more would flood the controller.
 MAX_LATE = 0.2
+#: Simulated time, at least, for which a patient robot goes on without new torques, s, and wall time for which it then
+#: waits for them: whoever has sent them may have ended.
+AHEAD, PATIENCE = 0.01, 0.5
 
 #: Places of faults after which a state may never be answered.
 _NOT_IN_LOCKSTEP = ("delivery", "delivery of commands", "stamps and clock")
@@ -75,6 +79,7 @@ class MockRobot:
         *,
         real_time_factor: float = 1.0,
         lockstep: bool = False,
+        patient: bool = False,
         clock: Callable[[], float] = time.monotonic,
         namespace: str = "/",
         remappings: Mapping[str, str] | None = None,
@@ -88,6 +93,7 @@ class MockRobot:
             real_time_factor: simulated seconds per second; unused in lockstep.
             lockstep: whether each period waits for the command for its own state, on the topic ``joint_commands``;
                 otherwise it uses the newest torques on the topic ``effort``.
+            patient: whether simulated time waits for a controller that is late.
             clock: monotonic wall time, s.
             namespace: namespace of the node, starting with a slash.
             remappings: as in `wire.topics.resolve`.
@@ -106,7 +112,7 @@ class MockRobot:
         self._robot = model
         self._mock = settings.mock
         self._contacts = settings.contacts
-        self._lockstep = lockstep
+        self._lockstep, self._patient = lockstep, patient
         self._clock = clock
         self._period = 1.0 / settings.control.rate
         self._wall_period = self._period / real_time_factor
@@ -123,6 +129,7 @@ class MockRobot:
         self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None
         self._tau_time = 0.0
+        self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
         self._last_refusal: dict[str, str] = {}
         self._inbox = Inbox()
         self._types: dict[str, str] = {}
@@ -170,7 +177,17 @@ class MockRobot:
                     self.rebased += 1
                 elif late < 0.0:
                     stop.wait(-late)
+                if self._patient:
+                    self._wait_for_torques()
             self.advance()
+
+    def _wait_for_torques(self) -> None:
+        """Let time stand still while a controller that has sent torques is late."""
+        late = self.plant.time - self._heard >= max(AHEAD, 2.0 * self._period)
+        if self._inbox.wait_for_effort(PATIENCE if late else 0.0):
+            self._heard = self.plant.time
+        elif late:
+            self._heard = math.inf
 
     def step_period(self, stop: threading.Event | None = None) -> bool:
         """Run one period as fast as possible: publish, in lockstep wait for the command, advance.

@@ -32,6 +32,7 @@ def run_mock(
     remappings: Mapping[str, str] | None = None,
     real_time_factor: float = 1.0,
     lockstep: bool = False,
+    patient: bool = False,
     faults: Path | None = None,
 ) -> None:
     """Run the mock robot until stopped.
@@ -44,6 +45,7 @@ def run_mock(
         remappings: topic remappings, from name to name.
         real_time_factor: simulated seconds per second.
         lockstep: wait for the controller's command for each state.
+        patient: let simulated time wait for a controller that is late.
         faults: file with a list of faults, each with the simulated time ``at`` which it starts, in s.
 
     Raises:
@@ -57,6 +59,7 @@ def run_mock(
         transport,
         real_time_factor=real_time_factor,
         lockstep=lockstep,
+        patient=patient,
         namespace=namespace,
         remappings=remappings,
     )

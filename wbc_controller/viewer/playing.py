@@ -53,8 +53,9 @@ def play(
         tempfile.TemporaryDirectory(prefix="wbc_play_") as folder,
         contextlib.closing(Processes(robot, Path(folder), domain, own_sessions=True)) as processes,
     ):
-        processes.start("mock", "--real-time-factor", f"{factor:g}")
-        processes.start("controller", "--activate", *(("--use-sim-time",) if factor != 1.0 else ()))
+        # A browser without a GPU may take both processors from them: time waits then, and the robot does not fall.
+        processes.start("mock", "--patient", "--real-time-factor", f"{factor:g}")
+        processes.start("controller", "--activate", "--use-sim-time")
         starter = threading.Thread(target=_stand, args=(processes.settings, stop, trouble), name="starter", daemon=True)
         watcher = threading.Thread(target=_watch, args=(processes, stop, trouble), name="watcher", daemon=True)
         starter.start()
