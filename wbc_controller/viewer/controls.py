@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -109,14 +110,17 @@ class Controls:
             for label, most, step, unit, fault in _TROUBLES
         ]
 
+        in_turn = threading.Lock()  # viser calls on several threads: what was read last has to be sent last
+
         def changed(event: Any) -> None:
             if event.client_id is None:
                 return
-            faults = [fault(slider.value) for slider, fault in sliders if slider.value > 0.0]
-            if as_built.value:
-                faults.append(f"{{kind: slippery_floor, friction: {friction.value:g}")
-            listed = ", ".join(f"{fault}, duration: {_LASTS:g}}}" for fault in faults)
-            self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
+            with in_turn:
+                faults = [fault(slider.value) for slider, fault in sliders if slider.value > 0.0]
+                if as_built.value:
+                    faults.append(f"{{kind: slippery_floor, friction: {friction.value:g}")
+                listed = ", ".join(f"{fault}, duration: {_LASTS:g}}}" for fault in faults)
+                self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
 
         controls: list[Any] = [as_built, friction, *(slider for slider, _ in sliders)]
         for control in controls:
