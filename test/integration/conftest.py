@@ -286,11 +286,11 @@ def _on_memory(request: pytest.FixtureRequest) -> Iterator[User]:
 
 @contextlib.contextmanager
 def _on_dds(request: pytest.FixtureRequest) -> Iterator[User]:
-    """Two processes, and this one as the user."""
-    processes = request.getfixturevalue("processes")
+    """Two processes, and this one as the user; on a busy machine simulated time waits."""
+    processes, robot = request.getfixturevalue("processes"), request.getfixturevalue("patient_robot")
     user = request.getfixturevalue("dds_user")
-    processes.start("mock", ROBOT)
-    processes.start("run", ROBOT, "--use-sim-time")
+    processes.start("mock", robot, "--patient")
+    processes.start("run", robot, "--use-sim-time")
     yield user
 
 
@@ -321,12 +321,12 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
     user.advance = lambda: _wait(user)
     thread = threading.Thread(target=spin)
     thread.start()
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    environment, robot = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}, request.getfixturevalue("patient_robot")
     # A user of rclpy hears all topics of both nodes, thousands of messages a second: in slow motion it can keep up.
     services = [
         subprocess.Popen(
             [sys.executable, "-c", f"from wbc_controller.node import {main}; {main}()", "--ros-args", "-p",
-             f"robot:={ROBOT}", *words],
+             f"robot:={robot}", *words],
             env=environment,
         )
         for main, words in (("mock_main", ["-p", "real_time_factor:=0.2"]), ("main", ["-p", "use_sim_time:=true"]))
