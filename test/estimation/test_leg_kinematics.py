@@ -10,30 +10,42 @@ from wbc_controller.assembly.program import make_qp
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 
 FRAMES = {"g1": ("pelvis", "torso_link"), "talos": ("torso_2_link",), "go2": ("base",)}
+NOISE = 0.5, 0.1
 CASES = [(robot, frame) for robot, frames in FRAMES.items() for frame in frames]
 
 
 def legs_of(robot_of, robot, frame):
     settings, model = robot_of(robot)
     frames = {name: contact.frame for name, contact in settings.contacts.items()}
-    return model, LegKinematics(model, make_qp(settings, model).contacts, frames, frame)
+    contacts = make_qp(settings, model).contacts
+    return model, LegKinematics(model, contacts, frames, frame, joint_noise=NOISE[0], point_noise=NOISE[1])
 
 
 @pytest.mark.parametrize(("robot", "frame"), CASES)
-def test_the_jacobian_is_the_change_of_the_places(robot_of, robot, frame):
+def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, robot, frame):
     model, legs = legs_of(robot_of, robot, frame)
     rng = np.random.default_rng(3)
     q, v, step = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj), 1e-6
-    assert legs.points
-    for name in legs.points:
-        legs.update(q, v)
-        sight = legs.sight(name)
+    names = tuple(legs.points)
+    assert names
+    J = np.empty((3 * sum(map(len, legs.points.values())), model.nj))
+    for joint in range(model.nj):
         places = []
         for sign in (1.0, -1.0):
-            legs.update(q + sign * step * v, v)
-            places.append(legs.sight(name).places)
-        rate = (places[0] - places[1]).ravel() / (2.0 * step)
-        np.testing.assert_allclose(sight.jacobian @ v[np.argsort(model.v_index)], rate, atol=1e-7)
+            legs.update(q + sign * step * np.eye(model.nj)[joint], v)
+            places.append(legs.sight(names).places)
+        J[:, joint] = (places[0] - places[1]).ravel() / (2.0 * step)
+    legs.update(q, v)
+    expected = NOISE[0] ** 2 * J @ J.T + NOISE[1] ** 2 * np.eye(len(J))
+    np.testing.assert_allclose(legs.sight(names).covariance, expected, atol=1e-7)
+    start = 0
+    for name in names:  # each by itself is a part of all
+        alone, end = legs.sight((name,)), start + len(legs.points[name])
+        assert alone.names == legs.points[name] == legs.sight(names).names[start:end]
+        np.testing.assert_array_equal(alone.places, legs.sight(names).places[start:end])
+        own = slice(3 * start, 3 * end)
+        np.testing.assert_allclose(alone.covariance, legs.sight(names).covariance[own, own], rtol=1e-12, atol=1e-12)
+        start = end
 
 
 @pytest.mark.parametrize(("robot", "frame"), CASES)
@@ -51,15 +63,16 @@ def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says
     imu = dynamics.placement(model.frame_id(frame, "test"))
     np.testing.assert_allclose(legs.imu_rotation, imu.rotation, atol=1e-12)
     np.testing.assert_allclose(legs.imu_position, imu.translation, atol=1e-12)
+    np.testing.assert_array_equal(legs.imu, [*legs.imu_rotation.T.ravel(), *legs.imu_position])
     twist = dynamics.velocity(model.frame_id(frame, "test"), pin.LOCAL_WORLD_ALIGNED)
-    np.testing.assert_allclose(np.concatenate(legs.imu_motion()), twist, atol=1e-12)
+    np.testing.assert_allclose(legs.imu_motion, twist, atol=1e-12)
     for name, points in legs.points.items():
         expected = contacts[name].points(dynamics)[: len(points)] + legs.rolling.get(name, 0.0)
-        seen = legs.sight(name).places @ legs.imu_rotation.T + legs.imu_position
+        seen = legs.sight((name,)).places @ legs.imu_rotation.T + legs.imu_position
         np.testing.assert_allclose(seen, expected, atol=1e-12)
         link = model.frame_id(settings.contacts[name].frame, "test")
         turning = dynamics.velocity(link, pin.LOCAL_WORLD_ALIGNED)[3:]
-        np.testing.assert_allclose(legs.sight(name).turning, turning, atol=1e-12)
+        np.testing.assert_allclose(legs.sight((name,)).turning[0], turning, atol=1e-12)
 
 
 def test_wheels_and_contacts_between_links_have_no_points(robot_of):
@@ -68,5 +81,5 @@ def test_wheels_and_contacts_between_links_have_no_points(robot_of):
     contacts = make_qp(settings, model).contacts
     (first, *others) = contacts
     contacts[first].internal = True
-    legs = LegKinematics(model, contacts, frames, "base")
+    legs = LegKinematics(model, contacts, frames, "base", joint_noise=1e-3, point_noise=1e-3)
     assert list(legs.points) == others

@@ -37,11 +37,17 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
         for filter in (found, plain):
             filter.propagate(turning, force, 0.01)
         if names:
-            z, S = found.innovation(names, moved, covariance[np.ix_(rows, rows)])
-            expected = plain.innovation(names, moved, covariance[np.ix_(rows, rows)])
-            np.testing.assert_allclose(z, expected[0], atol=1e-10 * (1.0 + np.abs(expected[0]).max()))
-            np.testing.assert_allclose(S, expected[1], atol=1e-10 * np.abs(expected[1]).max())
-            found.correct(names, z, S)
+            noisy = covariance[np.ix_(rows, rows)]
+            z, S = plain.innovation(names, moved, noisy)
+            ends = np.array(sorted({*rng.integers(1, len(names) + 1, 3).tolist(), len(names)}))
+            parts = [slice(3 * start, 3 * end) for start, end in zip([0, *ends], ends, strict=False)]
+            expected = np.array([z[own] @ np.linalg.solve(S[own, own], z[own]) for own in parts])
+            before = found.P
+            refused = found.correct(names, moved, noisy, ends=ends, limits=expected * (1.0 - 1e-3))
+            np.testing.assert_allclose(refused, expected, rtol=1e-6)
+            assert found.P is before
+            squares = found.correct(names, moved, noisy, ends=ends, limits=expected * (1.0 + 1e-3))
+            np.testing.assert_array_equal(squares, refused)
             plain.correct(names, z, S)
         for part in ("rotation", "columns", "gyroscope_bias", "accelerometer_bias", "P"):
             wanted = getattr(plain, part)
@@ -50,14 +56,27 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
         np.testing.assert_array_equal(found.P, found.P.T)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.nan])
-def test_what_no_covariance_is_corrects_nothing(value):
-    filter = InvariantFilter(
+def still():
+    found = InvariantFilter(
         ImuNoise(0.1, 0.1, 0.1, 0.1, 0.1), np.array([0.0, 0.0, -9.81]), rotation=np.eye(3), velocity=np.zeros(3),
         position=np.zeros(3), gyroscope_bias=np.zeros(3), accelerometer_bias=np.zeros(3), P=np.eye(15),
     )  # fmt: skip
-    filter.add("a", np.zeros(3), np.eye(3))
+    found.add("a", np.zeros(3), np.eye(3))
+    return found
+
+
+def test_what_no_covariance_is_corrects_nothing():
+    filter = still()
     before = filter.P.copy()
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        filter.correct(["a"], np.ones(3), np.diag([1.0, value, 1.0]))
+        filter.correct(["a"], np.ones((1, 3)), np.diag([1.0, -10.0, 1.0]))
+    np.testing.assert_array_equal(filter.P, before)
+
+
+@pytest.mark.parametrize(("place", "noise"), [(np.nan, 1.0), (1.0, np.nan)])
+def test_what_is_not_finite_corrects_nothing(place, noise):
+    filter = still()
+    before = filter.P.copy()
+    squares = filter.correct(["a"], np.full((1, 3), place), np.diag([1.0, noise, 1.0]))
+    assert np.isnan(squares).all()
     np.testing.assert_array_equal(filter.P, before)

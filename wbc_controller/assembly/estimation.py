@@ -106,7 +106,14 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     if not model.floating_base:
         raise ConfigurationError(f"robot.base = {settings.robot.base!r}: there is no base to estimate; Valid: floating")
     frames = {name: contact.frame for name, contact in settings.contacts.items()}
-    legs = LegKinematics(model, contacts, frames, imu_frame(settings, model))
+    legs = LegKinematics(
+        model,
+        contacts,
+        frames,
+        imu_frame(settings, model),
+        joint_noise=known.joint_position_noise,
+        point_noise=known.contact_position_noise,
+    )
     if not legs.points:
         raise ConfigurationError(
             "the base cannot be estimated: no contact of the configuration stays where it is (surface, point, fixed; "
@@ -119,14 +126,7 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
         known.accelerometer_bias_walk,
         known.contact_noise,
     )
-    sensors = Sensors(
-        noise,
-        known.joint_position_noise,
-        known.contact_position_noise,
-        known.accelerometer_bias,
-        known.settling,
-        known.stillness,
-    )
+    sensors = Sensors(noise, known.accelerometer_bias, known.settling, known.stillness)
     poses = (
         PoseSensor(pose_frame(settings, model), known.pose_noise, known.pose_turn_noise)
         if known.absolute_pose

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
 
-from wbc_controller.core.arrays import all_finite, solved
-from wbc_controller.core.robot.orientation import quaternion_of
+from wbc_controller.core.arrays import all_true, sum_of_squares
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.estimation.move import HERE, Move
+from wbc_controller.estimation.rolling import Rolling
+from wbc_controller.kernels.frames import base_of_imu
 from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
@@ -35,20 +37,16 @@ _DEFINED = 1.0e-8
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What is known of the sensors.
+    """What is known of the IMU and of the start; noise of joints and contact points is the `LegKinematics`' own.
 
     Attributes:
         noise: of the IMU and of points in contact.
-        joint_position: of the joints' positions, rad, one standard deviation.
-        contact_position: of the position of a contact point beside that, such as from soft soles, m.
         accelerometer_bias: of the accelerometer's bias at the start, m/s², one standard deviation.
         settling: time for which the robot stands still at the start, s.
         stillness: largest standard deviation of the angular velocity in that time, rad/s.
     """
 
     noise: ImuNoise
-    joint_position: float
-    contact_position: float
     accelerometer_bias: float
     settling: float
     stillness: float
@@ -260,7 +258,7 @@ class BaseEstimator:
         across /= np.linalg.norm(across)
         R = np.vstack([np.cross(across, up), across, up])
         heights = [
-            legs.sight(name).places @ R[2] - legs.rolling.get(name, np.zeros(3))[2] for name in holding
+            legs.sight((name,)).places @ R[2] - legs.rolling.get(name, np.zeros(3))[2] for name in holding
         ]  # fmt: skip
         level, height = R @ legs.imu_rotation.T @ legs.imu_position, float(np.concatenate(heights).mean())
         g = float(np.linalg.norm(self._gravity))
@@ -309,9 +307,9 @@ class _Running:
         self._kinematics = kinematics
         self._sensors = sensors
         self._anchoring = Anchoring()
-        self._rolled: dict[str, Array] = {}  # by how far the centre of each ball has rolled, in the world, (3,) in m
-        sizes = {len(points) for points in kinematics.points.values()}
-        self._limits = {k: float(chdtri(3 * k, _SLIP)) for k in sizes}
+        self._rolling = Rolling(kinematics.rolling)
+        self._most = {name: float(chdtri(3 * len(points), _SLIP)) for name, points in kinematics.points.items()}
+        self._limits: dict[tuple[str, ...], Array] = {}  # the same, of several contacts
 
     @property
     def stamp(self) -> float:
@@ -343,7 +341,7 @@ class _Running:
 
     def broken(self) -> str | None:
         """Why the estimate cannot go on, where it cannot."""
-        if not (all_finite(self.filter.columns) and all_finite(self.filter.P)):
+        if not math.isfinite(sum_of_squares(self.filter.columns) + sum_of_squares(self.filter.P)):
             return "the estimate was lost (it was not finite)"
         return None
 
@@ -362,14 +360,12 @@ class _Running:
 
     def base(self, move: Move = HERE) -> tuple[Array, Array]:
         """Pose of the base in the filter's world, or in another one, (7,), and its twist in its own axes, (6,)."""
-        found, legs = self.filter, self._kinematics
-        R = found.rotation @ legs.imu_rotation.T
-        moving, turning = legs.imu_motion()
-        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - turning
-        velocity = R.T @ found.velocity - hat(omega) @ legs.imu_position - moving
-        place = move.of(*(found.position - R @ legs.imu_position).tolist())
-        pose = np.concatenate([place, quaternion_of(move.rotation @ R)])
-        return pose, np.concatenate([velocity, omega])
+        found, legs, pose, twist = self.filter, self._kinematics, np.empty(7), np.empty(6)
+        base_of_imu(
+            found.rotation, found.columns, self._last.angular_velocity, found.gyroscope_bias, legs.imu,
+            legs.imu_motion, np.array([math.cos(move.turn), math.sin(move.turn)]), np.array(move.shift), pose, twist,
+        )  # fmt: skip
+        return pose, twist
 
     def covariance(self) -> tuple[Array, Array]:
         """Covariances of the base's pose, position and turns about the world's axes, and of its twist, (6, 6) each.
@@ -399,54 +395,52 @@ class _Running:
             0.5 * (sample.specific_force + last.specific_force),
             dt,
         )
-        if self._rolled:
+        if self._rolling.names:
             self._roll(dt)
 
     def _roll(self, dt: float) -> None:
-        """The centre of a ball that rolls moves by ω × r n."""
         found, legs = self.filter, self._kinematics
         R = found.rotation @ legs.imu_rotation.T
-        _, imu_turning = legs.imu_motion()
-        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - imu_turning
-        for name, rolled in self._rolled.items():
-            turning = R @ (omega + legs.sight(name).turning)
-            self._rolled[name] = rolled + dt * (hat(turning) @ legs.rolling[name])
+        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
+        self._rolling.turn((omega + legs.sight(self._rolling.names).turning) @ R.T, dt)
 
     def _touch(self, holding: Sequence[str]) -> None:
         """Correct by the contacts that hold; those that contradict begin anew."""
         found, legs = self.filter, self._kinematics
         for name in [name for name, points in legs.points.items() if points[0] in found.names and name not in holding]:
             self._leave(name)
-        known = [name for name in holding if legs.points[name][0] in found.names]
+        known = tuple(name for name in holding if legs.points[name][0] in found.names)
         slipping: list[str] = []
         if known:
-            names, places, covariance = self._stacked(known, {name: self._seen(name) for name in known})
-            z, S = found.innovation(names, places, covariance)
-            start, kept = 0, np.ones(len(z), dtype=np.bool_)
-            for name in known:
-                own = slice(start, start + 3 * len(legs.points[name]))
-                if not z[own] @ solved(S[own, own], z[own]) <= self._limits[len(legs.points[name])]:
-                    slipping.append(name)
-                    kept[own] = False
-                start = own.stop
-            if slipping:
-                names, z, S = (
-                    [point for point, own in zip(names, kept[::3], strict=True) if own],
-                    z[kept],
-                    S[kept][:, kept],
-                )
-            found.correct(names, z, S)
+            good = self._corrected(known)
+            if not all_true(good):
+                slipping = [name for name, holds in zip(known, good, strict=True) if not holds]
+                rest = tuple(name for name in known if name not in slipping)
+                if rest:
+                    self._corrected(rest)
         for name in slipping:
             self._leave(name)
+        if len(known) == len(holding) and not (slipping or self._moving):
+            return
         alone = not found.names  # what the IMU says alone drifts
         self._moving = {name: seen for name, seen in self._moving.items() if name in holding and not alone}
         for name in holding:
             if name in slipping or name not in known:
-                sight = legs.sight(name)
+                sight = legs.sight((name,))
                 if name in slipping and not alone:
                     self._moving[name] = (self.stamp, self._placed(sight))
                 elif self._rests(name, sight):
                     self._enter(name, sight)
+
+    def _corrected(self, contacts: tuple[str, ...]) -> np.ndarray:
+        """Correct by some contacts, if none contradicts too much; which do not."""
+        found, sight = self.filter, self._kinematics.sight(contacts)
+        if contacts not in self._limits:
+            self._limits[contacts] = np.array([self._most[name] for name in contacts])
+        limits, places = self._limits[contacts], sight.places
+        if self._rolling.names:  # where the centres of balls would be had they not rolled
+            places = places - self._rolling.of(contacts, sight.ends) @ found.rotation
+        return found.correct(sight.names, places, sight.covariance, ends=sight.ends, limits=limits) <= limits
 
     def _placed(self, sight: Sight) -> Array:
         """The points of a contact in the filter's world, (k, 3) in m."""
@@ -464,33 +458,13 @@ class _Running:
             del self._moving[name]
         return name not in self._moving
 
-    def _seen(self, name: str) -> Sight:
-        """A contact's points, those of balls where they would be had they not rolled."""
-        sight = self._kinematics.sight(name)
-        rolled = self._rolled.get(name)
-        if rolled is None:
-            return sight
-        return Sight(sight.places - rolled @ self.filter.rotation, sight.jacobian, sight.turning)
-
-    def _stacked(self, contacts: Sequence[str], sights: Mapping[str, Sight]) -> tuple[list[str], Array, Array]:
-        """Names, places and covariance of the points of several contacts: the same joints see them."""
-        names = [point for name in contacts for point in self._kinematics.points[name]]
-        if not names:
-            return [], np.zeros((0, 3)), np.zeros((0, 0))
-        J = np.vstack([sights[name].jacobian for name in contacts])
-        covariance = self._sensors.joint_position**2 * (J @ J.T)
-        covariance[np.diag_indices(len(covariance))] += self._sensors.contact_position**2
-        return names, np.vstack([sights[name].places for name in contacts]), covariance
-
     def _enter(self, name: str, sight: Sight) -> None:
-        names, places, covariance = self._stacked([name], {name: sight})
-        for i, point in enumerate(names):
-            self.filter.add(point, places[i], covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
-        if name in self._kinematics.rolling:
-            self._rolled[name] = np.zeros(3)
+        for i, point in enumerate(sight.names):
+            self.filter.add(point, sight.places[i], sight.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
+        self._rolling.enter(name)
 
     def _leave(self, name: str) -> None:
         for point in self._kinematics.points[name]:
             self.filter.remove(point)
-        self._rolled.pop(name, None)
+        self._rolling.leave(name)
         self._anchoring.release(name)

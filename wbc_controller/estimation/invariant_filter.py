@@ -89,11 +89,12 @@ class InvariantFilter:
         )
         self._gravity = np.array(gravity)
         self.rotation = np.array(rotation)
-        self.columns = np.column_stack([velocity, position])
+        self.columns = np.ascontiguousarray(np.column_stack([velocity, position]))
         self.gyroscope_bias = np.array(gyroscope_bias)
         self.accelerometer_bias = np.array(accelerometer_bias)
         self.P = np.array(P)
         self.names: list[str] = []
+        self._known: dict[tuple[str, ...], np.ndarray] = {}  # which of the points have these names
 
     @property
     def velocity(self) -> Array:
@@ -121,43 +122,50 @@ class InvariantFilter:
             dt: s.
         """
         before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
-        self.rotation, self.columns, self.P = (np.empty(part.shape) for part in (before[0], before[1], before[4]))
+        self.rotation, self.columns, self.P = np.empty((3, 3)), np.empty(before[1].shape), np.empty(before[4].shape)
         # The covariance goes with the state before, as in the authors' own code.
         kernel.propagate(
             *before, self._gravity, angular_velocity, specific_force, dt, self._densities,
             self.rotation, self.columns, self.P,
         )  # fmt: skip
 
-    def innovation(self, names: Sequence[str], places: Array, covariance: Array) -> tuple[Array, Array]:
-        """What kinematics contradict the estimate by, and how much of that is expected.
+    def correct(
+        self,
+        names: Sequence[str],
+        places: Array,
+        covariance: Array,
+        *,
+        ends: np.ndarray | None = None,
+        limits: Array | None = None,
+    ) -> Array:
+        """Correct the state by kinematics, X ← exp(K z) X, unless what a group of points contradicts by is too much.
+
+        With z = R y + p - d of all points and its covariance S, the square of a group is zᵀ S⁻¹ z of its own points.
 
         Args:
             names: k names of contact points of the filter.
-            places: their positions measured by the kinematics, from the IMU and in its axes, (k, 3) in m.
+            places: y, their positions measured by the kinematics, from the IMU and in its axes, (k, 3) in m.
             covariance: of these positions, (3 k, 3 k) in m².
+            ends: after which of the points each group ends, (c,); by default they are one group.
+            limits: the largest square of each group, (c,); by default any.
 
         Returns:
-            R y + p - d of all points, (3 k,) in m, and its covariance, (3 k, 3 k).
-        """
-        z, S = np.empty(3 * len(names)), np.empty((3 * len(names), 3 * len(names)))
-        kernel.innovation(self.rotation, self.columns, self.P, self._places(names), places, covariance, z, S)
-        return z, S
+            The squares, (c,). Where one is not within its limit, or NaN, nothing is corrected.
 
-    def correct(self, names: Sequence[str], z: Array, S: Array) -> None:
-        """Correct the state by kinematics: X ← exp(K z) X.
-
-        Args:
-            names: k names of contact points of the filter.
-            z: by what they contradict the estimate, from `innovation`, (3 k,) in m.
-            S: the covariance of z, (3 k, 3 k) in m².
+        Raises:
+            LinAlgError: where S is not positive definite.
         """
-        if not names:
-            return
+        ends = np.array([len(names)]) if ends is None else ends
+        limits = np.full(len(ends), np.inf) if limits is None else limits
+        squares = np.empty(len(ends))
         before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
-        after = tuple(np.empty(part.shape) for part in before)
-        if not kernel.correct(*before, self._places(names), z, S, *after):
+        after = np.empty((3, 3)), np.empty(self.columns.shape), np.empty(3), np.empty(3), np.empty(self.P.shape)
+        found = kernel.correct(*before, self._places(tuple(names)), ends, places, covariance, limits, squares, *after)
+        if found < 0:
             raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
-        self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
+        if found > 0:
+            self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
+        return squares
 
     def correct_world(self, H: Array, z: Array, noise: Array, at: Array) -> tuple[float, Array]:
         """Correct where the world's heading and origin are, which nothing on the robot observes: X ← T X.
@@ -240,22 +248,26 @@ class InvariantFilter:
         """
         end = 9 + 3 * len(self.names)
         self.names.append(name)
-        self.columns = np.column_stack([self.columns, self.position + self.rotation @ place])
+        self._known.clear()
+        self.columns = np.ascontiguousarray(np.column_stack([self.columns, self.position + self.rotation @ place]))
         keep = np.concatenate([np.arange(end), np.arange(6, 9), np.arange(end, len(self.P))])
-        self.P = self.P[np.ix_(keep, keep)]
+        self.P = np.ascontiguousarray(self.P[np.ix_(keep, keep)])
         self.P[end : end + 3, end : end + 3] += self.rotation @ covariance @ self.rotation.T
 
     def remove(self, name: str) -> None:
         """End a contact point."""
         i = self.names.index(name)
         self.names.pop(i)
-        self.columns = np.delete(self.columns, 2 + i, axis=1)
+        self._known.clear()
+        self.columns = np.ascontiguousarray(np.delete(self.columns, 2 + i, axis=1))
         gone = np.arange(_POINTS + 3 * i, _POINTS + 3 * i + 3)
-        self.P = np.delete(np.delete(self.P, gone, axis=0), gone, axis=1)
+        self.P = np.ascontiguousarray(np.delete(np.delete(self.P, gone, axis=0), gone, axis=1))
 
-    def _places(self, names: Sequence[str]) -> np.ndarray:
+    def _places(self, names: tuple[str, ...]) -> np.ndarray:
         """Which of the points d have these names, (k,)."""
-        return np.array([self.names.index(name) for name in names], dtype=np.int64)
+        if names not in self._known:
+            self._known[names] = np.array([self.names.index(name) for name in names], dtype=np.int64)
+        return self._known[names]
 
 
 def hat(w: Array) -> Array:

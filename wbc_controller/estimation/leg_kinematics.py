@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,7 @@ import pinocchio as pin
 from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
 from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placements
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.estimation.invariant_filter import hat
-from wbc_controller.kernels.frames import sight
+from wbc_controller.kernels.frames import imu_on_base, sights
 from wbc_controller.records import Array
 
 #: Points of a sole that are followed: three that are not on a line tell its orientation too.
@@ -23,30 +22,48 @@ _ARM = 0.05 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Contact points as seen from the IMU.
+    """The points of some contacts as seen from the IMU.
 
     Attributes:
+        names: of the points, contact by contact, k of them.
+        ends: after which of the points those of each contact end, (c,).
         places: their positions in the axes of the IMU, (k, 3) in m.
-        jacobian: of these positions with respect to the positions of the joints and their followers, (3 k, nv - 6).
-        turning: angular velocity of their link against the base, in the base's axes, (3,) in rad/s.
+        covariance: of these positions, from noise of the joints' positions and of the points, (3 k, 3 k) in m².
+        turning: angular velocity of each contact's link against the base, in the base's axes, (c, 3) in rad/s.
     """
 
+    names: tuple[str, ...]
+    ends: np.ndarray
     places: Array
-    jacobian: Array
+    covariance: Array
     turning: Array
 
 
 @dataclass(frozen=True, slots=True)
 class _Touch:
-    """The points of one contact.
+    """The points of some contacts.
 
     Attributes:
-        joint: index of the joint that moves them.
-        points: their positions in its axes, (k, 3) in m.
+        names: of the points, contact by contact, k of them.
+        joints: index of the joint that moves those of each contact, (c,).
+        ends: after which of the points those of each contact end, (c,).
+        points: their positions in the axes of that joint, (k, 3) in m.
     """
 
-    joint: int
+    names: tuple[str, ...]
+    joints: np.ndarray
+    ends: np.ndarray
     points: Array
+
+    @staticmethod
+    def of(touches: Sequence[_Touch]) -> _Touch:
+        """Several as one."""
+        return _Touch(
+            tuple(name for touch in touches for name in touch.names),
+            np.array([touch.joints[0] for touch in touches], dtype=np.int64),
+            np.cumsum([len(touch.names) for touch in touches], dtype=np.int64),
+            np.concatenate([np.empty((0, 3)), *(touch.points for touch in touches)]),
+        )
 
 
 class LegKinematics:
@@ -61,10 +78,19 @@ class LegKinematics:
             their point is the centre, which moves as the ball rolls.
         imu_rotation: from the axes of the IMU to those of the base, (3, 3).
         imu_position: of the IMU in the base's axes, (3,) in m.
+        imu: both, (12,): the columns of the rotation, then the position.
+        imu_motion: twist of the IMU against the base, in the base's axes, (6,) in m/s and rad/s.
     """
 
     def __init__(
-        self, model: RobotModel, contacts: Mapping[str, Contact], frames: Mapping[str, str], imu_frame: str
+        self,
+        model: RobotModel,
+        contacts: Mapping[str, Contact],
+        frames: Mapping[str, str],
+        imu_frame: str,
+        *,
+        joint_noise: float,
+        point_noise: float,
     ) -> None:
         """Find the points of the contacts.
 
@@ -73,6 +99,8 @@ class LegKinematics:
             contacts: the contacts, by name.
             frames: the link's frame of each contact, by name.
             imu_frame: the frame of the IMU.
+            joint_noise: of the joints' positions, rad, one standard deviation.
+            point_noise: of the position of a point beside that, such as from soft soles, m.
 
         Raises:
             ConfigurationError: where the model has no such frame.
@@ -85,10 +113,15 @@ class LegKinematics:
         self._imu_joint, self._imu_placement = int(frame.parentJoint), frame.placement
         self._links, self._moves = placements(self._data), moved_by(self._pinocchio)
         self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
+        self._mount = np.concatenate([frame.placement.rotation.T.ravel(), frame.placement.translation])
+        self.imu, self.imu_motion = np.zeros(12), np.zeros(6)
+        self.imu_rotation, self.imu_position = self.imu[:9].reshape(3, 3).T, self.imu[9:]
+        self._noise = joint_noise, point_noise
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
         self._touches: dict[str, _Touch] = {}
-        self._sights: dict[str, Sight] = {}  # at the joints' present state
+        self._together: dict[tuple[str, ...], _Touch] = {}
+        self._sights: dict[tuple[str, ...], Sight] = {}  # at the joints' present state
         dynamics = Dynamics(model)
         for name, contact in contacts.items():
             if name not in frames or contact.internal:
@@ -105,8 +138,13 @@ class LegKinematics:
             link = model.frame_id(frames[name], f"contacts.{name}.frame")
             frame = self._pinocchio.frames[link]
             to_joint = frame.placement * dynamics.placement(link).inverse()
-            self._touches[name] = _Touch(int(frame.parentJoint), np.array([to_joint.act(corner) for corner in corners]))
             self.points[name] = tuple(f"{name}/{i}" for i in range(len(corners)))
+            self._touches[name] = _Touch(
+                self.points[name],
+                np.array([int(frame.parentJoint)]),
+                np.array([len(corners)]),
+                np.array([to_joint.act(corner) for corner in corners]),
+            )
         self.update(model.posture, np.zeros(model.nj))
 
     def update(self, q: Array, v: Array) -> None:
@@ -118,14 +156,14 @@ class LegKinematics:
         """
         model = self._model
         self._sights.clear()
-        self._q[model.q_index], self._v[model.v_index] = q, v
+        self._q[model.q_places], self._v[model.v_places] = q, v
         if model.followers is not None:
             model.followers.place(self._q)
             model.followers.move(self._v)
         pin.computeJointJacobians(self._pinocchio, self._data, self._q)
-        imu = self._data.oMi[self._imu_joint] * self._imu_placement
-        self.imu_rotation, self.imu_position = np.array(imu.rotation), np.array(imu.translation)
-        self._imu = np.concatenate([self.imu_rotation.T.ravel(), self.imu_position])
+        imu_on_base(
+            self._links, self._data.J, self._moves, self._imu_joint, self._mount, self._v, self.imu, self.imu_motion
+        )  # fmt: skip
 
     def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
         """The joint that moves a frame, and where the frame is on it, for `from_imu`.
@@ -145,24 +183,22 @@ class LegKinematics:
         imu = self._data.oMi[self._imu_joint] * self._imu_placement
         return imu.actInv(self._data.oMi[joint] * placement)
 
-    def imu_motion(self) -> tuple[Array, Array]:
-        """Linear and angular velocity of the IMU against the base, in the base's axes, both (3,), in m/s and rad/s."""
-        # of its link, at the base's origin
-        twist = self._data.J[:, 6:] @ (self._moves[self._imu_joint, 6:] * self._v[6:])
-        return twist[:3] - hat(self.imu_position) @ twist[3:], twist[3:]
+    def sight(self, contacts: tuple[str, ...]) -> Sight:
+        """The points of some contacts as seen from the IMU."""
+        if contacts not in self._sights:
+            self._sights[contacts] = self._look(contacts)
+        return self._sights[contacts]
 
-    def sight(self, contact: str) -> Sight:
-        """The points of a contact as seen from the IMU."""
-        if contact not in self._sights:
-            self._sights[contact] = self._look(contact)
-        return self._sights[contact]
-
-    def _look(self, contact: str) -> Sight:
-        touch = self._touches[contact]
-        k = len(touch.points)
-        seen = Sight(np.empty((k, 3)), np.empty((3 * k, self._model.nv - 6)), np.empty(3))
-        sight(
-            self._links, self._data.J, self._moves, touch.joint, self._imu_joint, self._imu, touch.points, self._v,
-            seen.places, seen.jacobian, seen.turning,
+    def _look(self, contacts: tuple[str, ...]) -> Sight:
+        if contacts not in self._together:
+            self._together[contacts] = _Touch.of([self._touches[name] for name in contacts])
+        touch = self._together[contacts]
+        k = len(touch.names)
+        seen = Sight(
+            touch.names, touch.ends, np.empty((k, 3)), np.empty((3 * k, 3 * k)), np.empty((len(contacts), 3))
+        )  # fmt: skip
+        sights(
+            self._links, self._data.J, self._moves, touch.joints, self._imu_joint, self.imu, touch.ends, touch.points,
+            self._v, *self._noise, seen.places, seen.covariance, seen.turning,
         )  # fmt: skip
         return seen

@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
-    ANY_MATRIX,
     ANY_VECTOR,
     INDICES,
     NUMBER,
+    ROWS,
     ROWS_OUT,
+    VECTOR,
     VECTOR_OUT,
     compiled,
     part,
@@ -43,41 +44,27 @@ def _coefficients(w: Array) -> tuple[float, float, float]:
 @part
 def _carried(P: Array, G: Array, R: Array, gravity: Array, dt: float, out: Array) -> None:
     """Φ P, with Φ = 1 + A dt: its few blocks beside the diagonal, row by row."""
-    n, end = len(P), len(G)
-    for i in range(n):
+    n, end = len(P), G.shape[1]
+    for i in range(end):
+        a, b, c = dt * G[0, i], dt * G[1, i], dt * G[2, i]
+        for j in range(n):
+            out[i, j] = P[i, j] - (a * P[end, j] + b * P[end + 1, j] + c * P[end + 2, j])
+    for i in range(end, n):
         for j in range(n):
             out[i, j] = P[i, j]
-    for i in range(end):
-        for k in range(3):
-            share = dt * G[i, k]
-            for j in range(n):
-                out[i, j] -= share * P[end + k, j]
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3  # (g × x)ᵢ = g_a x_b - g_b x_a
+        fall, rise = dt * gravity[a], dt * gravity[b]
+        x, y, z = dt * R[i, 0], dt * R[i, 1], dt * R[i, 2]
         for j in range(n):
-            out[3 + i, j] += dt * (gravity[a] * P[b, j] - gravity[b] * P[a, j])
+            out[3 + i, j] += fall * P[b, j] - rise * P[a, j]
             out[6 + i, j] += dt * P[3 + i, j]
-        for k in range(3):
-            share = dt * R[i, k]
-            for j in range(n):
-                out[3 + i, j] -= share * P[end + 3 + k, j]
+            out[3 + i, j] -= x * P[end + 3, j] + y * P[end + 4, j] + z * P[end + 5, j]
 
 
 @compiled(
-    ANY_MATRIX,
-    ANY_MATRIX,
-    ANY_VECTOR,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    ANY_VECTOR,
-    ANY_VECTOR,
-    ANY_VECTOR,
-    NUMBER,
-    ANY_VECTOR,
-    ROWS_OUT,
-    ROWS_OUT,
-    ROWS_OUT,
-)
+    ROWS, ROWS, VECTOR, VECTOR, ROWS, VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, VECTOR, ROWS_OUT, ROWS_OUT, ROWS_OUT
+)  # fmt: skip
 def propagate(
     R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, gravity: Array,
     angular_velocity: Array, specific_force: Array, dt: float, noise: Array,
@@ -102,20 +89,21 @@ def propagate(
     """
     n = len(P)
     end = n - 6
-    G = np.empty((end, 3))  # what rotations of the IMU do to the error: R, and x × R for each column x
+    G = np.empty((3, end))  # what rotations of the IMU do to the error, transposed: R, and x × R for each column x
     for k in range(3):
         for i in range(3):
-            G[i, k] = R[i, k]
+            G[k, i] = R[i, k]
         for c in range(columns.shape[1]):
             x, y, z = columns[0, c], columns[1, c], columns[2, c]
-            G[3 + 3 * c, k] = y * R[2, k] - z * R[1, k]
-            G[4 + 3 * c, k] = z * R[0, k] - x * R[2, k]
-            G[5 + 3 * c, k] = x * R[1, k] - y * R[0, k]
+            G[k, 3 + 3 * c] = y * R[2, k] - z * R[1, k]
+            G[k, 4 + 3 * c] = z * R[0, k] - x * R[2, k]
+            G[k, 5 + 3 * c] = x * R[1, k] - y * R[0, k]
     driven, halfway = P.copy(), np.empty((n, n))
     density = dt * noise[0] ** 2
     for i in range(end):
+        a, b, c = density * G[0, i], density * G[1, i], density * G[2, i]
         for j in range(end):
-            driven[i, j] += density * (G[i, 0] * G[j, 0] + G[i, 1] * G[j, 1] + G[i, 2] * G[j, 2])
+            driven[i, j] += a * G[0, j] + b * G[1, j] + c * G[2, j]
     for i in range(3, n):
         if not 6 <= i < 9:  # nothing drives the position but the velocity
             kind = 1 if i < 6 else 4 if i < end else 2 if i < end + 3 else 3
@@ -142,22 +130,11 @@ def propagate(
         columns_out[i, 1] += columns[i, 0] * dt + 0.5 * dt**2 * acceleration[i]
 
 
-@compiled(ANY_MATRIX, ANY_MATRIX, ANY_MATRIX, INDICES, ANY_MATRIX, ANY_MATRIX, VECTOR_OUT, ROWS_OUT)
-def innovation(
+@part
+def _innovation(
     R: Array, columns: Array, P: Array, points: np.ndarray, places: Array, covariance: Array, z: Array, S: Array
 ) -> None:  # fmt: skip
-    """Compute z = R y + p - d of points in contact, and S = H P Hᵀ + R C Rᵀ with H = [0 0 -1 … 1 …].
-
-    Args:
-        R: (3, 3).
-        columns: v, p, d₁ … d_N, (3, 2 + N).
-        P: (15 + 3 N, 15 + 3 N).
-        points: which of the d, (k,).
-        places: y, (k, 3) in m.
-        covariance: C, (3 k, 3 k) in m².
-        z: for z, (3 k,).
-        S: for S, (3 k, 3 k).
-    """
+    """Write z = R y + p - d of points in contact, and S = H P Hᵀ + R C Rᵀ with H = [0 0 -1 … 1 …]."""
     half = np.empty((3, 3))
     for a in range(len(points)):
         row = 9 + 3 * points[a]
@@ -165,7 +142,7 @@ def innovation(
             z[3 * a + i] = columns[i, 1] - columns[i, 2 + points[a]]
             for k in range(3):
                 z[3 * a + i] += R[i, k] * places[a, k]
-        for b in range(len(points)):
+        for b in range(a, len(points)):
             column = 9 + 3 * points[b]
             for i in range(3):
                 for j in range(3):
@@ -177,31 +154,39 @@ def innovation(
                     total = P[row + i, column + j] - P[row + i, 6 + j] - P[6 + i, column + j] + P[6 + i, 6 + j]
                     for k in range(3):
                         total += half[i, k] * R[j, k]
-                    S[3 * a + i, 3 * b + j] = total
+                    S[3 * a + i, 3 * b + j] = S[3 * b + j, 3 * a + i] = total
+
+
+@part
+def _square(z: Array, S: Array, start: int, end: int) -> float:
+    """The product zᵀ S⁻¹ z of some rows, by the Cholesky factorization; -1 where S is not positive definite."""
+    m = end - start
+    U, y, total = S[start:end, start:end].copy(), z[start:end].copy(), 0.0
+    for i in range(m):
+        if U[i, i] <= 0.0:
+            return -1.0
+        total += y[i] * y[i] / U[i, i]
+        for k in range(i + 1, m):
+            share = U[i, k] / U[i, i]
+            for j in range(k, m):
+                U[k, j] -= share * U[i, j]
+            y[k] -= share * y[i]
+    return total
 
 
 @compiled(
-    ANY_MATRIX,
-    ANY_MATRIX,
-    ANY_VECTOR,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    INDICES,
-    ANY_VECTOR,
-    ANY_MATRIX,
-    ROWS_OUT,
-    ROWS_OUT,
-    VECTOR_OUT,
-    VECTOR_OUT,
-    ROWS_OUT,
-)
+    ROWS, ROWS, VECTOR, VECTOR, ROWS, INDICES, INDICES, ROWS, ROWS, VECTOR, VECTOR_OUT, ROWS_OUT, ROWS_OUT, VECTOR_OUT,
+    VECTOR_OUT, ROWS_OUT,
+)  # fmt: skip
 def correct(
-    R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, points: np.ndarray, z: Array,
-    S: Array, R_out: Array, columns_out: Array, gyroscope_out: Array, accelerometer_out: Array, P_out: Array,
-) -> bool:  # fmt: skip
-    """X ← exp(K z) X and P ← P - K H P, with K = P Hᵀ S⁻¹.
+    R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array, points: np.ndarray,
+    ends: np.ndarray, places: Array, covariance: Array, limits: Array, squares: Array, R_out: Array,
+    columns_out: Array, gyroscope_out: Array, accelerometer_out: Array, P_out: Array,
+) -> int:  # fmt: skip
+    """X ← exp(K z) X and P ← P - K H P, with K = P Hᵀ S⁻¹, unless what some contacts contradict by is too much.
 
-    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY.
+    z = R y + p - d and S = H P Hᵀ + R C Rᵀ with H = [0 0 -1 … 1 …]. With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and
+    K H P = YᵀY.
 
     Args:
         R: (3, 3).
@@ -209,9 +194,12 @@ def correct(
         gyroscope_bias: b_g, (3,).
         accelerometer_bias: b_a, (3,).
         P: (15 + 3 N, 15 + 3 N).
-        points: which of the d the innovation is of, (k,).
-        z: the innovation, (3 k,).
-        S: its covariance, (3 k, 3 k).
+        points: which of the d are seen, contact by contact, (k,).
+        ends: after which of them those of each contact end, (c,).
+        places: y, where they are seen from the IMU and in its axes, (k, 3) in m.
+        covariance: C, of y, (3 k, 3 k) in m².
+        limits: the largest zᵀ S⁻¹ z of each contact by itself, (c,).
+        squares: for that of each, (c,).
         R_out: for the new R.
         columns_out: for the new columns.
         gyroscope_out: for the new b_g.
@@ -219,44 +207,53 @@ def correct(
         P_out: for the new P.
 
     Returns:
-        Whether S is positive definite; nothing is written otherwise.
+        1; 0 where a contact is beyond its limit, -1 where S is not positive definite. The new state is written for 1
+        alone.
     """
-    n, m = len(P), len(z)
+    n, m = len(P), 3 * len(points)
     end = n - 6
-    U, Y, y = S.copy(), np.empty((m, n)), z.copy()
+    y, U, Y = np.empty(m), np.empty((m, m)), np.empty((m, n))
+    _innovation(R, columns, P, points, places, covariance, y, U)
+    start, within = 0, True
+    for i in range(len(ends)):
+        squares[i] = _square(y, U, 3 * start, 3 * ends[i])
+        if squares[i] < 0.0:
+            return -1
+        within = within and squares[i] <= limits[i]
+        start = ends[i]
+    if not within:
+        return 0
     for a in range(len(points)):
         for i in range(3):
             for j in range(n):
                 Y[3 * a + i, j] = P[9 + 3 * points[a] + i, j] - P[6 + i, j]
     for i in range(m):
         if not U[i, i] > 0.0:  # NaN too
-            return False
-        root = math.sqrt(U[i, i])
+            return -1
+        scale = 1.0 / math.sqrt(U[i, i])
+        u, row = U[i], Y[i]
         for j in range(i, m):
-            U[i, j] /= root
+            u[j] *= scale
         for j in range(n):
-            Y[i, j] /= root
-        y[i] /= root
+            row[j] *= scale
+        y[i] *= scale
         for k in range(i + 1, m):
-            share = U[i, k]
+            share, u_below, below = u[k], U[k], Y[k]
             for j in range(k, m):
-                U[k, j] -= share * U[i, j]
+                u_below[j] -= share * u[j]
             for j in range(n):
-                Y[k, j] -= share * Y[i, j]
+                below[j] -= share * row[j]
             y[k] -= share * y[i]
     delta = np.zeros(n)
     for i in range(n):
-        for j in range(i, n):
-            P_out[i, j] = 0.5 * (P[i, j] + P[j, i])
-    for k in range(m):
-        for i in range(n):
-            share = Y[k, i]
+        out = P_out[i]
+        for j in range(n):
+            out[j] = 0.5 * (P[i, j] + P[j, i])
+        for k in range(m):
+            share, row = Y[k, i], Y[k]
             delta[i] += share * y[k]
-            for j in range(i, n):
-                P_out[i, j] -= share * Y[k, j]
-    for i in range(n):
-        for j in range(i):
-            P_out[i, j] = P_out[j, i]
+            for j in range(n):  # all of them, so that both halves are the same sums
+                out[j] -= share * row[j]
 
     turn, before, after = delta[:3], np.empty(3), np.empty(3)
     sine, cosine, cube = _coefficients(turn)
@@ -278,4 +275,4 @@ def correct(
     for i in range(3):
         gyroscope_out[i] = gyroscope_bias[i] + delta[end + i]
         accelerometer_out[i] = accelerometer_bias[i] + delta[end + 3 + i]
-    return True
+    return 1

@@ -1,0 +1,68 @@
+"""Prints what one update of the base's estimate takes, in the cycles of a robot that stands on it.
+
+An update begins with what the IMU and the joints have measured, and ends with the pose and the twist of the base.
+Beside it: the whole cycle that it is a part of, bytes in to bytes out with audit and status, on the memory transport.
+Run: python benchmarks/estimator.py [ROBOT ...] [--seconds S]
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.accuracy.rig import Rig
+from wbc_controller.estimation.base_estimator import BaseEstimator
+
+
+def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
+    """Times of the updates and of whole cycles, s, and the number of contact points that the filter follows."""
+    rig = Rig(robot, {"estimation.base_state": "imu", "mock.sensors": "good"})
+    rig.stand()
+    updates: list[float] = []
+    cycles: list[float] = []
+
+    def timed(call: Callable[..., Any], times: list[float]) -> Callable[..., Any]:
+        def run(*given: Any) -> Any:
+            begin = time.perf_counter()
+            made = call(*given)
+            times.append(time.perf_counter() - begin)
+            return made
+
+        return run
+
+    estimator, loop = rig.estimator, rig._loop
+    if estimator is None or estimator.filter is None:
+        raise SystemExit(f"{robot} does not stand on an estimate")
+
+    def update(*given: Any) -> Any:
+        BaseEstimator.update(estimator, *given)
+        return estimator.base
+
+    estimator.update = timed(update, updates)  # type: ignore[method-assign]
+    loop.cycle = timed(loop.cycle, cycles)  # type: ignore[method-assign]
+    rig.run(seconds)
+    return updates, cycles, len(estimator.filter.names)
+
+
+def main() -> None:
+    """Measure, and print a table."""
+    logging.disable(logging.WARNING)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robots", nargs="*", default=["g1", "talos", "go2"])
+    parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each robot")
+    words = parser.parse_args()
+    print(f"{'medians, us':12}{'points':>8}{'update':>8}{'p99':>8}{'cycle':>8}{'share':>8}")
+    for robot in words.robots:
+        updates, cycles, points = measure(robot, words.seconds)
+        update, cycle, late = np.median(updates), np.median(cycles), np.quantile(updates, 0.99)
+        times = "".join(f"{1e6 * each:8.0f}" for each in (update, late, cycle))
+        print(f"{robot:12}{points:8}{times}{100.0 * update / cycle:6.0f} %", flush=True)
+
+
+if __name__ == "__main__":
+    main()
