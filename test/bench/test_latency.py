@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from domains import own_domain
+from launching import patient
 
 from wbc_controller.bench import latency
 from wbc_controller.bench.latency import Latency, measure_latency
@@ -105,7 +106,7 @@ def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, tr
     if transport == "rclpy":
         pytest.importorskip("rclpy", reason="rclpy is not importable")
     words = ["--seconds", "1", "--transport", transport, "--domain", str(own_domain()), "--out", str(tmp_path)]
-    result = CliRunner().invoke(main, ["bench", "latency", "go2", *words, *driver])
+    result = CliRunner().invoke(main, ["bench", "latency", str(patient("go2", tmp_path)), *words, *driver])
     print(result.output)
     assert result.exit_code == 0, (result.output, (tmp_path / "controller.log").read_text())
     kept = json.loads((tmp_path / "latency.json").read_text())
@@ -118,5 +119,5 @@ def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, tr
     assert kept["controller_processor_share"] > 0.0
     assert min(kept["controller_memory_kb"]) > 20_000
     assert "on processor" in kept["scheduling"]
-    assert f"go2 over {transport}" in result.output
+    assert f" over {transport}" in result.output
     assert [robot.plant.held for robot in made] == [False] * len(driver)  # it stood on its feet

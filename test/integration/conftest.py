@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
 from domains import own_domain
+from launching import patient
 
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.controller import Controller
@@ -227,13 +227,9 @@ class Processes:
 
 
 @pytest.fixture
-def patient_robot(tmp_path: Path, robot_of: Any, changed: Any) -> str:
+def patient_robot(tmp_path: Path) -> str:
     """A file of `ROBOT`, of which neither the controller nor the robot damps by itself where the machine is busy."""
-    changes = {"safety": {"state_timeout": 1.0}, "mock": {"command_timeout": 10.0}}
-    path = tmp_path / "robot.yaml"
-    values = {"wbc_controller": {"ros__parameters": changed(robot_of(ROBOT)[0], changes).model_dump(mode="json")}}
-    path.write_text(yaml.safe_dump(values), encoding="utf-8")
-    return str(path)
+    return str(patient(ROBOT, tmp_path))
 
 
 @pytest.fixture

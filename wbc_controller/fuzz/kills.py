@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from wbc_controller.errors import WbcError
 from wbc_controller.fuzz import DOMAIN
 from wbc_controller.fuzz.rig import Rig
 
@@ -27,6 +28,8 @@ WAYS: Mapping[str, signal.Signals] = {
 _STOPPED = (0.03, 3.0)
 #: Moment of the kill after the activation, s.
 _MOMENT = (0.3, 1.0)
+#: How often the robot is activated for it, at most: where the machine stalls, a fault comes before the kill.
+_ATTEMPTS = 10
 #: Time after which what was late until now has been seen, s.
 _SETTLED = 0.1
 #: What a machine that is never late may add to the guard's bound, s.
@@ -111,11 +114,9 @@ def kill_trials(
 
 
 def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> KillTrial:
-    rig.activate()
-    rig.until(lambda: rig.said("guard") == "watching", "the guard to watch")
     moment = float(rng.uniform(*_MOMENT))
     stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
-    time.sleep(moment)
+    _stand(rig, moment)
     rig.lateness.forget()
     process = rig.processes[victim]
     struck = time.monotonic()
@@ -136,6 +137,17 @@ def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> Kil
         victim, way, stopped, gap, period + patience, stale, settings.safety.state_timeout, late, sentence, right,
         restarted,
     )  # fmt: skip
+
+
+def _stand(rig: Rig, seconds: float) -> None:
+    """Let the robot stand for a while: again where the machine was so late meanwhile that the controller damps."""
+    for _ in range(_ATTEMPTS):
+        rig.activate()
+        rig.until(lambda: rig.said("guard") == "watching", "the guard to watch")
+        time.sleep(seconds)
+        if rig.said("controller") == "active" and rig.said("guard") == "watching":
+            return
+    raise WbcError(f"the machine was too late for the robot to stand for {seconds:.1f} s")
 
 
 def _longest_hold(rig: Rig, since: float) -> float:

@@ -23,7 +23,7 @@ from wbc_controller.settings.config import load
 #: The C library, and the number of the request in <sys/prctl.h>.
 _C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1
 #: Wall time after which something that should have happened has not, s.
-PATIENCE = 30.0
+PATIENCE = 60.0
 
 
 class Processes:
