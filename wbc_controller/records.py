@@ -112,7 +112,8 @@ class Prediction:
     Attributes:
         stamp: of its state, ns.
         v: velocity in that state, (nv,).
-        v_dot: acceleration that the torques sent should give, (nv,); None where they were not those of the program.
+        v_dot: acceleration of the program, (nv,); None where it does not follow from the torques sent.
+        excess: generalized force of the torques sent, less that of the program's, (nv,) in N, N·m.
         forces: what the contacts that held should carry, by name, in N, N·m.
         M: mass matrix in that state, (nv, nv).
         J: stacked Jacobian of these contacts, (k, nv).
@@ -121,6 +122,7 @@ class Prediction:
     stamp: int
     v: Array
     v_dot: Array | None
+    excess: Array
     forces: Mapping[str, Array]
     M: Array
     J: Array

@@ -99,15 +99,16 @@ def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
     assert not estimate.forces.any()
 
 
-def estimated(model, *, rows=(), gap=0.002, arrived=1.0, relaxed=()):
-    """What is estimated of a velocity that grows by 1 a second, of which the program has predicted nothing."""
+def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
+    """What is estimated of a velocity that grows, of which the program has predicted nothing, with M = I."""
     beside, nv = BesideTheModel(DisturbanceEstimate(model, LIMITS), None, None, 0.002), model.nv
     tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
     solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
+    dynamics, growing = SimpleNamespace(M=np.eye(nv), model=model), np.ones(nv) if growing is None else growing
     for i in range(20):
-        state = RobotState(1 + round(1e9 * gap * i), np.zeros(model.nq), np.full(nv, gap * i))
+        state = RobotState(1 + round(1e9 * gap * i), np.zeros(model.nq), gap * i * growing)
         beside.look(state)
-        beside.sent(state, solution, arrived * tau, SimpleNamespace(M=np.eye(nv)), lambda contacts: J)
+        beside.sent(state, solution, None if sent is None else sent * tau, dynamics, lambda contacts: J)
     return beside.estimate.forces
 
 
@@ -118,8 +119,16 @@ def test_only_what_moves_the_robot_on_its_contacts_is_taken_up(robot_of):
     assert (np.delete(found, [3, 7]) > 0.01).all()
 
 
-@pytest.mark.parametrize("reason", [{"gap": 0.008}, {"arrived": 0.5}, {"relaxed": ("limit",)}])
-def test_states_that_were_lost_and_torques_that_did_not_arrive_tell_nothing(robot_of, reason):
+@pytest.mark.parametrize("sent", [0.5, 1.2])
+def test_torques_other_than_the_programs_count_as_they_were_sent(robot_of, sent):
+    _, model = robot_of("go2")
+    moved = model.actuation.generalized_force((sent - 1.0) * np.ones(model.na))
+    np.testing.assert_allclose(estimated(model, sent=sent, growing=moved), 0.0, atol=1e-12)
+    np.testing.assert_allclose(estimated(model, sent=sent, growing=moved + 1.0), estimated(model), rtol=1e-9)
+
+
+@pytest.mark.parametrize("reason", [{"gap": 0.008}, {"sent": None}, {"relaxed": ("limit",)}])
+def test_states_that_were_lost_and_torques_that_were_not_sent_tell_nothing(robot_of, reason):
     _, model = robot_of("go2")
     assert not estimated(model, **reason).any()
 

@@ -12,9 +12,9 @@ RIVAL = "torques on /effort_controller/commands are published by /wbc_controller
 def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_user):
     user = dds_user
     mock = processes.start("mock", "go2")
-    processes.start("run", "go2")
+    processes.start("run", "go2", "--use-sim-time")
     user.wait_for_service()  # or the second might be there first, and be the only one
-    second = processes.start("run", "go2", "--activate")
+    second = processes.start("run", "go2", "--activate", "--use-sim-time")
     # Each says once, in its log, that the other is there.
     user.until(lambda: processes.logs().count(f"ownership: {RIVAL}") == 2, "both controllers to see each other")
     user.until(

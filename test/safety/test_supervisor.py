@@ -257,6 +257,28 @@ def test_the_torque_rate_is_held_in_the_problem_only_when_no_ramp_is_under_way(r
     assert bench.supervisor.torques_before(bench.now) is None
 
 
+def test_filtered_torques_follow_the_solutions_with_their_time_constant(rig):
+    bench = rig(torque_filter=0.006, torque_rate=1e5).bring("active")
+    np.testing.assert_allclose(bench.commands[-1].tau, bench.tau, rtol=1e-6)  # it has come on the ramp, unfiltered
+    before, bench.tau = bench.tau, -0.4 * bench.model.effort_limits
+    for count in range(1, 8):
+        sent = bench.step().tau
+        np.testing.assert_allclose(sent, bench.tau + np.exp(-count * PERIOD / 0.006) * (before - bench.tau), rtol=1e-6)
+        np.testing.assert_array_equal(bench.supervisor.torques_before(bench.now), sent)
+    bench.now += 0.006 - PERIOD  # states that come late: by the time that has passed, not by cycles
+    late = bench.step().tau
+    np.testing.assert_allclose(late, bench.tau + np.exp(-1.0) * (sent - bench.tau), rtol=1e-6)
+
+
+def test_a_filter_delays_neither_damping_nor_a_stop(rig):
+    bench = rig(torque_filter=0.05, torque_rate=1e5).bring("active")
+    bench.request("estop")
+    assert not bench.step().tau.any()
+    bench = rig(torque_filter=0.05, torque_rate=1e5).bring("active")
+    bench.request("damp")
+    assert not bench.step().tau.any()
+
+
 def test_a_command_carries_the_stamp_it_answers_and_where_its_torques_lead(rig):
     bench = rig().bring("active")
     answer = solution(bench.model, bench.tau)
@@ -445,9 +467,14 @@ _cycles = st.lists(
     hold=st.sampled_from([0.0, 0.01]),
     damping=st.sampled_from([0.0, 0.05]),
     rate=st.sampled_from([1.0, 50.0, 1e5]),
+    slow=st.sampled_from([0.0, 0.006]),
 )
-def test_whatever_happens_commands_are_bounded_and_modes_go_as_drawn(rig_model, cycles, ramp, hold, damping, rate):
-    bench = Rig(rig_model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate)
+def test_whatever_happens_commands_are_bounded_and_modes_go_as_drawn(
+    rig_model, cycles, ramp, hold, damping, rate, slow
+):
+    bench = Rig(
+        rig_model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate, torque_filter=slow
+    )
     bench.request("activate")
     model, supervisor = bench.model, bench.supervisor
     last = np.zeros(model.na)

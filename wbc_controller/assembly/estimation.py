@@ -34,6 +34,13 @@ def pose_frame(settings: Settings, model: RobotModel) -> str:
     return settings.estimation.pose_frame or model.base_link
 
 
+def torque_filter(settings: Settings) -> float:
+    """Time constant with which the torques sent follow those of the solutions, s; 0 for at once."""
+    known = settings.estimation
+    asked = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
+    return known.torque_filter_time if asked else 0.0
+
+
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     """How fast what the model lacks is estimated."""
     known = settings.estimation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wbc_controller.assembly.estimation import velocity_delay
+from wbc_controller.assembly.estimation import torque_filter, velocity_delay
 from wbc_controller.assembly.limits import make_torque_speed
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.safety.plausibility import FallLimits, PlausibilityLimits
@@ -42,5 +42,6 @@ def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorL
             frozen_time=max(safety.frozen_time, safety.state_timeout),
         ),
         velocity_delay=velocity_delay(settings),
+        torque_filter=torque_filter(settings),
         fall=FallLimits(tilt=safety.max_tilt, height=safety.min_height),
     )

@@ -205,7 +205,8 @@ class ControlCycle:
         command = self.supervisor.step(now, state, joint_velocity, problem, outcome)
         if state is not None:
             solved = outcome if isinstance(outcome, Solution) else None
-            tau = command.tau if command is not None else None
+            whole = command is not None and self.supervisor.torques_before(now) is not None
+            tau = command.tau if command is not None and whole else None
             self.beside.sent(state, solved, tau, self.qp.dynamics, self.qp.contact_jacobian)
         if left and outcome is None:
             words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"

@@ -45,6 +45,7 @@ class BesideTheModel:
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
         self._before: Prediction | None = None
+        self._nothing = frozen(np.zeros(len(estimate.forces)))
 
     def restart(self) -> None:
         """Forget all."""
@@ -79,7 +80,9 @@ class BesideTheModel:
             if self._friction is not None:
                 self._friction.look(before.M, before.J, contacts, state.v, gap, wanted)
             if not self.estimate.rests:
-                missed = state.v - before.v - wanted if wanted is not None else None
+                missed = None
+                if wanted is not None:
+                    missed = before.M @ (state.v - before.v - wanted) - gap * before.excess
                 self.estimate.look(before.M, before.J, contacts, gap, missed)
                 if self.carried is not None and self.estimate.held is not None:
                     self.carried.look(before.forces, *self.estimate.held)
@@ -106,23 +109,20 @@ class BesideTheModel:
         Args:
             state: its latched state.
             solution: its solution, where it has one.
-            tau: torques that were sent, (na,) in N·m; None where none were.
+            tau: torques that were sent, (na,) in N·m; None where none were, or on a ramp, where others hold the robot.
             dynamics: the snapshot of that state.
             jacobian: gives the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
         """
         if self._rests or (self._before is not None and self._before.stamp == state.stamp):
             return  # the torques that were sent first have acted for longer
-        # Torques that were limited afterwards, or come on a ramp, predict nothing; nor does one that misses its bounds.
-        arrived = (
-            solution is not None and tau is not None and not solution.relaxed and np.array_equal(tau, solution.tau)
-        )
-        chosen = solution.forces if solution is not None and arrived else {}
-        forces = {name: frozen(force) for name, force in chosen.items()}
+        model, excess, v_dot = dynamics.model, self._nothing, None
+        forces: dict[str, Array] = {}
+        if (
+            solution is not None and tau is not None and not solution.relaxed
+        ):  # one that misses its bounds tells nothing
+            v_dot, forces = solution.v_dot, {name: frozen(force) for name, force in solution.forces.items()}
+            if not np.array_equal(tau, solution.tau):
+                excess = model.actuation.generalized_force(tau - solution.tau)
         self._before = Prediction(
-            state.stamp,
-            state.v,
-            solution.v_dot if solution is not None and arrived else None,
-            forces,
-            frozen(dynamics.M),
-            frozen(jacobian(tuple(forces))),
+            state.stamp, state.v, v_dot, excess, forces, frozen(dynamics.M), frozen(jacobian(tuple(forces)))
         )

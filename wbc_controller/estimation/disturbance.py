@@ -104,13 +104,14 @@ class DisturbanceEstimate:
             J: Jacobian of the contacts that held, (k, nv).
             contacts: their names.
             gap: time to the state that it is compared with, s.
-            missed: how much more the velocity has changed than was predicted, (nv,); None where nothing was predicted.
+            missed: the generalized impulse by which it has moved more than was predicted, M Δv, (nv,) in N·s, N·m·s;
+                None where nothing was predicted.
         """
         self.held = None
         if contacts != self._contacts:
             self._begin(contacts)
         if missed is not None:
-            self._sum = self._sum + M @ missed
+            self._sum = self._sum + missed
         else:
             self._whole_sum = False
         self._time += gap

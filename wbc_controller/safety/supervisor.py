@@ -64,6 +64,7 @@ class SupervisorLimits:
         plausibility: limits of plausible states; None checks nothing.
         fall: limits beyond which the robot has fallen; None checks nothing.
         velocity_delay: by how much the joint velocities are late, s; damping bears it.
+        torque_filter: time constant with which the torques sent follow those of the solutions, s; 0 for at once.
     """
 
     activation_ramp: float
@@ -79,6 +80,7 @@ class SupervisorLimits:
     plausibility: PlausibilityLimits | None = None
     fall: FallLimits | None = None
     velocity_delay: float = 0.0
+    torque_filter: float = 0.0
 
 
 class Supervisor:
@@ -128,6 +130,7 @@ class Supervisor:
         self._period = limits.period
         self._step = limits.period * self._rate  # of one period
         self._allowed = self._step  # of this cycle
+        self._kept = 0.0  # share of the torques before in those of this cycle
         # What takes time, or remembers, is made anew only where its own limits are other ones.
         if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # a delay is for good
             self._joint_damping = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
@@ -274,7 +277,9 @@ class Supervisor:
             elapsed, self._since = 0.0, min(self._since, now)
         # A simulation may settle its torques before it begins: its time stands still from the activation on.
         settling = self.mode is Mode.ACTIVE and now == self._activated
-        self._allowed = self._step if settling or elapsed >= self._period else elapsed * self._rate
+        passed = self._period if settling else elapsed
+        self._allowed = self._step if passed >= self._period else passed * self._rate
+        self._kept = math.exp(-passed / self.limits.torque_filter) if self.limits.torque_filter > 0.0 else 0.0
         if self.mode is Mode.HOLDING:
             self._held_time.spend(now, elapsed)
         if self._was_relaxed:
@@ -364,8 +369,10 @@ class Supervisor:
             return None
         if share < 1.0:
             return share * tau
-        self._taken_over = self._taken_over or all_true(np.abs(tau - self._tau) <= self._step)
-        return tau
+        if not self._taken_over:
+            self._taken_over = all_true(np.abs(tau - self._tau) <= self._step)
+            return tau
+        return tau if self._kept == 0.0 else self._kept * self._tau + (1.0 - self._kept) * tau
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array] | None:
         """Lower and upper bounds of the torques, both (na,) in N·m; None where they are the effort limits."""

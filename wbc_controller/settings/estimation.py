@@ -100,6 +100,15 @@ class EstimationSettings(Section):
         0.2, description="Their largest size, as a share of the joints' torques and of the robot's weight."
     )
 
+    torque_filter: Literal["never", "imu", "always"] = Field(
+        "imu",
+        description="Whether the torques sent follow those of the solutions with a delay, so that noise of the sensors "
+        "does not reach the motors. imu: where base_state is imu.",
+    )
+    torque_filter_time: Annotated[Positive, Field(ge=5.0e-4, le=0.05)] = Field(
+        0.006, description="Time constant of that filter, s."
+    )
+
     @model_validator(mode="after")
     def _hysteresis(self) -> EstimationSettings:
         if not self.contact_force_off <= self.contact_force_on:
