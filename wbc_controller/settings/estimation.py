@@ -106,7 +106,7 @@ class EstimationSettings(Section):
         "does not reach the motors. imu: where base_state is imu.",
     )
     torque_filter_time: Annotated[Positive, Field(ge=5.0e-4, le=0.05)] = Field(
-        0.006, description="Time constant of that filter, s."
+        0.008, description="Time constant of that filter, s."
     )
 
     @model_validator(mode="after")
