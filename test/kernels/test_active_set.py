@@ -12,15 +12,15 @@ from wbc_controller.core.program.problem import Residuals
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.kernels import active_set as kernel
 
-FEASIBLE, LARGEST = 1.0e-8, 1.0e8
+FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
 
 
-def condensed(problem, sides, largest=LARGEST):
+def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     """What the kernel returns, and what it fills."""
     squares, found, multipliers = problem.cost.squares, Residuals.of(problem), np.zeros(len(sides))
     returned = kernel.condensed(
         squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, largest,
+        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, precise, largest,
         found.value, found.equalities, found.room, multipliers,
     )  # fmt: skip
     return returned, found, multipliers
@@ -63,10 +63,10 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, first, rows, equalit
         sides[first + 2] = -1  # every other one from the first on has a lower bound
         sides[problem.n : problem.n + bound - 1] = 1
     x, multipliers, cost = plainly_condensed(problem, sides)
-    (flag, found_cost, least, off), found, found_multipliers = condensed(problem, sides)
+    (solved, found_cost, least, off), found, found_multipliers = condensed(problem, sides)
     size = max(1.0, float(np.abs(x).max()))
     right_set = (sides * multipliers >= 0.0).all() and problem.violation(x) <= FEASIBLE
-    assert (flag == kernel.SOLVED) == right_set
+    assert solved == right_set
     np.testing.assert_allclose(found.value[: problem.n], x, rtol=0.0, atol=1e-10 * size)
     np.testing.assert_allclose(found.value[problem.n :], problem.C @ x, rtol=0.0, atol=1e-9 * size)
     assert least == found.room.min()
@@ -81,8 +81,8 @@ def test_the_active_set_of_an_answer_gives_the_same_bits_every_time():
     sides = np.sign(make_solver("daqp", problem).solve(problem).multipliers).astype(np.int8)
     assert sides[: problem.n].any()
     assert sides[problem.n :].any()
-    (flag, cost, *_), first, _ = condensed(problem, sides)
-    assert flag == kernel.SOLVED
+    (solved, cost, *_), first, _ = condensed(problem, sides)
+    assert solved
     for _ in range(5):
         (_, again, *_), other, _ = condensed(problem, sides)
         assert again == cost
@@ -92,16 +92,37 @@ def test_the_active_set_of_an_answer_gives_the_same_bits_every_time():
 def test_an_answer_with_larger_multipliers_than_are_allowed_is_none():
     problem = squares_problem(np.random.default_rng(3))
     sides = np.sign(make_solver("daqp", problem).solve(problem).multipliers).astype(np.int8)
-    assert condensed(problem, sides)[0][0] == kernel.SOLVED
-    assert condensed(problem, sides, largest=1.0e-6)[0][0] == kernel.ANOTHER_SET
+    assert condensed(problem, sides)[0][0]
+    assert not condensed(problem, sides, largest=1.0e-6)[0][0]
+
+
+def test_digits_that_weights_cost_are_refined_back():
+    problem = squares_problem(np.random.default_rng(3))
+    sides = np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
+    squares = problem.cost.squares
+    squares.diagonal[:3] *= 1.0e-9
+    squares.inverse[squares.first : -1] = 1.0 / squares.diagonal
+    (solved, *_, off), _, _ = condensed(problem, sides, precise=math.inf)
+    assert not solved
+    assert off > FEASIBLE
+    (solved, cost, _, off), refined, _ = condensed(problem, sides)
+    assert solved
+    assert off <= PRECISE
+    x = refined.value[: problem.n]
+    assert cost == pytest.approx(problem.cost.value(x), rel=1e-6)
+    # stationary along all that the equality constraints leave free
+    free = np.linalg.svd(problem.A)[2][len(problem.b) :]
+    gradient = problem.H @ x + problem.g
+    assert np.abs(free @ gradient).max() <= 1e-9 * np.abs(gradient).max()
 
 
 @pytest.mark.parametrize("place", ["stack", "minus_target", "slack", "inverse"])
 def test_what_is_not_finite_is_never_taken_for_a_solution(place):
     problem = squares_problem(np.random.default_rng(3))
     getattr(problem.cost.squares, place).reshape(-1)[-3] = math.nan
-    (flag, *_), _, _ = condensed(problem, np.zeros(problem.bounds.shape[1], dtype=np.int8))
-    assert flag != kernel.SOLVED
+    (solved, *_), _, _ = condensed(problem, np.zeros(problem.bounds.shape[1], dtype=np.int8))
+    assert not solved
 
 
 def test_residuals_are_those_of_the_definition_and_keep_a_nan():

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.contacts import PointContact
 from wbc_controller.core.contacts.mount import Mount
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import FrameOrientationTask, FramePoseTask, FramePositionTask
@@ -81,6 +82,20 @@ def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links)
         drift += pin.Motion(nu - carried).cross(pin.Motion(carried)).vector
     near(contact.jacobian(dynamics), J)
     near(contact.drift(dynamics), drift)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds, radius=st.floats(0.0, 0.2))
+def test_balls_have_the_rows_that_pinocchio_gives(robot, seed, radius):
+    dynamics, rng = moved(robot, seed)
+    normal, centre = rng.normal(size=3), rng.normal(size=3)
+    for frame in FRAMES[robot]:
+        contact = PointContact("contact", dynamics.model, frame, centre, radius, normal=normal)
+        J, acceleration = np.empty((3, dynamics.model.nv)), np.empty(3)
+        contact.fill(dynamics, J, acceleration)
+        near(J, contact.jacobian(dynamics))
+        near(acceleration, -contact.drift(dynamics))
 
 
 @settings(deadline=None)

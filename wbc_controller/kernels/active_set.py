@@ -20,9 +20,6 @@ from wbc_controller.kernels.compiled import (
 )
 from wbc_controller.records import Array
 
-#: What came of `condensed`: the minimizer; none, as the active set is another one; equations met too badly.
-SOLVED, ANOTHER_SET, INACCURATE = 0, 1, 2
-
 
 @part
 def _eliminate(head: Array, first: int, N: Array) -> bool:
@@ -81,27 +78,46 @@ def _gram(transposed: Array, inverse: Array, K: Array) -> None:
 
 
 @part
-def _solve_definite(K: Array, p: Array) -> bool:
-    """Solve K p = β, with K = UᵀU by Cholesky from its upper triangle, and p in place of β; False if not definite."""
-    m = len(p)
+def _factored(K: Array) -> bool:
+    """K = UᵀU by Cholesky in its upper triangle; False if not definite."""
+    m = len(K)
     for i in range(m):
         if not K[i, i] > 0.0:  # NaN too
             return False
         root = math.sqrt(K[i, i])
         for j in range(i, m):
             K[i, j] /= root
-        p[i] /= root
         for k in range(i + 1, m):
             share = K[i, k]
             for j in range(k, m):
                 K[k, j] -= share * K[i, j]
-            p[k] -= share * p[i]
+    return True
+
+
+@part
+def _solve_factored(K: Array, p: Array) -> None:
+    """Solve UᵀU p = β, with U in the upper triangle of K, and p in place of β."""
+    m = len(p)
+    for i in range(m):
+        p[i] /= K[i, i]
+        for k in range(i + 1, m):
+            p[k] -= K[i, k] * p[i]
     for i in range(m - 1, -1, -1):
         total = p[i]
         for j in range(i + 1, m):
             total -= K[i, j] * p[j]
         p[i] = total / K[i, i]
-    return True
+
+
+@part
+def _move(z: Array, p: Array, B: Array, inverse: Array) -> None:
+    """Compute z += d⁻¹ Bᵀp."""
+    step = np.zeros(len(z))
+    for i in range(len(p)):
+        for j in range(len(z)):
+            step[j] += p[i] * B[i, j]
+    for j in range(len(z)):
+        z[j] += inverse[j] * step[j]
 
 
 @part
@@ -165,14 +181,14 @@ def residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array)
 
 
 @compiled(
-    ROWS, VECTOR, INTEGER, VECTOR, VECTOR, NUMBER, ROWS, ROWS, INDICES, SIGNS, NUMBER, NUMBER,
+    ROWS, VECTOR, INTEGER, VECTOR, VECTOR, NUMBER, ROWS, ROWS, INDICES, SIGNS, NUMBER, NUMBER, NUMBER,
     VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT,
 )  # fmt: skip
 def condensed(
     stack: Array, slack: Array, first: int, inverse: Array, minus_target: Array, constant: float,
-    rows: Array, bounds: Array, active: np.ndarray, sides: np.ndarray, feasible: float, largest: float,
-    value: Array, off: Array, room: Array, multipliers: Array,
-) -> tuple[int, float, float, float]:  # fmt: skip
+    rows: Array, bounds: Array, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
+    largest: float, value: Array, off: Array, room: Array, multipliers: Array,
+) -> tuple[bool, float, float, float]:  # fmt: skip
     """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
 
     With the base accelerations eliminated by the last equality constraints, x_k = s - N z,
@@ -193,6 +209,7 @@ def condensed(
         active: indices of the active ones among them, ascending, (j,).
         sides: 1 at the upper bound, -1 at the lower one, for each of them, (n + m_in,).
         feasible: largest violation of a constraint.
+        precise: largest |A x - b| for which p is not refined by its own residual.
         largest: largest norm of p: beyond it the system is nearly singular.
         value: for [x; C x], (n + m_in,).
         off: for |A x - b|, (m_eq,).
@@ -200,13 +217,13 @@ def condensed(
         multipliers: for those of the active constraints; zeros, (n + m_in,).
 
     Returns:
-        What came of it, the cost, the smallest room, and the largest |A x - b|.
+        Whether this is the minimizer, the cost, the smallest room, and the largest |A x - b|.
     """
     n, count = stack.shape[1] - 1, len(stack) - first
     m, width, end = count + len(active), n + 1 - first, len(off)
     N = np.empty((first, width))
     if first and not _eliminate(stack[count:], first, N):
-        return ANOTHER_SET, 0.0, 0.0, 0.0
+        return False, 0.0, 0.0, 0.0
     B = np.zeros((m, width))  # of z and the right-hand sides
     for i in range(m):
         if i < count:
@@ -243,33 +260,40 @@ def condensed(
     _gram(transposed, weights, K)
     for i in range(len(slack)):
         K[i, i] += slack[i]
-    if not _solve_definite(K, p):
-        return ANOTHER_SET, 0.0, 0.0, 0.0
-    cost, size = 0.0, 0.0
+    if not _factored(K):
+        return False, 0.0, 0.0, 0.0
+    _solve_factored(K, p)
+    size = 0.0
     for i in range(m):
-        cost += p[i] * beta[i]
         size += p[i] * p[i]
     if not size <= largest * largest:
-        return ANOTHER_SET, 0.0, 0.0, 0.0
-    z = np.zeros(width)
+        return False, 0.0, 0.0, 0.0
+    z, change = -offset, p.copy()
+    for refinement in range(3):
+        _move(z, change, B, weights)
+        _products(N, z, value[:first])
+        for j in range(first):
+            value[j] = -value[j]
+        for j in range(width - 1):  # what copies a slice takes seconds to compile
+            value[first + j] = z[j]
+        least, most = _residuals(rows, bounds, value, off, room)
+        if most <= precise or refinement == 2:
+            break
+        # The rounding of z, not of p, is what d⁻¹ magnifies: z is moved on, not computed anew.
+        _products(B, z, change)  # B z - β, as the last entry of z is -1
+        for i in range(m):
+            change[i] = -change[i] - (slack[i] * p[i] if i < len(slack) else 0.0)
+        _solve_factored(K, change)
+        for i in range(m):
+            p[i] += change[i]
+    cost = 0.0
     for i in range(m):
-        for j in range(width):
-            z[j] += p[i] * B[i, j]
-    for j in range(width):
-        z[j] = weights[j] * z[j] - offset[j]
-    _products(N, z, value[:first])
-    for j in range(first):
-        value[j] = -value[j]
-    for j in range(width - 1):  # what copies a slice takes seconds to compile
-        value[first + j] = z[j]
-    least, most = _residuals(rows, bounds, value, off, room)
-    if not most <= feasible:
-        return INACCURATE, 0.0, least, most
-    if not -least <= feasible:
-        return ANOTHER_SET, 0.0, least, most
+        cost += p[i] * beta[i]
+    if not (most <= feasible and -least <= feasible):
+        return False, 0.0, least, most
     for i in range(len(active)):
         if sides[active[i]] * p[count + i] > 0.0:
-            return ANOTHER_SET, 0.0, least, most
+            return False, 0.0, least, most
         multipliers[active[i]] = -p[count + i]
     # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
-    return SOLVED, constant + 0.5 * cost, least, most
+    return True, constant + 0.5 * cost, least, most

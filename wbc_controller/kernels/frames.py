@@ -146,6 +146,49 @@ def contact_rows(
         acceleration[i] = -nu_dot[rows[i]]
 
 
+@compiled(ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, VECTOR, VECTOR, ROWS, ANY_MATRIX_OUT, ANY_VECTOR_OUT)
+def ball_rows(
+    frames: Array, links: Array, J: Array, moves: np.ndarray, frame: int, parent: int, centre: Array, arm: Array,
+    axes: Array, out: Array, acceleration: Array,
+) -> None:  # fmt: skip
+    """Rows of the velocity of a ball's lowest point against the world, Eᵀ(ṗ + ω × r): J v̇ = -drift (`contacts.point`).
+
+    The drift is Eᵀ(p̈ + ω̇ × r) at v̇ = 0: p turns with the link, r does not.
+
+    Args:
+        frames: placements in the world, (k, 12).
+        links: motions at the world's origin, (n, 12), of `link_motions`.
+        J: joint Jacobians, (6, nv).
+        moves: 1 where a joint moves a link, (n, nv).
+        frame: index of the frame that the ball is mounted on.
+        parent: index of its link.
+        centre: of the ball in the frame, (3,) in m.
+        arm: r, from the centre to the lowest point in world axes, (3,) in m.
+        axes: Eᵀ, (3, 3).
+        out: for J, (3, nv).
+        acceleration: for the required J v̇ at J v = 0, (3,).
+    """
+    at, link = frames[frame], links[parent]
+    px, py, pz = _turn(at, centre[0], centre[1], centre[2])
+    px, py, pz = px + at[9], py + at[10], pz + at[11]
+    x, y, z = px + arm[0], py + arm[1], pz + arm[2]
+    for j in range(J.shape[1]):
+        if moves[parent, j] == 0:
+            for i in range(3):
+                out[i, j] = 0.0
+            continue
+        cx, cy, cz = _cross(J[3, j], J[4, j], J[5, j], x, y, z)
+        cx, cy, cz = cx + J[0, j], cy + J[1, j], cz + J[2, j]
+        for i in range(3):
+            out[i, j] = axes[i, 0] * cx + axes[i, 1] * cy + axes[i, 2] * cz
+    vx, vy, vz = _cross(link[3], link[4], link[5], px, py, pz)
+    ux, uy, uz = _cross(link[3], link[4], link[5], link[0] + vx, link[1] + vy, link[2] + vz)
+    cx, cy, cz = _cross(link[9], link[10], link[11], x, y, z)
+    cx, cy, cz = link[6] + cx + ux, link[7] + cy + uy, link[8] + cz + uz
+    for i in range(3):
+        acceleration[i] = -(axes[i, 0] * cx + axes[i, 1] * cy + axes[i, 2] * cz)
+
+
 @part
 def _quaternion(R: Array, out: Array) -> None:
     """The quaternion (x, y, z, w) of a placement's rotation, by its largest component (Shepperd)."""

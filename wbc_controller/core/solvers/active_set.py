@@ -15,6 +15,8 @@ from wbc_controller.records import Array
 
 #: Largest violation of a constraint, in the problem's units; the same as DAQP's tolerance.
 _FEASIBLE = 1.0e-8
+#: Largest residual of an equality constraint that the condensed system may leave without being refined.
+_PRECISE = 1.0e-11
 #: Largest norm of a solution before its linear system counts as nearly singular; 1e3 is usual.
 _LARGEST = 1.0e8
 
@@ -42,8 +44,8 @@ class ActiveSet:
         z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t
 
     where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
-    and is positive definite. If weights differ so much (by 1e11 and more) that it loses too many digits, it is not used
-    until the weights change.
+    and is positive definite. Where weights differ much it loses digits, which two steps of iterative refinement bring
+    back.
 
     Attributes:
         side: of each bound of x and row of C, 1 if it is active at its upper bound, -1 at the lower one, else 0.
@@ -54,7 +56,6 @@ class ActiveSet:
         self._n, self._m = n, equalities
         self.side = np.zeros(n + inequalities, dtype=np.int8)
         self._active = self.side.nonzero()[0]
-        self._too_far: Array | None = None  # the d⁻¹ for which the condensed system was not accurate enough
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
@@ -62,41 +63,31 @@ class ActiveSet:
         self._active = self.side.nonzero()[0]
 
     def memory(self) -> dict[str, Any]:
-        """What it remembers: the active set, and whether the weights differ too much for the condensed system."""
-        return {"side": self.side, "too_far": None if self._too_far is None else np.array(self._too_far)}
+        """What it remembers: the active set."""
+        return {"side": self.side}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
         self.side = np.array(memory["side"], dtype=np.int8)
         self._active = self.side.nonzero()[0]
-        self._too_far = memory["too_far"]
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
         if self._m + len(self._active) > self._n:
             return None
         squares = problem.cost.squares
-        if squares is None or self._is_too_far(squares.inverse) or len(squares.stack) >= self._n:
+        if squares is None or len(squares.stack) > self._n:
             return self._full(problem)
         found, multipliers = Residuals.of(problem), np.zeros(len(self.side))
-        flag, cost, least, off = kernel.condensed(
+        solved, cost, least, off = kernel.condensed(
             squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _LARGEST,
+            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
             found.value, found.equalities, found.room, multipliers,
         )  # fmt: skip
-        if flag == kernel.INACCURATE:
-            answer = self._full(problem)
-            if answer is not None:  # else the weights were not the reason
-                self._too_far = squares.inverse
-            return answer
-        if flag != kernel.SOLVED:
+        if not solved:
             return None
         found.measured(least, off)
         return Answer(found.value[: self._n], "optimal", 1, multipliers, found, cost)
-
-    def _is_too_far(self, inverse: Array) -> bool:
-        """Whether these are the weights for which the condensed system was not accurate enough."""
-        return self._too_far is not None and np.array_equal(inverse, self._too_far)
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
