@@ -2,7 +2,7 @@
 
 A mock robot sways on its controller, which records every cycle. Browsers without a screen look at `wbc view`,
 which is halted in every other block. They get the time that nobody else wants, as if they were on another computer.
-Run: python benchmarks/page.py [ROBOT] [--minutes M] [--browsers N]
+Run: python benchmarks/page.py [ROBOT] [--minutes M] [--browsers N] [--scheduling fifo]
 """
 
 from __future__ import annotations
@@ -34,22 +34,23 @@ from wbc_controller.viewer.playing import free_domain
 BLOCK, SETTLE = 2.0, 0.3
 #: Time for all meshes to come, s.
 LOADING = 10.0
-#: Words that the robot sways by, one per block with the page.
-SWAY = (["com", "20mm", "right"], ["com", "20mm", "left"])
+#: Words that the robot sways by, one per block in turn: with the page and without it to both sides.
+SWAY = [["com", "20mm", side] for side in ("right", "left", "left", "right")]
 PATIENCE = 120.0
 #: A robot that is late is measured too, and moves for all of a block: the page sends what moves.
 CHANGES = {"safety.state_timeout": 1.0, "mock.command_timeout": 1.0, "tasks.com.setpoint_duration": BLOCK}
 
 
-def measure(robot: str, minutes: float, count: int, folder: Path) -> list[tuple[str, np.ndarray]]:
+def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Path) -> list[tuple[str, np.ndarray]]:
     """Run the blocks, print what the page did, and give the times of the loop's cycles in s, by kind of block."""
     os.environ |= {"ROS_DOMAIN_ID": str(free_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    changes = CHANGES | {"control.realtime.scheduling": scheduling}
     recording = folder / "page.mcap"
     windows: dict[str, list[tuple[int, int]]] = {"without": [], "with": []}
     drawn: list[float] = []
     with (
         contextlib.closing(
-            Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), CHANGES, own_sessions=True)
+            Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), changes, own_sessions=True)
         ) as processes,
         Session(processes.settings, patience=PATIENCE) as session,
     ):
@@ -72,8 +73,7 @@ def measure(robot: str, minutes: float, count: int, folder: Path) -> list[tuple[
         for block in range(round(60.0 * minutes / BLOCK)):
             kind = "with" if block % 2 else "without"
             view.send_signal(signal.SIGCONT if kind == "with" else signal.SIGSTOP)
-            if block % 2:
-                session.ask(read_sentence(SWAY[block // 2 % 2], processes.settings))
+            session.ask(read_sentence(SWAY[block % len(SWAY)], processes.settings))
             time.sleep(SETTLE)
             before, begin = [Counter(each.moved) for each in browsers], time.time_ns()
             time.sleep(BLOCK - SETTLE)
@@ -92,7 +92,7 @@ def measure(robot: str, minutes: float, count: int, folder: Path) -> list[tuple[
             raise SystemExit(f"the robot has not stood to the end: {mode}")
         for each in browsers:
             each.close()
-    print(f"{robot}, {minutes:g} min, {count} browsers")
+    print(f"{robot}, {minutes:g} min, {count} browsers, the loop's scheduling class: {scheduling}")
     slow = np.quantile(drawn, 0.05)
     print(f"states drawn per second: {np.median(drawn):.1f} in the median, {slow:.1f} or more in 95 % of the blocks")
     print(f"the page's process: {first / 1024:.1f} MB at the beginning, {last / 1024:.1f} MB at the end")
@@ -119,10 +119,11 @@ def main() -> None:
     parser.add_argument("robot", nargs="?", default="g1")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration, half of it with the page")
     parser.add_argument("--browsers", type=int, default=3, help="number of pages that are open")
+    parser.add_argument("--scheduling", default="other", help="control.realtime.scheduling of the controller")
     parser.add_argument("--keep", type=Path, help="folder for the recording and the logs; removed where none is given")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="wbc_page_") as folder:
-        found = measure(words.robot, words.minutes, words.browsers, words.keep or Path(folder))
+        found = measure(words.robot, words.minutes, words.browsers, words.scheduling, words.keep or Path(folder))
     print(f"\n{'the loop, us':14}{'cycles':>9}{'median':>9}{'p99':>9}{'p99.9':>9}")
     for kind, seconds in found:
         print(
