@@ -68,7 +68,7 @@ def test_a_foot_whose_floor_vanishes_is_found_and_said_and_a_sway_lifts_none(rob
     assert lifted == said == []
     contact = next(iter(rig.settings.contacts))
     rig.robot.plan([FloorHole(duration=LONGEST, contact=contact)], since=rig.time)
-    rig.run(0.08, note)
+    rig.run(0.04, note)
     assert set(lifted) == {contact}
     assert contact not in rig.controller.holding
     assert said == [f"contact {contact!r} carries nothing, by how the robot moves: the base's estimate leaves it out"]
