@@ -10,7 +10,7 @@ pytestmark = pytest.mark.live
 
 def test_it_measures_the_loop_with_the_page_and_without_it(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(page, "LOADING", 2.0)
-    found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, tmp_path))
+    found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, "other", tmp_path))
     said = capsys.readouterr().out
     assert "3 browsers" in said
     for seconds in found.values():  # of two blocks each, on a machine that may be late
