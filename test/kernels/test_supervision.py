@@ -20,6 +20,17 @@ def test_values_at_their_limits_are_within_and_what_is_not_finite_never_is(value
 
 
 @settings(deadline=None)
+@given(seed=seeds, spoilt=st.sampled_from([0.0, np.nan, np.inf]), size=st.sampled_from([0.3, 1.0, 1.2]))
+def test_torques_are_usable_up_to_a_share_of_their_limits_beyond_what_is_available(seed, spoilt, size):
+    rng = np.random.default_rng(seed)
+    limits, ends = rng.uniform(1.0, 20.0, N), rng.uniform(-size, size, N)
+    lower, upper, tau = -limits, 0.9 * limits, ends * limits
+    tau[3] += spoilt
+    expected = ((tau >= lower - 0.05 * limits) & (tau <= upper + 0.05 * limits)).all()
+    assert kernel.usable(tau, lower, upper, limits, 0.05) == expected
+
+
+@settings(deadline=None)
 @given(seed=seeds, size=st.sampled_from([0.1, 1.0, 10.0]), spoilt=st.booleans())
 def test_the_mismatch_is_what_numpy_makes_of_the_same_equations(seed, size, spoilt):
     rng = np.random.default_rng(seed)

@@ -25,6 +25,16 @@ def within(values: Array, limits: Array) -> bool:
     return True
 
 
+@compiled(ANY_VECTOR, VECTOR, VECTOR, VECTOR, NUMBER)
+def usable(tau: Array, lower: Array, upper: Array, limits: Array, tolerance: float) -> bool:
+    """Whether all torques are within bounds but for a share of their limits, (na,) each in N·m; not if one is NaN."""
+    for i in range(len(tau)):
+        excess = tolerance * limits[i]
+        if not (tau[i] >= lower[i] - excess and tau[i] <= upper[i] + excess):
+            return False
+    return True
+
+
 @compiled(VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, NUMBER, VECTOR_OUT, VECTOR)
 def mismatch(
     change: Array, v_before: Array, v: Array, dt: float, keep: float, found: Array, tolerance: Array

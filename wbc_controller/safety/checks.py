@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.arrays import all_true
+from wbc_controller.kernels.supervision import usable
 from wbc_controller.records import Array, Fault
 
 
@@ -113,30 +113,21 @@ def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, st
 
 
 def torques_usable(
-    tau: Array,
-    limits: Array,
-    actuators: Sequence[str],
-    tolerance: float = 0.01,
-    available: tuple[Array, Array] | None = None,
+    tau: Array, available: tuple[Array, Array], limits: Array, actuators: Sequence[str], tolerance: float = 0.01
 ) -> Fault | None:
-    """Check that torques are finite and within their limits.
+    """Check that torques are finite and available.
 
     Args:
         tau: torques of the actuators, (na,) in N·m.
+        available: lower and upper bounds of the torques available at the present speeds, both (na,) in N·m.
         limits: effort limits, (na,) in N·m.
         actuators: names, (na,).
         tolerance: share of an effort limit by which a solver may exceed a bound; the supervisor clips the excess.
-        available: lower and upper bounds of the torques available at the present speeds, both (na,) in N·m; None where
-            they are the effort limits.
     """
-    if available is None:
-        good = np.abs(tau) <= (1.0 + tolerance) * limits
-    else:
-        lower, upper = available
-        good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
-    if all_true(good):
+    lower, upper = available
+    if usable(tau, lower, upper, limits, tolerance):
         return None
-    lower, upper = (-limits, limits) if available is None else available
+    good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     bound = np.where(tau < 0.0, -lower, upper)
     worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(~good))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.arrays import all_true, largest, sum_of_squares
+from wbc_controller.core.arrays import all_finite, all_true, largest, sum_of_squares
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.kernels.supervision import mismatch, within
 from wbc_controller.records import Array, Fault, RobotState
@@ -114,10 +114,15 @@ class StateWatch:
                 self._first(state)
         return self.doubt
 
-    def damped(self, joint_velocity: Array) -> Array:
-        """Joint velocities, (nj,), with those that are not plausible set to zero: they are no reason for a torque."""
+    def damped(self, joint_velocity: Array) -> Array | None:
+        """Joint velocities, (nj,), with those that are not plausible set to zero: they are no reason for a torque.
+
+        None where one is not finite.
+        """
         if within(joint_velocity, self._speed_limits):
             return joint_velocity
+        if not all_finite(joint_velocity):
+            return None
         return np.where(np.abs(joint_velocity) <= self._speed_limits, joint_velocity, 0.0)
 
     def _absurd(self, state: RobotState) -> Fault | None:
@@ -181,7 +186,13 @@ class StateWatch:
 
     def _rests(self, before: RobotState, state: RobotState) -> bool:
         """Whether nothing moves, by values and by velocities, and nothing before is left to be compared."""
-        if state.v.any() or before.v.any() or self._some_untold or sum_of_squares(self._mismatch) > _SETTLED:
+        if (
+            state.v.item(0)
+            or state.v.any()
+            or before.v.any()
+            or self._some_untold
+            or sum_of_squares(self._mismatch) > _SETTLED
+        ):
             return False
         if state.q.tobytes() != before.q.tobytes():
             return False

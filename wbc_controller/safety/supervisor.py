@@ -196,7 +196,7 @@ class Supervisor:
             return None
         self._enter(Mode.STOPPED, now, self.fault)
         self._tau = np.zeros(self._model.na)  # at once: there is no next cycle
-        return self._command(self._tau, None, None)
+        return self._command(self._tau, self._effort_limits, None, None)
 
     def _reset(self, now: float) -> None:
         if self.solving:
@@ -247,19 +247,17 @@ class Supervisor:
         """
         tau: Array | None = None
         self._pass(now)
-        if joint_velocity is not None and not all_finite(joint_velocity):
-            joint_velocity = None
-        if self._watch is not None:
-            if joint_velocity is not None:
-                joint_velocity = self._watch.damped(joint_velocity)
-            if state is not None:
-                doubt = self._watch.look(state)
-                problem = problem or doubt
+        if joint_velocity is not None:
+            joint_velocity = self._trusted(joint_velocity)
+        if self._watch is not None and state is not None:
+            doubt = self._watch.look(state)
+            problem = problem or doubt
+        available = self._available(joint_velocity)
         solution = outcome if isinstance(outcome, Solution) else None
         if self.solving:
             if problem is None and state is not None and self._fall is not None:
                 problem = self._fall.look(now, state)
-            tau = self._solving(now, problem, outcome, state, joint_velocity)
+            tau = self._solving(now, problem, outcome, state, joint_velocity, available)
         if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
         if self.mode is Mode.INACTIVE and not self._tau.any():
@@ -268,7 +266,13 @@ class Supervisor:
             tau = self._damping(joint_velocity)
         if tau is None:  # in inactive, stopped and fault
             tau = np.zeros(self._model.na)
-        return self._command(tau, state, solution if self.mode is Mode.ACTIVE else None, joint_velocity)
+        return self._command(tau, available, state, solution if self.mode is Mode.ACTIVE else None)
+
+    def _trusted(self, joint_velocity: Array) -> Array | None:
+        """Joint velocities, (nj,), without those that are not plausible; None where one is not finite."""
+        if self._watch is not None:
+            return self._watch.damped(joint_velocity)
+        return joint_velocity if all_finite(joint_velocity) else None
 
     def _pass(self, now: float) -> None:
         """Let time pass: what may change until this command, and how long holding and relaxing have lasted."""
@@ -293,18 +297,14 @@ class Supervisor:
         outcome: Solution | NoSolution | Fault | None,
         state: RobotState | None,
         joint_velocity: Array | None,
+        available: tuple[Array, Array],
     ) -> Array | None:
         """Torques while active or holding; None on a change to another mode."""
         if problem is not None:
             self._enter(Mode.DAMPING, now, problem)
             return None
         if isinstance(outcome, Solution):
-            unusable = torques_usable(
-                outcome.tau,
-                self._model.effort_limits,
-                self._model.actuators,
-                available=self._available(joint_velocity),
-            )
+            unusable = torques_usable(outcome.tau, available, self._model.effort_limits, self._model.actuators)
             if unusable is None:
                 fault = self._relaxing(now, outcome) if outcome.relaxed else None
                 if fault is None:
@@ -374,23 +374,18 @@ class Supervisor:
             return tau
         return tau if self._kept == 0.0 else self._kept * self._tau + (1.0 - self._kept) * tau
 
-    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array] | None:
-        """Lower and upper bounds of the torques, both (na,) in N·m; None where they are the effort limits."""
+    def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
+        """Lower and upper bounds of the torques, both (na,) in N·m: the effort limits where no speed lowers them."""
         curve = self.limits.torque_speed
         if curve is None or joint_velocity is None:
-            return None
+            return self._effort_limits
         return curve.available(self._model.effort_limits, self._model.actuation.rates(joint_velocity))
 
     def _command(
-        self,
-        tau: Array,
-        state: RobotState | None,
-        solution: Solution | None,
-        joint_velocity: Array | None = None,
+        self, tau: Array, available: tuple[Array, Array], state: RobotState | None, solution: Solution | None
     ) -> JointCommand:
-        lower, upper = self._available(joint_velocity) or self._effort_limits
         sent = np.empty(len(tau))
-        limited(tau, self._tau, self._allowed, lower, upper, sent)
+        limited(tau, self._tau, self._allowed, *available, sent)
         self._tau = freeze(sent)
         q_desired = v_desired = self._nan
         if solution is not None and state is not None:

@@ -173,7 +173,7 @@ class SoftRamp(Ramp):
 
     def sample(self, time: float) -> float:
         """Value at a time, in s."""
-        roots = Ramp(self.start, self.duration, float(np.cbrt(self.before)), float(np.cbrt(self.after)))
         if time >= self.start + self.duration:
             return self.after
+        roots = Ramp(self.start, self.duration, float(np.cbrt(self.before)), float(np.cbrt(self.after)))
         return roots.sample(time) ** 3
