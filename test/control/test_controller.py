@@ -36,7 +36,8 @@ def test_torques_ramp_in_from_zero_and_hold_their_rate(controller):
     assert not tau[0].any()
     step = controller.config["limits.torque_rate"] * PERIOD * controller.model.effort_limits
     assert (np.abs(np.diff(tau, axis=0)) <= step + 1e-9).all()
-    np.testing.assert_allclose(tau[250], 0.5 * results[250].solution.tau, atol=1e-9)  # half of a ramp of 1 s
+    half = round(0.5 * controller.config["safety.activation_ramp"] / PERIOD)
+    np.testing.assert_allclose(tau[half], 0.5 * results[half].solution.tau, atol=1e-9)
     np.testing.assert_allclose(tau[-1], results[-1].solution.tau, atol=1e-6)
     weight = controller.model.mass * controller.model.gravity
     assert sum(force[2] for force in results[-1].forces.values()) == pytest.approx(weight, rel=1e-3)

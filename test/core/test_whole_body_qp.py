@@ -151,7 +151,8 @@ def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, ro
 
     weight = bench.model.mass * bench.model.gravity
     np.testing.assert_allclose(world(before)[:3], [0.0, 0.0, weight], atol=1e-3 * weight)
-    np.testing.assert_allclose(world(after) - world(before), -push, atol=1e-3 * np.linalg.norm(push))
+    # The tasks yield to the regularization of the forces by a little.
+    np.testing.assert_allclose(world(after) - world(before), -push, atol=2e-3 * np.linalg.norm(push))
 
 
 def test_wrenches_at_several_frames_add_up(robots):
@@ -694,6 +695,20 @@ def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robo
             np.testing.assert_array_equal(values, first[name], err_msg=name)
 
 
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_feet_share_a_load_by_pressing_unequally_before_their_centres_of_pressure_reach_the_edge(robots, robot):
+    bench = robots[robot]
+    state = bench.state()
+    references = bench.references(state)
+    com = replace(references.tasks["com"], acceleration=np.array([0.0, 0.4, 0.0]))
+    solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": com}))
+    left, right = (solution.forces[f"{side}_foot"] for side in ("left", "right"))
+    halves = [bench.settings.contacts[f"{side}_foot"].half_width for side in ("left", "right")]
+    assert right[2] - left[2] > 0.2 * (left[2] + right[2])
+    for (_, _, pressing, moment, _, _), half in zip((left, right), halves, strict=True):
+        assert abs(moment) < 0.4 * half * pressing
+
+
 def test_a_built_problem_can_be_solved_by_hand(robots):
     bench, rng = robots["g1"], np.random.default_rng(8)
     state = bench.near_stance(rng)
@@ -727,7 +742,8 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, over
         rate = pin.computeCentroidalMomentumTimeVariation(model, model.createData(), state.q, state.v, x[:nv]).vector
         rate = rate / bench.model.mass * [1.0, 1.0, 1.0, 10.0, 10.0, 10.0]
         total = 0.5 * solver.regularization_acceleration * (x[6:nv] @ x[6:nv] + rate @ rate)
-        total += 0.5 * solver.regularization_force * FORCE_UNIT**2 * x[nv:] @ x[nv:]
+        W = np.concatenate([contact.metric for contact in bench.controller.contacts.values()])
+        total += 0.5 * solver.regularization_force * FORCE_UNIT**2 * x[nv:] @ (W * x[nv:])
         for name, task in bench.controller.tasks.items():
             J, right, _ = task.equation(bench.controller.dynamics, references.tasks[name])
             total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)

@@ -78,7 +78,12 @@ class SolverSettings(Section):
         description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and the rate of change of the "
         "momentum about the centre of mass divided by the mass; (rad/s²)⁻², (m/s²)⁻².",
     )
-    regularization_force: Positive = Field(1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻² or (N·m)⁻².")
+    regularization_force: Positive = Field(
+        1.0e-6,
+        le=1.0,
+        description="Weight of ½‖f‖², N⁻² or (N·m)⁻²; a sole counts as the forces at its corners that make up its "
+        "wrench.",
+    )
 
 
 class SafetySettings(Section):
@@ -98,7 +103,12 @@ class SafetySettings(Section):
         description="With `synchronized_clocks`: how far a stamp may be ahead of this computer's clock, s; by as "
         "much an age may be too small. With a simulator it is at least the time between two messages of its clock.",
     )
-    activation_ramp: NonNegative = Field(1.0, le=60.0, description="Time in which the torques ramp up, s.")
+    activation_ramp: NonNegative = Field(
+        0.2,
+        le=60.0,
+        description="Time in which the torques ramp up, s. What only the brakes of its joints have held falls in that "
+        "time, so it is short; a robot whose drives hold it until then bears a longer one.",
+    )
     hold_time: NonNegative = Field(
         0.1, le=1.0, description="Longest time without a solution within `hold_window` before damping mode, s."
     )

@@ -203,6 +203,16 @@ def test_a_surface_contact_holds_every_corner_within_coulomb_friction(load):
     np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
 
 
+@pytest.mark.parametrize(("x", "y"), [(0.1, 0.05), (0.06, 0.06), (0.092, 0.03)])
+def test_a_wrench_weighs_what_the_forces_at_the_corners_of_its_rectangle_weigh(load, x, y):
+    model, _ = load("g1")
+    contact = SurfaceContact("foot", model, FRAMES["g1"], pin.SE3.Identity(), Rectangle(x, y))
+    wrench = np.random.default_rng(7).normal(size=6)
+    forces = np.linalg.lstsq(grasp(x, y), wrench, rcond=None)[0]  # those that make it up with the least squares
+    np.testing.assert_allclose(grasp(x, y) @ forces, wrench, atol=1e-12)
+    assert wrench @ (contact.metric * wrench) == pytest.approx(forces @ forces)
+
+
 @pytest.mark.parametrize("activation", [1.0, 0.4, 1.0e-3])
 def test_activation_scales_the_largest_normal_force(load, activation):
     model, _ = load("g1")

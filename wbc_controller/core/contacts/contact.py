@@ -29,6 +29,8 @@ class Contact(ABC):
         cone: friction cone or wrench cone C, (rows, k).
         damping: D, 1/s.
         internal: whether it acts between two links of the robot: it then exerts no net force on the robot.
+        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 where the contact has no size. A sole counts
+            as the forces at its corners that make up its wrench: m⁻² for its moments.
         permanent: whether it is always active: no command activates or deactivates it.
         bound_groups: the bounded parts of f: a name, the first component, and the one after the last.
         friction: Coulomb friction coefficient; 0 where the force has no cone.
@@ -57,6 +59,7 @@ class Contact(ABC):
         self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))
         #: Number of force components, k.
         self.size = basis.shape[1]
+        self.metric: Array = np.ones(self.size)
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:

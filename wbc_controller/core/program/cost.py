@@ -28,6 +28,7 @@ class _Plan:
         squares: the squares that make up the cost.
         kept: view of the rows of tasks.
         rows: each task with rows, and views for its J and its right-hand side.
+        metric: diagonal of W in the regularization of the forces, (nf,).
         momentum: views for the rows of the momentum rate and their right-hand side; None for a fixed base.
         single: each task on single components of v̇, and the indices of these components.
         minus_shares: for each task in `single`, the negative factor from its right-hand side to the target.
@@ -39,6 +40,7 @@ class _Plan:
     squares: Squares
     kept: Array
     rows: list[tuple[AccelerationTask, Array, Array]]
+    metric: Array
     momentum: tuple[Array, Array] | None
     single: list[tuple[AccelerationTask, np.ndarray | slice]]
     minus_shares: list[Array] = field(default_factory=list)
@@ -47,7 +49,7 @@ class _Plan:
 
 
 class LevelCost:
-    """Fills one `Level`: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖².
+    """Fills one `Level`: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f.
 
     Attributes:
         level: the priority level.
@@ -166,6 +168,7 @@ class LevelCost:
             kept=stack[:end, :n],
             squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
             rows=rows,
+            metric=layout.metric,
             momentum=(stack[end:count, :nv], stack[end:count, n]) if base else None,
             single=[(task, as_slice(np.arange(nv)[task.columns])) for task in single],
         )
@@ -180,7 +183,8 @@ class LevelCost:
             squares.slack[start:end] = 1.0 / weights[task.name]
         squares.slack[end:] = self._momentum_slack[: len(squares.slack) - end]
         nj = self._model.nv - base
-        squares.diagonal[:nj], squares.diagonal[nj:] = self._regularization
+        accelerations, forces = self._regularization
+        squares.diagonal[:nj], squares.diagonal[nj:] = accelerations, forces * plan.metric
         plan.minus_shares, plan.rests = [], []
         for task, columns in plan.single:
             # With the task's weight w and the regularization ε, ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + a constant

@@ -59,6 +59,7 @@ class Layout:
         J: the stacked Jacobians of the active contacts, (nf, nv).
         contact_motion: the required J v̇, (nf,).
         damping: D of each row of J, 1/s, (nf,).
+        metric: diagonal of W in the regularization ½ ε_f fᵀ W f of the forces, (nf,).
         mechanism: rows of A that are never relaxed: joints that follow others, and the unactuated rows of the equations
             of motion.
         dynamics_motion: coefficients of v̇ in the unactuated rows of the equations of motion and, below them, in the
@@ -100,6 +101,7 @@ class Layout:
         self.J = problem.A[:nf, :nv]
         self.contact_motion = problem.b[:nf]
         self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
+        self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
         self.places: list[ContactPlace] = []
         row, cone = 0, na
         for contact in contacts:
