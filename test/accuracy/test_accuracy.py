@@ -33,6 +33,13 @@ def test_a_robot_stands_on_its_estimate_and_the_figures_are_those_of_the_truth()
     assert (found.seen > 0.0).all()
 
 
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_tall_robot_with_light_ankles_is_let_down_on_cheap_sensors(seed):
+    found = stand("talos", "cheap", seed, 0.5)
+    assert found.ended == ""
+    assert found.velocity < 0.005
+
+
 def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
     rig = Rig("go2", SHORT)
     rig.stand()

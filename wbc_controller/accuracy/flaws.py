@@ -59,12 +59,12 @@ FLAWS = (
         {"estimation.joint_position_noise": 0.005},
         _always(JointNoise, sigma=0.005, velocity_sigma=1.0e-4),
     ),
-    Flaw("joint velocity noise 0.2 rad/s", faults=_always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2)),
     Flaw(
-        "the same, velocities from positions",
+        "joint velocity noise 0.2 rad/s",
         {"estimation.joint_velocity": "differentiated"},
         _always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2),
     ),
+    Flaw("the same, taken as they come", faults=_always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2)),
     Flaw(
         "IMU noise 0.05 rad/s, m/s²",
         {"estimation.gyroscope_noise": _DENSITY, "estimation.accelerometer_noise": _DENSITY},
