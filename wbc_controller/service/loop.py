@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gc
 import logging
 import math
@@ -16,7 +15,7 @@ from wbc_controller.control.controller import Controller
 from wbc_controller.control.result import CycleResult
 from wbc_controller.diagnostics.audit import ModelAudit
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.records import CycleReport, Fault, Mode, RobotState
+from wbc_controller.records import AuditReport, CycleReport, Fault, Mode
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.inputs import Inputs, Latched
@@ -121,13 +120,13 @@ class ControlLoop:
             result = self.controller.cycle(self._clock.now() + stood, latched.state, None, problem=late)
         stages |= result.stage_seconds
         decided = self._timer()
-        report = self._report(latched, result, stages, refused)
-        self._outputs.publish_command(report)
+        self._outputs.publish_command(result)
         stages["write"] = self._timer() - decided
         stages["total"] = self._timer() - started
         self.controller.explain_failure(now)
-        report = self._audited(report, latched.state)
+        audit = self._audited(result)
         stages["audit"] = self._timer() - started - stages["total"]
+        report = self._report(latched, result, stages, refused, audit)
         self._outputs.publish_status(report, now, self._clock.stamp())
         dynamics = self.controller.qp.dynamics
         self._outputs.publish_tasks(now, latched.state, dynamics, result.references, result.solution)
@@ -169,17 +168,21 @@ class ControlLoop:
                 self._said[topic] = now
                 _log.warning("%s", sentence)
 
-    def _audited(self, report: CycleReport, state: RobotState | None) -> CycleReport:
+    def _audited(self, result: CycleResult) -> AuditReport | None:
         """Compare the motion with the model; called after the torques are sent, so that they need not wait."""
-        if state is None:
-            return report
+        if result.state is None:
+            return None
         # While it is not active, the supervisor may have refused the very state.
-        solution = report.solution if report.mode is Mode.ACTIVE else None
-        audit = self._audit.look(state, self.controller.qp.dynamics, solution, report.command)
-        return dataclasses.replace(report, audit=audit)
+        solution = result.solution if result.mode is Mode.ACTIVE else None
+        return self._audit.look(result.state, self.controller.qp.dynamics, solution, result.command)
 
     def _report(
-        self, latched: Latched, result: CycleResult, stages: dict[str, float], refused: tuple[str, ...] = ()
+        self,
+        latched: Latched,
+        result: CycleResult,
+        stages: dict[str, float],
+        refused: tuple[str, ...] = (),
+        audit: AuditReport | None = None,
     ) -> CycleReport:
         return CycleReport(
             cycle=self._cycle,
@@ -192,6 +195,7 @@ class ControlLoop:
             refused=(*latched.refused, *refused, *result.refused),
             stage_seconds=stages,
             deadlines_missed=self._deadlines_missed,
+            audit=audit,
             requests=latched.commands,
             contested=self._ownership.contested,
             shared=self._ownership.shared,
@@ -246,8 +250,9 @@ class ControlLoop:
         self._inputs.arrived.set()
 
     def _shut_down(self) -> None:
-        report = self._report(self._inputs.latch(), self.controller.shut_down(self._clock.now()), {})
-        self._outputs.publish_command(report)
+        result = self.controller.shut_down(self._clock.now())
+        self._outputs.publish_command(result)
+        report = self._report(self._inputs.latch(), result, {})
         self._outputs.publish_status(report, self._clock.now(), self._clock.stamp())
         self._outputs.finish()
 

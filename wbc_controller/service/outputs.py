@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.control.result import CycleResult
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
@@ -102,19 +103,19 @@ class Outputs:
         self._markers_period = markers_period
         self._markers_due = -np.inf if markers_period < np.inf else np.inf
 
-    def publish_command(self, report: CycleReport) -> None:
+    def publish_command(self, result: CycleResult) -> None:
         """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
-        command = report.command
+        command, solution = result.command, result.solution
         if command is not None:
             self._publish["effort", ""](self._efforts.write(0, self._actuation.command(command.tau)))
             joints = self._actuation.at_joints(command.tau)
             payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
             self._publish["joint_commands", ""](payload)
-        if report.solution is not None and report.mode is Mode.ACTIVE:
+        if solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
             for name, contact in self._contacts.items():
-                force = report.solution.forces.get(name)
+                force = solution.forces.get(name)
                 if force is not None:
-                    payload = self._wrenches[name].write(report.stamp, contact.basis @ force)
+                    payload = self._wrenches[name].write(result.state.stamp, contact.basis @ force)
                     self._publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:

@@ -81,8 +81,7 @@ class SolverSettings(Section):
     regularization_force: Positive = Field(
         1.0e-6,
         le=1.0,
-        description="Weight of ½‖f‖², N⁻² or (N·m)⁻²; a sole counts as the forces at its corners that make up its "
-        "wrench.",
+        description="Weight of ½‖f‖², N⁻²; moments at a sole count as the forces at its corners that make them up.",
     )
 
 

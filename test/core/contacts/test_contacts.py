@@ -210,7 +210,7 @@ def test_a_wrench_weighs_what_the_forces_at_the_corners_of_its_rectangle_weigh(l
     wrench = np.random.default_rng(7).normal(size=6)
     forces = np.linalg.lstsq(grasp(x, y), wrench, rcond=None)[0]  # those that make it up with the least squares
     np.testing.assert_allclose(grasp(x, y) @ forces, wrench, atol=1e-12)
-    assert wrench @ (contact.metric * wrench) == pytest.approx(forces @ forces)
+    assert wrench @ (contact.metric * wrench) == pytest.approx(4.0 * forces @ forces)
 
 
 @pytest.mark.parametrize("activation", [1.0, 0.4, 1.0e-3])

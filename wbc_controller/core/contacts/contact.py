@@ -29,8 +29,8 @@ class Contact(ABC):
         cone: friction cone or wrench cone C, (rows, k).
         damping: D, 1/s.
         internal: whether it acts between two links of the robot: it then exerts no net force on the robot.
-        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 where the contact has no size. A sole counts
-            as the forces at its corners that make up its wrench: m⁻² for its moments.
+        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for a force; for a moment 1/ℓ², in m⁻²,
+            where ℓ is the RMS lever of forces at the corners of the sole, and 1 m where the contact has no size.
         permanent: whether it is always active: no command activates or deactivates it.
         bound_groups: the bounded parts of f: a name, the first component, and the one after the last.
         friction: Coulomb friction coefficient; 0 where the force has no cone.

@@ -59,10 +59,10 @@ class SurfaceContact(UnilateralContact):
         )
         self._mount = Mount(model, name, frame, placement, against)
         self._corners = np.column_stack([support.vertices, np.zeros(len(support.vertices))])
-        # fᵀ W f is the least sum of squares of forces at the corners of a rectangle that make up this wrench. So a
+        # Forces at the n corners of a rectangle that make up this wrench have fᵀ W f / n as the least sum of squares. So a
         # narrow sole leaves the load to the other foot before its centre of pressure is at its edge.
-        n, (x, y) = len(support.vertices), np.mean(support.vertices**2, axis=0)
-        self.metric = 1.0 / (n * np.array([1.0, 1.0, 1.0, y, x, x + y]))
+        x, y = np.mean(support.vertices**2, axis=0)
+        self.metric = 1.0 / np.array([1.0, 1.0, 1.0, y, x, x + y])
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Placement of the contact frame in the world."""
