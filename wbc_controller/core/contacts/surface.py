@@ -59,8 +59,8 @@ class SurfaceContact(UnilateralContact):
         )
         self._mount = Mount(model, name, frame, placement, against)
         self._corners = np.column_stack([support.vertices, np.zeros(len(support.vertices))])
-        # Forces at the n corners of a rectangle that make up this wrench have fᵀ W f / n as the least sum of squares. So a
-        # narrow sole leaves the load to the other foot before its centre of pressure is at its edge.
+        # Forces at the n corners of a rectangle that make up this wrench have fᵀ W f / n as the least sum of squares.
+        # So a narrow sole leaves the load to the other foot before its centre of pressure is at its edge.
         x, y = np.mean(support.vertices**2, axis=0)
         self.metric = 1.0 / np.array([1.0, 1.0, 1.0, y, x, x + y])
 
