@@ -70,9 +70,31 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     fed(estimate, model, 10.0 * missed, 5.0)
     assert estimate.forces[knee] == pytest.approx(bound)
     assert estimate.at_bound == ("FL_calf_joint",)
-    fed(estimate, model, 0.0 * missed, 12.5)  # it forgets within 25 T
-    assert estimate.forces[knee] == pytest.approx(bound * np.exp(-1.0), rel=0.02)
+    fed(estimate, model, 0.0 * missed, 5.0)  # what the bound has cut off is forgotten within a few T, the rest in 25
+    rest = estimate.forces[knee]
+    assert 0.5 * bound < rest < bound
     assert estimate.at_bound == ()
+    fed(estimate, model, 0.0 * missed, 12.5)
+    assert estimate.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
+
+
+def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
+    """On the contacts the motion shows what a bound cuts off along other components too."""
+    _, model = robot_of("go2")
+    rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
+    A, J = rng.normal(size=(nv, nv)), rng.normal(size=(9, nv))
+    M = A @ A.T + np.eye(nv)
+    estimate = DisturbanceEstimate(model, DisturbanceLimits(time_constant=0.05, share=0.2))
+    most = 0.2 * np.concatenate([np.full(6, np.inf), model.effort_limits])
+    lacking = parts(M, J, rng.normal(size=nv))[0]
+    lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint lacks more than its bound
+    for _ in range(5000):
+        seen = parts(M, J, lacking - estimate.forces)[0]
+        estimate.look(M, J, ("feet",), gap, gap * seen)
+    (joint,) = estimate.at_bound
+    expected = 25.0 / 26.0 * lacking  # the leak takes the rest
+    expected[model.v_index[model.joints.index(joint)]] *= 26.0 / 25.0 / 1.2
+    np.testing.assert_allclose(estimate.forces, expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_switched_off_it_fades_and_rests(robot_of):

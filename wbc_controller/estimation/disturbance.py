@@ -10,6 +10,10 @@ force/motion control", ICRA 2005), but with the accelerations of the program, wh
 (`projection`) keeps what can move the robot on its contacts: forces of contacts that no motion shows, and noise along
 them, do not count. So tasks have an integral action, for all of them at once and within all limits. It is slow against
 pushes, bounded, and forgets.
+
+Where a component is at its bound, the motion goes on to show what the bound has cut off, and shows it along other
+components too, as Nᵀ joins them. So d is remembered without its bounds, and what they cut off is taken from the residual,
+Nᵀ times it. Otherwise one component at its bound would wind all others up to theirs.
 """
 
 from __future__ import annotations
@@ -60,7 +64,7 @@ class DisturbanceEstimate:
             the end of a sum in which all was predicted.
     """
 
-    MEMORY = ("forces", "at_bound", "_contacts", "_sum", "_time", "_whole_sum")
+    MEMORY = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_whole_sum")
 
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
         """Begin with none.
@@ -82,7 +86,7 @@ class DisturbanceEstimate:
 
     def restart(self) -> None:
         """Forget all."""
-        self.forces = frozen(np.zeros(len(self._whole)))
+        self.forces = self._unbounded = frozen(np.zeros(len(self._whole)))
         self.at_bound: tuple[str, ...] = ()
         self.held: tuple[Array, float] | None = None
         self._begin(())
@@ -119,15 +123,19 @@ class DisturbanceEstimate:
             return
         if not self.limits.on:
             forces = self.forces * max(0.0, 1.0 - self._time / _FADE)
-            forces = forces if (np.abs(forces) > _NOTHING * self._whole).any() else np.zeros(len(forces))
+            unbounded = forces = forces if (np.abs(forces) > _NOTHING * self._whole).any() else np.zeros(len(forces))
             self.at_bound = ()
         else:
             T, most = self.limits.time_constant, self.limits.share * self._whole
             unexpected, held = parts(M, J, self._sum)
             if self._whole_sum:
                 self.held = held / self._time, self._time
-            wanted = self.forces + (unexpected - self._time / _LEAK * self.forces) / max(T, self._time)
-            forces = np.clip(wanted, -most, most)
-            self.at_bound = tuple(dict.fromkeys(self._names[(np.abs(wanted) > most) & (most > 0.0)].tolist()))
-        self.forces = frozen(forces)
+            before = self._unbounded
+            beyond = before - self.forces
+            if beyond.any():
+                unexpected = unexpected - parts(M, J, self._time * beyond)[0]
+            unbounded = before + (unexpected - self._time / _LEAK * before) / max(T, self._time)
+            forces = np.clip(unbounded, -most, most)
+            self.at_bound = tuple(dict.fromkeys(self._names[(np.abs(unbounded) > most) & (most > 0.0)].tolist()))
+        self.forces, self._unbounded = frozen(forces), frozen(unbounded)
         self._begin(contacts)
