@@ -12,8 +12,8 @@ them, do not count. So tasks have an integral action, for all of them at once an
 pushes, bounded, and forgets.
 
 Where a component is at its bound, the motion goes on to show what the bound has cut off, and shows it along other
-components too, as Nᵀ joins them. So d is remembered without its bounds, and what they cut off is taken from the residual,
-Nᵀ times it. Otherwise one component at its bound would wind all others up to theirs.
+components too, as Nᵀ joins them. So d is remembered without its bounds, and Nᵀ times what they cut off is taken from
+the residual. Otherwise one component at its bound would wind all others up to theirs.
 """
 
 from __future__ import annotations
