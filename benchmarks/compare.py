@@ -44,7 +44,8 @@ ours checks all constraints at its answer, and its supervisor limits the rate of
 No limits of joint motion, in none. placo bounds neither a contact's largest normal force nor its moment about the
 normal; tsid and ours do. Elsewhere friction, torque limits, gains, weights and contacts are the same.
 Answers: the tasks leave no freedom in v̇ and so none in the sum of the wrenches. How several feet share that sum is
-free, and the torques follow: ours and placo take the smallest wrenches, tsid, with four forces per surface, others."""
+free, and the torques follow: ours counts the moments at a sole as forces at its corners, which are what tsid has there;
+placo takes the smallest wrenches, a newton metre for a newton."""
 
 Turns = dict[str, list[Answers]]
 #: Our median over that of each contestant, warm and cold.
