@@ -60,6 +60,9 @@ class Recorder:
     def subscribe(self, endpoint, callback):
         self.subscribed.add(endpoint.name)
 
+    def stream(self, endpoint, depth):
+        self.subscribed.add(endpoint.name)
+
     def publishers(self, endpoint):
         return ()
 

@@ -33,7 +33,7 @@ def test_an_input_over_the_limit_is_named_with_its_age(age, said):
 
 
 def test_every_stale_input_is_named_with_what_is_known_of_it():
-    fault = stale_inputs({"joint_states": 0.1, "odom": 0.2}, 0.05, {"odom": "last refusal: the twist is bad"})
+    fault = stale_inputs({"joint_states": 0.1, "odom": 0.2}, 0.05, lambda: {"odom": "last refusal: the twist is bad"})
     assert fault.sentence == (
         "joint_states is 100 ms old (limit 50 ms); odom is 200 ms old (limit 50 ms); last refusal: the twist is bad"
     )

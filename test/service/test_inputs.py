@@ -81,16 +81,17 @@ def test_nothing_has_arrived(go2):
     assert latched.joint_velocity is None
     assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
     assert not latched.refused
-    assert not go2.inputs.arrived.is_set()
+    assert not go2.inputs.wait(0.0)
 
 
 def test_half_a_state_is_none(go2, make):
     model = go2.model
     go2.send("joint_states", make.joint_state(model.joints, np.zeros(model.na), np.ones(model.na)))
+    assert go2.inputs.wait(0.0)
     latched = go2.inputs.latch()
     assert latched.state is None
     np.testing.assert_array_equal(latched.joint_velocity, np.ones(model.na))
-    assert go2.inputs.arrived.is_set()
+    assert not go2.inputs.wait(0.0)
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "go2"])
@@ -116,6 +117,7 @@ def test_a_state_is_assembled_in_the_models_order_and_frozen(wire, make, name):
 
 def test_ages_count_from_arrival_not_from_the_stamp(go2, state):
     state(go2, time=123)
+    assert go2.inputs.latch().ages == {"joint_states": 0.0, "odom": 0.0}
     go2.clock.time += 0.02
     assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.02, "odom": 0.02})
     go2.clock.time += 0.02
@@ -151,14 +153,14 @@ def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, ma
     (sentence,) = latched.refused
     assert sentence.startswith("/joint_states: ")
     assert said in sentence
-    assert said in latched.notes["joint_states"]
+    assert said in go2.inputs.notes()["joint_states"]
     np.testing.assert_array_equal(latched.state.q, before.q)
     assert latched.state.stamp == before.stamp
     assert latched.ages["joint_states"] == pytest.approx(0.01)
     state(go2, velocity=0.5)
     latched = go2.inputs.latch()
     assert not latched.refused
-    assert not latched.notes
+    assert not go2.inputs.notes()
     assert latched.ages["joint_states"] == 0.0
     assert (latched.joint_velocity == 0.5).all()
 
@@ -339,11 +341,38 @@ def test_each_topic_has_its_largest_message(go2, key, subject, largest):
     assert "more than" not in go2.inputs.latch().refused[0]
 
 
+def test_a_message_that_is_too_large_wakes_nobody_and_displaces_no_state(go2, make, state):
+    state(go2)
+    go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
+    assert go2.inputs.wait(0.0)
+    latched = go2.inputs.latch()
+    assert latched.state is not None
+    assert [": 1 messages refused" in sentence for sentence in latched.refused] == [True]
+    go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
+    assert not go2.inputs.wait(0.01)
+
+
+def test_what_has_come_before_the_beginning_is_dropped(go2, state):
+    state(go2)
+    assert go2.inputs.wait(0.0)
+    state(go2, time=2_000_000_000)
+    go2.inputs.begin()
+    latched = go2.inputs.latch()
+    assert latched.state is None
+    assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
+
+
+def test_whoever_waits_can_be_woken(go2):
+    go2.inputs.wake()
+    assert go2.inputs.wait(0.0)
+    assert not go2.inputs.wait(0.0)
+
+
 def test_an_emergency_stop_wakes_the_loop(go2, make):
     go2.send("command", make.string("activate"))
-    assert not go2.inputs.arrived.is_set()
+    assert not go2.inputs.wait(0.0)
     go2.send("command", make.string("estop"))
-    assert go2.inputs.arrived.is_set()
+    assert go2.inputs.wait(0.0)
 
 
 def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import threading
 import time
 
 import pytest
@@ -19,6 +20,7 @@ from wbc_controller.wire.topics import (
     MOCK_TOPICS,
     REQUEST,
     STATE_IN,
+    STATE_OUT,
     TASK_TYPES,
     Direction,
     Endpoint,
@@ -32,6 +34,9 @@ STRING = "std_msgs/msg/String"
 
 def endpoint(name, qos=REQUEST, type_name=STRING, direction=Direction.IN):
     return Endpoint("test", "", name, type_name, direction, qos)
+
+
+ODOM = endpoint("/odom", STATE_IN)
 
 
 def text(content):
@@ -204,6 +209,61 @@ def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually
     answer = answering.advertise(endpoint("/answer"))
     answering.subscribe(endpoint("/question"), answer)
     eventually(lambda: answers, lambda: ask(text("x")))
+
+
+def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventually):
+    publish, stream = join("writer").advertise(endpoint("/odom", STATE_OUT)), join("reader").stream(ODOM, depth=2)
+    eventually(stream.take, lambda: publish(text("first")))
+    time.sleep(0.05)  # what was on its way when one came
+    stream.take()
+    assert stream.take() == []
+    for i in range(5):
+        publish(text(str(i)))
+    found = []
+    eventually(lambda: found.extend(texts(stream.take())) or "4" in found, lambda: None)
+    assert found[-2:] == ["3", "4"]
+    assert stream.take() == []
+
+
+def test_who_waits_on_a_stream_is_told_of_each_message(join, eventually):
+    publish, stream = join("writer").advertise(endpoint("/odom", STATE_OUT)), join("reader").stream(ODOM, depth=1)
+    eventually(stream.take, lambda: publish(text("first")))
+    time.sleep(0.05)
+    stream.take()
+    assert not stream.wait(0.0)
+    assert not stream.wait(0.05)
+    later = threading.Timer(0.1, lambda: publish(text("second")))
+    later.start()
+    assert stream.wait(20.0)
+    assert stream.wait(0.0)  # until it is taken
+    assert texts(stream.take()) == ["second"]
+    assert not stream.wait(0.0)
+    later.join()
+
+
+def test_who_waits_on_a_stream_can_be_woken(join):
+    stream = join("reader").stream(ODOM, depth=1)
+    stream.wake()
+    assert stream.wait(20.0)
+    assert not stream.wait(0.0)
+    later = threading.Timer(0.1, stream.wake)
+    later.start()
+    assert stream.wait(20.0)
+    assert stream.take() == []
+    later.join()
+
+
+def test_a_stream_ends_with_its_transport(join):
+    transport = join("reader")
+    stream = transport.stream(ODOM, depth=1)
+    transport.close()
+    with pytest.raises(TransportError, match="cannot read /odom: the transport is closed"):
+        stream.take()
+    with pytest.raises(TransportError, match="cannot read /odom: the transport is closed"):
+        stream.wait(0.0)
+    stream.wake()
+    with pytest.raises(TransportError, match="/late"):
+        transport.stream(endpoint("/late"), depth=1)
 
 
 def test_delivery_does_not_wait_for_a_poll(join, eventually):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 import subprocess
 import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -24,8 +22,6 @@ from wbc_controller.wire.topics import (
     LATCHED,
     MOCK_TOPICS,
     REQUEST,
-    STATE_IN,
-    STATE_OUT,
     TASK_TYPES,
     Direction,
     Endpoint,
@@ -378,22 +374,3 @@ def test_topics_may_be_opened_while_others_close_and_publish(eventually):
         thread.join()
     assert len(received) == count
     here.close()
-
-
-def test_a_topic_that_is_polled_gives_the_newest_message_once():
-    topic = endpoint("/polled", STATE_IN)
-    with contextlib.closing(DdsTransport("a", domain_id=DOMAIN)) as one:
-        newest = one.poll(topic)
-        line = one.line(dataclasses.replace(topic, qos=STATE_OUT))
-        assert line.finds_reader(10.0)
-        assert newest() is None
-        for i in range(5):
-            line(text(str(i)))
-        found = None
-        deadline = time.monotonic() + 10.0
-        while (found is None or decode(found, STRING).data != "4") and time.monotonic() < deadline:
-            found = newest() or found
-        assert decode(found, STRING).data == "4"
-        assert newest() is None
-    with pytest.raises(TransportError, match="cannot read /polled: the transport is closed"):
-        newest()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.records import Array
-from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.transports.transport import Publish, Stream, Transport
 from wbc_controller.wire.in_place import read_stamp
 from wbc_controller.wire.topics import Endpoint
 
@@ -135,6 +135,10 @@ class Meter:
             callback(payload)
 
         self._transport.subscribe(endpoint, timed if endpoint.key in ("effort", "joint_commands") else callback)
+
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """Open a topic for reading, whose messages wait until they are taken: they are not timed."""
+        return self._transport.stream(endpoint, depth)
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Node name of each publisher on a topic, other than this transport's own, sorted."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.transports.transport import Publish, Stream, Transport
 from wbc_controller.wire.topics import Endpoint
 
 
@@ -52,6 +52,10 @@ class Tap:
 
         self._transport.subscribe(endpoint, receive)
 
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """Open a topic for reading, whose messages wait until they are taken: then they are recorded."""
+        return _Tapped(self._transport.stream(endpoint, depth), self._came, self._channel(endpoint.name, endpoint.type))
+
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """As the transport."""
         return self._transport.publishers(endpoint)
@@ -59,3 +63,18 @@ class Tap:
     def close(self) -> None:
         """As the transport."""
         self._transport.close()
+
+
+class _Tapped:
+    """A stream that records what is taken from it."""
+
+    def __init__(self, stream: Stream, came: Callable[[int, bytes], None], channel: int) -> None:
+        self._stream, self._came, self._channel = stream, came, channel
+        self.wait, self.wake = stream.wait, stream.wake
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        taken = self._stream.take()
+        for payload in taken:
+            self._came(self._channel, payload)
+        return taken

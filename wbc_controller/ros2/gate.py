@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.transports.transport import Publish, Stream, Transport
 from wbc_controller.wire.messages import encode, message
 from wbc_controller.wire.topics import REQUEST, Endpoint
 
@@ -43,6 +43,10 @@ class Gate:
 
         self._transport.subscribe(endpoint, deliver)
 
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """Open a topic for reading; what comes while the gate is closed is dropped when it is taken."""
+        return _Gated(self._transport.stream(endpoint, depth), self)
+
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Node name of each publisher on a topic, other than this transport's own, sorted."""
         return self._transport.publishers(endpoint)
@@ -55,3 +59,16 @@ class Gate:
         """Close the gate and all topics."""
         self.open = False
         self._transport.close()
+
+
+class _Gated:
+    """A stream from which nothing is taken while its gate is closed."""
+
+    def __init__(self, stream: Stream, gate: Gate) -> None:
+        self._stream, self._gate = stream, gate
+        self.wait, self.wake = stream.wait, stream.wake
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        taken = self._stream.take()
+        return taken if self._gate.open else []

@@ -6,7 +6,7 @@ All comparisons are written so that NaN fails them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,19 +95,21 @@ def checks_table() -> str:
     return "\n".join(rows) + "\n"
 
 
-def stale_inputs(ages: Mapping[str, float], limit: float, notes: Mapping[str, str] | None = None) -> Fault | None:
+def stale_inputs(
+    ages: Mapping[str, float], limit: float, notes: Callable[[], Mapping[str, str]] = dict
+) -> Fault | None:
     """Check that no input is older than a limit.
 
     Args:
         ages: age of each input, s; infinite where none has arrived.
         limit: largest allowed age, s.
-        notes: for inputs, what to know about their age.
+        notes: gives for inputs what to know about their age; called where one is too old.
     """
     parts = []
     for name, age in ages.items():
         if not (age <= limit):
             said = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
-            note = (notes or {}).get(name)
+            note = notes().get(name)
             parts.append(f"{name} {said} (limit {1e3 * limit:.0f} ms)" + (f"; {note}" if note else ""))
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 

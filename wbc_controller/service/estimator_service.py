@@ -47,7 +47,7 @@ _log = logging.getLogger(__name__)
 class EstimatorService:
     """Answers each joint state with an estimate of the base.
 
-    The transport's callbacks store messages; they are decoded on the thread that calls `cycle`.
+    Messages are taken and decoded on the thread that calls `cycle`.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class EstimatorService:
                     self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.back().pose)))
         elif found is None:
             self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
-        self._say(latched.notes, latched.estimate)
+        self._say(self._inputs.notes(), latched.estimate)
 
     def _say(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
         """Publish diagnostics if they are due, or what they say has changed."""
@@ -170,10 +170,9 @@ class EstimatorService:
         """Run until stopped."""
         gc.collect()
         gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
-        arrived = self._inputs.arrived
+        self._inputs.begin()
         while not stop.is_set():
-            if arrived.wait(_WAIT):
-                arrived.clear()
+            self._inputs.wait(_WAIT)
             self.cycle()
 
 

@@ -1,7 +1,8 @@
 """The border: what comes in, on which thread it is read, within which limits, and what one cycle sees of it.
 
-- Callbacks, on the transport's threads, only store bytes with their time of arrival. Messages over their size are
-  counted and dropped there, and an emergency stop is recognized there: no queue of requests can delay it.
+- States wait in the transport until the loop's thread takes them: no other thread runs when one comes. Requests are
+  stored as bytes by callbacks on the transport's thread, where an emergency stop is recognized: no queue of requests
+  can delay it. Messages over their size are counted and dropped.
 - Requests are decoded and validated on a thread of their own, `reader`, which leaves the loop most of the processor.
   Where no such thread runs, as in lockstep, they are decoded when a cycle latches its inputs.
 - A cycle decodes at most one joint state and one odometry, the newest, and takes at most `_MOST_PER_CYCLE` requests.
@@ -33,9 +34,8 @@ from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.contact_sensors import KEYS, ContactSensors
-from wbc_controller.service.mailbox import Mailbox
 from wbc_controller.service.stamps import StampTracker
-from wbc_controller.transports.transport import Transport
+from wbc_controller.transports.transport import Stream, Transport
 from wbc_controller.wire import decoding
 from wbc_controller.wire.messages import decode
 from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader, PoseReader, StateReader
@@ -55,6 +55,8 @@ _LARGEST_REQUEST = 1 << 18
 _MOST_IMU = 20
 #: Absolute poses that one cycle takes, at most: the newest.
 _MOST_POSES = 4
+#: States that wait in the transport, at most: a message that is dropped for its size takes the place of no good one.
+_STATE_DEPTH = 10
 #: Name of the base's estimate among the ages of the inputs.
 ESTIMATE = "base estimate"
 #: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
@@ -78,8 +80,6 @@ class Latched:
             odometry, or IMU data from which it has been estimated).
         joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
         ages: age of each part of the state, s; infinite if it has never arrived.
-        notes: for parts of the state, what to know about an age: why the last message was refused, or how long the
-            newest one was on its way.
         commands: words on the command topic, in order of arrival.
         changes: sets of changes, in order of arrival; each set is applied whole or not at all.
         refused: a sentence for each message that was refused.
@@ -90,7 +90,6 @@ class Latched:
     state: RobotState | None
     joint_velocity: Array | None
     ages: dict[str, float]
-    notes: dict[str, str]
     commands: tuple[str, ...]
     changes: tuple[tuple[Change | ChangeSettings, ...], ...]
     refused: tuple[str, ...]
@@ -113,6 +112,15 @@ class _Part:
 
 
 @dataclass(slots=True)
+class _Box:
+    """A stream, and what has been taken from it and not been read, with the times of arrival, s."""
+
+    endpoint: Endpoint
+    stream: Stream
+    newest: deque[tuple[float, bytes]]
+
+
+@dataclass(slots=True)
 class _Read:
     """What one request says."""
 
@@ -125,7 +133,6 @@ class Inputs:
     """Subscribes to every incoming topic, and latches what has arrived.
 
     Attributes:
-        arrived: set when a joint state arrives, and when an emergency stop does.
         holding: names of the contacts that the estimate of the base took for holding in the last cycle.
     """
 
@@ -157,12 +164,12 @@ class Inputs:
             sensing: what is known of the sensors at the contacts that the estimate rests on; None to read none.
             velocity_filter: makes joint velocities of their positions; None where they are measured.
         """
-        self.arrived = threading.Event()
         self._model = model
         self._vocabulary = vocabulary
         self._clock = clock
         self._prepare = prepare
-        self._boxes: list[tuple[Endpoint, Mailbox]] = []
+        self._boxes: list[_Box] = []
+        self._woken = False
         self._clock_tolerance = clock_tolerance
         self._velocity_filter = velocity_filter
         reader = JointStateReader(model.joints, velocities=velocity_filter is None)
@@ -193,26 +200,56 @@ class Inputs:
                 continue
             if endpoint.key in ("odom", "imu") and endpoint.key not in self._parts:
                 continue
-            if endpoint.key in KEYS:
-                if self._contact_sensors is not None:
-                    box = Mailbox(clock)
-                    self._boxes.append((endpoint, box))
-                    transport.subscribe(endpoint, self._bounded(endpoint, box.put))
+            if endpoint.key in KEYS and self._contact_sensors is None:
                 continue
             if endpoint.key == "pose":
                 if self._pose is None:
                     continue
                 self._pose_topic = endpoint.name
-            if endpoint.key in (*self._parts, "pose"):
-                box = Mailbox(
-                    clock,
-                    self.arrived if endpoint.key == "joint_states" else None,
-                    depth={"imu": _MOST_IMU, "pose": _MOST_POSES}.get(endpoint.key, 1),
-                )
-                self._boxes.append((endpoint, box))
-                transport.subscribe(endpoint, self._bounded(endpoint, box.put))
+            if endpoint.key in (*self._parts, "pose", *KEYS):
+                kept = {"imu": _MOST_IMU, "pose": _MOST_POSES}.get(endpoint.key, 1)
+                stream = transport.stream(endpoint, max(kept, _STATE_DEPTH))
+                self._boxes.append(_Box(endpoint, stream, deque(maxlen=kept)))
             else:
-                transport.subscribe(endpoint, self._bounded(endpoint, partial(self._put_request, endpoint)))
+                transport.subscribe(endpoint, partial(self._put_request, endpoint))
+        self._trigger = next(box for box in self._boxes if box.endpoint.key == "joint_states")
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until a joint state has come, for an emergency stop, or for `wake`; whether it came to that.
+
+        Args:
+            seconds: longest wall time, s.
+
+        Raises:
+            TransportError: if the transport is closed, or the topic cannot be read.
+        """
+        deadline = time.monotonic() + seconds
+        while True:
+            came = self._trigger.stream.wait(max(deadline - time.monotonic(), 0.0))
+            if self._collect(self._trigger) or self._woken:
+                self._woken = False
+                return True
+            if not came:
+                return False
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits. Any thread may call it."""
+        self._woken = True
+        self._trigger.stream.wake()
+
+    def _collect(self, box: _Box) -> bool:
+        """Take what has come on a stream, date it, and drop what is too large; whether anything is left."""
+        taken = box.stream.take()
+        for payload in taken:
+            if self._bounded(box.endpoint, payload):
+                box.newest.append((self._clock.now(), payload))
+        return bool(taken) and bool(box.newest)
+
+    def begin(self) -> None:
+        """Drop the states that have come so far: nobody has seen when they came, so that their age is not known."""
+        for box in self._boxes:
+            box.stream.take()
+            box.newest.clear()
 
     def start_reader(self) -> None:
         """Decode requests on a thread of their own from now on, until `stop_reader`."""
@@ -288,8 +325,11 @@ class Inputs:
             held: whether the robot is under control: absolute poses that contradict must not move its world.
         """
         refused: list[str] = []
-        for endpoint, box in self._boxes:
-            for received, payload in box.take():
+        for box in self._boxes:
+            self._collect(box)
+            endpoint = box.endpoint
+            while box.newest:
+                received, payload = box.newest.popleft()
                 reason = self._attempt(endpoint, partial(self._read_state, endpoint, received, payload))
                 if reason is not None:
                     self._notes[endpoint.key] = reason
@@ -320,7 +360,7 @@ class Inputs:
             refused += read.refused
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         return Latched(
-            self._state(), self._joint_velocity(), self.ages(), self._noted(), tuple(commands), tuple(changes),
+            self._state(), self._joint_velocity(), self.ages(), tuple(commands), tuple(changes),
             tuple(refused), taken=stopped + len(taken) + turned_away.total(), estimate=self._about_poses(),
         )  # fmt: skip
 
@@ -334,8 +374,8 @@ class Inputs:
             about["pose/last refusal"] = self._notes["pose"]
         return about | (self._estimator.poses.values if self._estimator.poses is not None else {})
 
-    def _noted(self) -> dict[str, str]:
-        """What to know about the age of each part of the state."""
+    def notes(self) -> dict[str, str]:
+        """What to know about the age of parts of the state: a refusal, or how long the newest was on its way."""
         notes, now = {}, self._clock.now()
         if self._estimator is not None and self._base is None:
             notes[ESTIMATE] = self._estimator.waits_for
@@ -351,24 +391,22 @@ class Inputs:
                 notes[name] = f"{waited:.3f} s of it on its way"
         return notes
 
-    def _bounded(self, endpoint: Endpoint, put: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        """A callback that drops messages over the size of their topic."""
+    def _bounded(self, endpoint: Endpoint, payload: bytes) -> bool:
+        """Whether a message is within the size of its topic; it is counted where it is not."""
         largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
-
-        def receive(payload: bytes) -> None:
-            if len(payload) <= largest:
-                put(payload)
-                return
-            with self._waiting:
-                self._turned_away[endpoint.name, f"more than {largest} bytes"] += 1
-
-        return receive
+        if len(payload) <= largest:
+            return True
+        with self._waiting:
+            self._turned_away[endpoint.name, f"more than {largest} bytes"] += 1
+        return False
 
     def _put_request(self, endpoint: Endpoint, payload: bytes) -> None:
         """Store a request; a stop has a way of its own, which no other request can fill."""
+        if not self._bounded(endpoint, payload):
+            return
         if endpoint.key == "command" and _ESTOP in payload and decode(payload, endpoint.type).data.strip() == "estop":
             self._estop.set()
-            self.arrived.set()
+            self.wake()
             return
         with self._waiting:
             if len(self._requests) < _REQUEST_DEPTH:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from wbc_controller.control.controller import Controller
 from wbc_controller.control.result import CycleResult
 from wbc_controller.diagnostics.audit import ModelAudit
+from wbc_controller.errors import TransportError
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.records import AuditReport, CycleReport, Fault, Mode
 from wbc_controller.safety.checks import stale_inputs
@@ -102,7 +103,7 @@ class ControlLoop:
                 f"the clock has stood still for {1e3 * stood:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
             )
         problem = Fault("CLOCK", trouble) if trouble else None
-        problem = problem or stale_inputs(latched.ages, timeout, latched.notes)
+        problem = problem or stale_inputs(latched.ages, timeout, self._inputs.notes)
         self._ownership.refresh(now)
         requests, refused = self._requests(latched.commands, problem)
         fresh = latched.ages["joint_states"] <= timeout
@@ -115,7 +116,10 @@ class ControlLoop:
             requests=requests,
             changes=latched.changes,
         )
-        late = stale_inputs(self._inputs.ages(), timeout) if result.solution is not None else None
+        late = None
+        passed = self._clock.now() + stood - now
+        if result.solution is not None and not max(latched.ages.values()) + passed <= timeout:
+            late = stale_inputs(self._inputs.ages(), timeout)
         if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
             result = self.controller.cycle(self._clock.now() + stood, latched.state, None, problem=late)
         stages |= result.stage_seconds
@@ -218,6 +222,7 @@ class ControlLoop:
         self._activate_when_fresh = activate
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL)
+        self._inputs.begin()
         self._inputs.start_reader()
         try:
             self._ownership.start(stop)
@@ -238,16 +243,15 @@ class ControlLoop:
         Returns:
             Whether a cycle was due.
         """
-        if not self._inputs.arrived.is_set() and now < self._due:
+        if not self._inputs.wait(0.0) and now < self._due:
             return False
-        self._inputs.arrived.clear()
         self._guarded_cycle()
         self._due = now + self._patience(period)
         return True
 
     def wake(self) -> None:
         """Interrupt the wait for a joint state, so that a loop whose `stop` event is set ends at once."""
-        self._inputs.arrived.set()
+        self._inputs.wake()
 
     def _shut_down(self) -> None:
         result = self.controller.shut_down(self._clock.now())
@@ -262,8 +266,7 @@ class ControlLoop:
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:
-                self._inputs.arrived.wait(self._patience(period))
-                self._inputs.arrived.clear()
+                self._guarded_wait(stop, period)
                 self._guarded_cycle()
                 continue
             self._guarded_cycle()
@@ -274,6 +277,14 @@ class ControlLoop:
                 deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
             self._clock.wait(stop, deadline - now if deadline > now else 0.0)
             deadline += period
+
+    def _guarded_wait(self, stop: threading.Event, period: float) -> None:
+        """Wait for the next joint state; where that is not possible any more, the next cycles damp."""
+        try:
+            self._inputs.wait(self._patience(period))
+        except TransportError as error:
+            self.controller.fail(error)
+            stop.wait(period)
 
     def _guarded_cycle(self) -> None:
         """Run one cycle; an exception, wherever it is raised, leads to zero torques now and damping with a fault."""

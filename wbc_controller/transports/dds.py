@@ -6,6 +6,7 @@ Only the files ``transports/dds*.py`` import cyclonedds.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import logging
 import os
 import threading
@@ -81,7 +82,7 @@ class DdsTransport:
         self._types = TopicTypes()
         self._topics: dict[str, Any] = {}
         self._publications: list[_Publication] = []
-        self._polled: list[Any] = []
+        self._streams: list[_Stream] = []
         self._dispatcher: _Dispatcher | None = None
         self._announcement: NodeAnnouncement | None = None
         self._graph: Graph | None = None
@@ -150,26 +151,16 @@ class DdsTransport:
             dispatcher.add(endpoint, reader, callback)
             announcement.add_reader(reader)
 
-    def poll(self, endpoint: Endpoint) -> Callable[[], bytes | None]:
-        """Open a topic for reading by hand: DDS keeps the newest message, and nothing runs here when one comes.
-
-        Returns:
-            A function that gives the newest message since its last call; None where none has come since.
-        """
+    def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
+        """Open a topic for reading, whose messages wait in DDS until they are taken."""
+        endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
             reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
-            self._polled.append(reader)
+            stream = _Stream(endpoint, reader, self._participant)
+            self._streams.append(stream)
             announcement.add_reader(reader)
-
-        def newest() -> bytes | None:
-            with self._lock, _translated(f"cannot read {endpoint.name}"):
-                if self._closed:
-                    raise TransportError(f"cannot read {endpoint.name}: the transport is closed")
-                taken = dds_raw.take(reader, endpoint.qos.depth)
-                return taken[-1] if taken else None
-
-        return newest
+            return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Node name of each publisher on a topic, other than this node's own, sorted."""
@@ -211,8 +202,8 @@ class DdsTransport:
     def _delete_entities(self) -> None:
         for publication in self._publications:
             publication.delete()
-        for reader in self._polled:
-            dds_raw.delete(reader)
+        for stream in self._streams:
+            stream.delete()
         for part in (self._dispatcher, self._announcement, self._graph):
             if part is not None:
                 part.delete()
@@ -264,6 +255,51 @@ class _Publication:
     def delete(self) -> None:
         self._closed = True
         dds_raw.delete(self._writer)
+
+
+class _Stream:
+    """A reader whose messages are taken by hand; whoever waits for them does so in C."""
+
+    def __init__(self, endpoint: Endpoint, reader: Any, participant: Any) -> None:
+        self._endpoint, self._reader = endpoint, reader
+        self._guard = GuardCondition(participant)
+        self._triggers = dds_raw.Triggers(participant)
+        self._triggers.attach_guard(self._guard)
+        self._triggers.attach_reader(reader)
+        self._closed = False
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        self._refuse_closed()
+        try:
+            return dds_raw.take(self._reader, self._endpoint.qos.depth)
+        except DDSException as error:
+            raise TransportError(f"cannot read {self._endpoint.name}: {error}") from error
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
+        self._refuse_closed()
+        try:
+            triggered = bool(self._triggers.wait(seconds))
+            self._guard.take()
+        except DDSException as error:
+            raise TransportError(f"cannot wait for {self._endpoint.name}: {error}") from error
+        return triggered
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits."""
+        if not self._closed:
+            self._guard.set(True)
+
+    def delete(self) -> None:
+        self.wake()
+        self._closed = True
+        self._triggers.delete()
+        dds_raw.delete(self._reader)
+
+    def _refuse_closed(self) -> None:
+        if self._closed:
+            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
 
 
 class _Dispatcher:

@@ -8,6 +8,7 @@ a check of all readers. Both are thin wrappers around the functions used here.
 from __future__ import annotations
 
 import ctypes
+import math
 from typing import Any
 
 from cyclonedds._clayer import ddspy_take, ddspy_take_endpoint, ddspy_write
@@ -90,11 +91,12 @@ class Triggers:
         """Attach a reader; returns the number by which `wait` reports it while it holds messages."""
         return self._attach(ReadCondition(reader, _ANY))
 
-    def wait(self) -> list[int]:
-        """Block until an attached entity has triggered; returns the numbers of some that have."""
+    def wait(self, seconds: float = math.inf) -> list[int]:
+        """Block until an attached entity has triggered, or the time is over; the numbers of some that have."""
         room = len(self._attached)
         numbers = (dds_c_t.attach * room)()
-        count = self._waitset._waitset_wait(self._waitset._ref, numbers, room, dds_infinity)
+        timeout = dds_infinity if seconds == math.inf else round(1e9 * seconds)
+        count = self._waitset._waitset_wait(self._waitset._ref, numbers, room, timeout)
         if count < 0:
             raise DDSException(count)
         return [number for number in numbers[: min(count, room)] if number is not None]

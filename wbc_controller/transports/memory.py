@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable
 
 from wbc_controller.errors import TransportError
@@ -104,6 +105,12 @@ class MemoryTransport:
             self._readers.append(reader)
             self._bus._connect(reader)
 
+    def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
+        """Open a topic for reading, whose messages wait until they are taken."""
+        stream = _Stream(endpoint, depth, self)
+        self.subscribe(endpoint, stream.put)
+        return stream
+
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Node name of each publisher on a topic, other than this transport's own, sorted."""
         if self._closed:
@@ -121,6 +128,45 @@ class MemoryTransport:
         if self._closed:
             raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
         self._bus.types.check(endpoint.name, endpoint.type)
+
+
+class _Stream:
+    """The newest messages of a topic."""
+
+    def __init__(self, endpoint: Endpoint, depth: int, owner: MemoryTransport) -> None:
+        self._endpoint, self._owner = endpoint, owner
+        self._came = threading.Condition()  # guards the two below
+        self._newest: deque[bytes] = deque(maxlen=depth)
+        self._woken = False
+
+    def put(self, payload: bytes) -> None:
+        with self._came:
+            self._newest.append(payload)
+            self._came.notify()
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        if self._owner._closed:
+            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+        with self._came:
+            newest = list(self._newest)
+            self._newest.clear()
+        return newest
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
+        if self._owner._closed:
+            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+        with self._came:
+            came = self._came.wait_for(lambda: self._newest or self._woken, seconds)
+            self._woken = False
+        return bool(came)
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits."""
+        with self._came:
+            self._woken = True
+            self._came.notify()
 
 
 class _Writer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import logging
 import threading
@@ -15,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
-from wbc_controller.transports.ros2_reader import Reader, ReaderGroup
+from wbc_controller.transports.ros2_reader import RawStream, Reader, ReaderGroup
 from wbc_controller.transports.topic_types import TopicTypes
 from wbc_controller.transports.transport import UNNAMED, Publish
 from wbc_controller.wire.topics import Endpoint, Qos
@@ -52,6 +53,7 @@ class Ros2Transport:
         self._publishers: list[Any] = []
         self._advertised: Counter[str] = Counter()
         self._subscriptions: list[Any] = []
+        self._streams: list[RawStream] = []
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
@@ -89,13 +91,17 @@ class Ros2Transport:
                 except Exception:  # an error would end the reader, and with it all topics
                     _log.exception("callback for %s failed", endpoint.name)
 
+        self._reader.add(self._subscription(endpoint), deliver)
+
+    def _subscription(self, endpoint: Endpoint) -> Any:
+        """A subscription that the executor leaves alone."""
         with self._lock:
             message_class = self._check(endpoint)
             try:
                 subscription = self._node.create_subscription(
                     message_class,
                     endpoint.name,
-                    lambda message: None,  # unused: the reader takes the messages
+                    lambda message: None,  # unused: the messages are taken by hand
                     _profile(endpoint.qos),
                     callback_group=self._group,
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -104,7 +110,14 @@ class Ros2Transport:
             except Exception as error:  # as above
                 raise TransportError(f"cannot subscribe to {endpoint.name}: {error}") from error
             self._subscriptions.append(subscription)
-            self._reader.add(subscription, deliver)
+            return subscription
+
+    def stream(self, endpoint: Endpoint, depth: int) -> RawStream:
+        """Open a topic for reading, whose messages wait in the middleware until they are taken."""
+        endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
+        stream = RawStream(endpoint.name, depth, self._subscription(endpoint), self._node.context)
+        self._streams.append(stream)
+        return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Node name of each publisher on a topic, other than this transport's own, sorted."""
@@ -127,6 +140,8 @@ class Ros2Transport:
         """
         with self._lock:
             self._closed = True
+        for stream in self._streams:
+            stream.close()
         self._reader.close()
         with self._lock:
             deadline = time.monotonic() + _LAST_WORDS

@@ -1,17 +1,20 @@
-"""Takes the messages of raw subscriptions on a separate thread, instead of rclpy's executor."""
+"""Takes the messages of raw subscriptions without rclpy's executor: on a separate thread, or by hand."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
+
+from wbc_controller.errors import TransportError
 
 _log = logging.getLogger(__name__)
 
@@ -96,3 +99,72 @@ class Reader:
                 taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is not None and not self._closed:
                     callback(taken[0])
+
+
+class RawStream:
+    """A subscription whose messages are taken by hand; whoever waits for them does so in C.
+
+    Once the context has been shut down, nothing comes any more.
+
+    Args:
+        topic: its name.
+        depth: number of messages that wait.
+        subscription: excluded from the executor.
+        context: rclpy's context.
+    """
+
+    def __init__(self, topic: str, depth: int, subscription: Any, context: Any) -> None:
+        self._topic, self._depth = topic, depth
+        self._subscription, self._context = subscription, context
+        self._guard = GuardCondition(None, None, context=context)
+        with context.handle:
+            self._wait_set = rclpy_implementation.WaitSet(1, 1, 0, 0, 0, 0, context.handle)
+        self._closed = False
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        taken: list[bytes] = []
+        handle = self._subscription.handle
+        with self._translated(), handle:
+            while len(taken) < self._depth:
+                message = handle.take_message(self._subscription.msg_type, True)
+                if message is None:
+                    break
+                taken.append(message[0])
+        return taken
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
+        came = None
+        handle, guard = self._subscription.handle, self._guard.handle
+        # Holding the handles keeps them from being destroyed during the wait.
+        with self._translated(), self._context.handle, handle, guard:
+            self._wait_set.clear_entities()
+            self._wait_set.add_subscription(handle)
+            self._wait_set.add_guard_condition(guard)
+            self._wait_set.wait(round(1e9 * seconds))
+            came = any(self._wait_set.get_ready_entities(kind) for kind in ("subscription", "guard_condition"))
+        if came is None:
+            time.sleep(seconds)
+        return bool(came)
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits."""
+        if not self._closed and self._context.ok():
+            self._guard.trigger()
+
+    def close(self) -> None:
+        """Refuse to read from now on."""
+        self.wake()
+        self._closed = True
+
+    @contextlib.contextmanager
+    def _translated(self) -> Iterator[None]:
+        """Translate errors of rclpy into `TransportError`; none where the context has been shut down."""
+        if self._closed:
+            raise TransportError(f"cannot read {self._topic}: the transport is closed")
+        try:
+            yield
+        except Exception as error:  # rclpy's errors here have no common base class
+            if self._context.ok():
+                raise TransportError(f"cannot read {self._topic}: {error}") from error

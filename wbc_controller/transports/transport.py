@@ -13,6 +13,35 @@ Publish = Callable[[bytes], None]
 UNNAMED = "(a participant without a node name)"
 
 
+class Stream(Protocol):
+    """A topic whose newest messages wait until they are taken: no thread runs when one comes."""
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first, at most as many as the stream keeps.
+
+        Raises:
+            TransportError: if the transport is closed, or the topic cannot be read.
+        """
+        ...
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time.
+
+        Another thread may use the interpreter meanwhile.
+
+        Args:
+            seconds: longest wall time, s.
+
+        Raises:
+            TransportError: if the transport is closed, or the topic cannot be read.
+        """
+        ...
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits. Any thread may call it."""
+        ...
+
+
 class Transport(Protocol):
     """Carries messages in ROS 2's serialized form, so that one codec (`wire.messages`) serves all transports.
 
@@ -38,6 +67,18 @@ class Transport(Protocol):
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading; the callback is called with each serialized message.
+
+        Raises:
+            TransportError: if the topic cannot be opened.
+        """
+        ...
+
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """Open a topic for reading, whose messages wait until they are taken.
+
+        Args:
+            endpoint: the topic.
+            depth: number of messages that wait; newer ones replace the oldest.
 
         Raises:
             TransportError: if the topic cannot be opened.

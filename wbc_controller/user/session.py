@@ -140,7 +140,14 @@ class Session:
 
         It is read as best effort: whoever sends it waits for no acknowledgment of ours.
         """
-        return self._transport.poll(dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN))
+        topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
+        stream = self._transport.stream(topic, depth=1)
+
+        def newest() -> bytes | None:
+            taken = stream.take()
+            return taken[-1] if taken else None
+
+        return newest
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
         """The newest message of a topic that is listened to; None before the first one."""
