@@ -200,7 +200,7 @@ def test_an_estimate_that_is_lost_begins_anew(robot):
     robot.activate()
     robot.bench.loop._inputs._estimator._running.filter.P[:] = np.nan
     assert robot.cycle().fault.code == "STALE_INPUT"
-    assert robot.bench.loop._inputs._noted()["base estimate"] == (
+    assert robot.bench.loop._inputs.notes()["base estimate"] == (
         "the estimate was lost (it was not finite), and the robot has to stand still again"
     )
     robot.cycle(80)
