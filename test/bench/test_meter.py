@@ -59,6 +59,11 @@ def test_torques_of_somebody_else_in_between_do_not_count():
     np.testing.assert_allclose(found.seconds, [1.0e-3, 1.0e-3])
 
 
+def test_where_a_command_is_read_before_its_torques_it_counts_and_not_the_torques_before():
+    found = trips([(0, 1), (2, 2), (4, 3)], [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.0e-3, 1.0e-3])
+
+
 def test_of_commands_with_one_stamp_the_first_counts():
     found = trips([(0, 1)], [1.0, 60.0], [(1.1, 1), (60.1, 1)])
     np.testing.assert_allclose(found.seconds, [1.0e-3])

@@ -77,8 +77,8 @@ def round_trips(
     """Find the torques that belong to each state.
 
     Torques carry no stamp. The joint commands, which follow them, carry that of their state: to a command belong the
-    newest torques that came after the command before it. Where these were lost, the command itself counts, as it holds
-    the same torques.
+    newest torques that came after the command before it, and after the state was sent. Where these were lost, or are
+    read after the command, the command itself counts, as it holds the same torques.
 
     Args:
         states: when each state was sent, in s, and its stamp.
@@ -88,9 +88,10 @@ def round_trips(
     """
     came: dict[Stamp, float] = {}
     times, before = np.array(efforts), -np.inf
+    asked = {stamp: when for when, stamp in states}
     for when, stamp in commands:
         newest = int(np.searchsorted(times, when, side="right")) - 1
-        at = times[newest] if newest >= 0 and times[newest] > before else when
+        at = times[newest] if newest >= 0 and times[newest] > max(before, asked.get(stamp, -np.inf)) else when
         came.setdefault(stamp, float(at))  # a command may repeat the stamp of a state that has become old
         before = when
     sent = np.array([when for when, _ in states])
