@@ -351,9 +351,12 @@ class Inputs:
         if stopped:
             self._estop.clear()
             commands.append("estop")
-        with self._waiting:
-            turned_away, self._turned_away = self._turned_away, Counter()
-            taken = [self._read.popleft() for _ in range(min(len(self._read), _MOST_PER_CYCLE))]
+        turned_away: Mapping[tuple[str, str], int] = {}
+        taken: list[_Read] = []
+        if self._turned_away or self._read:
+            with self._waiting:
+                turned_away, self._turned_away = self._turned_away, Counter()
+                taken = [self._read.popleft() for _ in range(min(len(self._read), _MOST_PER_CYCLE))]
         for read in taken:
             commands += read.commands
             changes += read.changes
@@ -361,7 +364,7 @@ class Inputs:
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         return Latched(
             self._state(), self._joint_velocity(), self.ages(), tuple(commands), tuple(changes),
-            tuple(refused), taken=stopped + len(taken) + turned_away.total(), estimate=self._about_poses(),
+            tuple(refused), taken=stopped + len(taken) + sum(turned_away.values()), estimate=self._about_poses(),
         )  # fmt: skip
 
     def _about_poses(self) -> dict[str, str]:

@@ -185,8 +185,8 @@ class RobotModel:
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:
             q[:7], v[:6] = pose, twist
-        q[self.q_index] = joint_positions
-        v[self.v_index] = joint_velocities
+        q[self.q_places] = joint_positions
+        v[self.v_places] = joint_velocities
         if self.followers is not None:
             self.followers.place(q)
             self.followers.move(v)

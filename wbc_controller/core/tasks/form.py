@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from wbc_controller.core.arrays import sum_of_squares
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
 
@@ -91,7 +93,7 @@ def unit_quaternion(values: Array, what: str) -> Array:
     Raises:
         InputRefused: where its norm is not 1.
     """
-    norm = float(np.linalg.norm(values))
+    norm = math.sqrt(sum_of_squares(values))
     if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
         raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
     return values / norm
