@@ -14,10 +14,20 @@ from wbc_controller.kernels import (
     frames,
     invariant_filter,
     joint_motion,
+    self_collision,
     supervision,
 )
 from wbc_controller.kernels.compiled import compile_all
 
 compile_all()
 
-__all__ = ["active_set", "audit", "equations_of_motion", "frames", "invariant_filter", "joint_motion", "supervision"]
+__all__ = [
+    "active_set",
+    "audit",
+    "equations_of_motion",
+    "frames",
+    "invariant_filter",
+    "joint_motion",
+    "self_collision",
+    "supervision",
+]

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.limits.limit import RowLimit
-from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placement_table
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.kernels.self_collision import acceleration_apart, approach, distance_rows
 from wbc_controller.records import Array
 
 #: Speed at which links nearer than the margin separate, m/s: slow, as the robot may start there.
@@ -110,15 +111,16 @@ class SelfCollisionLimit(RowLimit):
         )
         self._radii = np.array([_radius(shape.geometry) for shape in shapes])
         self._smaller = np.where(self._radii[self._first] < self._radii[self._second], self._first, self._second)
-        # For each shape the components of v that move it; for each pair those that move one shape alone (-1: the first,
-        # 1: the second).
-        self._moves = np.array([_moved(model.pinocchio, shape.parentJoint) for shape in shapes])
-        self._signs = self._moves[self._second] - self._moves[self._first]
+        self._links = np.array([shape.parentJoint for shape in shapes], dtype=np.intp)
+        # For each pair the components of v that move one shape alone: -1 the first, 1 the second.
+        moves = moved_by(model.pinocchio)[self._links]
+        signs = moves[self._second] - moves[self._first]
         reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, self._radii, strict=True)])
-        # Largest rate of change of each pair's distance per unit speed of each joint between its links, (pairs, nv).
-        self._leverage = np.where(self._signs > 0.0, reach[self._second], reach[self._first]) * np.abs(self._signs)
-        # Views of the placements that Pinocchio overwrites.
-        self._origins = [self._data.oMg[i].translation for i in range(len(shapes))]
+        # Largest rate of change of each pair's distance per unit speed of each joint between its links, (nv, pairs).
+        leverage = np.where(signs > 0, reach[self._second], reach[self._first]) * np.abs(signs)
+        self._leverage = np.ascontiguousarray(leverage.T)
+        # In the memory that Pinocchio overwrites.
+        self._shapes = placement_table(self._data.oMg)
         self._joints = _joint_columns(model.pinocchio)
         self.computed = 0
         self._seen: Array | None = None
@@ -134,13 +136,11 @@ class SelfCollisionLimit(RowLimit):
         near, distance, points = self._near(dynamics, ahead)
         if near:
             pairs = np.array(near)
-            normal, first, second = points
-            along = np.hstack([normal, _cross(first, normal)])  # maps a twist at the world's origin to nᵀ v(p)
-            J = (along @ dynamics.joint_jacobians) * self._signs[pairs]
-            bound = self.bound(distance, J @ dynamics.v, ahead)
+            J, rate, drift = self._rows(dynamics, pairs, points)
+            bound = self.bound(distance, rate, ahead)
             there = (~(bound < -_FASTER / ahead)).nonzero()[0]
             if len(there):
-                bound = bound[there] - self._drift(dynamics, pairs[there], along[there], first[there], second[there])
+                bound = bound[there] - drift[there]
                 # In the order of the pairs: while the set of pairs stays the same each pair keeps its row, and the
                 # solver its warm start.
                 most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
@@ -151,11 +151,23 @@ class SelfCollisionLimit(RowLimit):
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
         """Lower bound of d̈, (k,) in m/s², for pairs with given distances, (k,) in m, and rates ḋ, (k,) in m/s."""
-        A, T = self.acceleration, ahead
-        room = distance - self.margin - INEXACT + T * rate
-        fastest = np.sqrt((A * T) ** 2 + 2.0 * A * np.maximum(room, 0.0)) - A * T
-        fastest += np.maximum(np.minimum(room, 0.0) / T, -RETURN_SPEED)
-        return np.asarray(np.minimum((-rate - fastest) / T, _RESERVE * A))
+        found = np.empty(len(distance))
+        acceleration_apart(
+            distance, rate, self.margin + INEXACT, self.acceleration, ahead, RETURN_SPEED, _RESERVE * self.acceleration,
+            found,
+        )  # fmt: skip
+        return found
+
+    def _rows(
+        self, dynamics: Dynamics, pairs: np.ndarray, points: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        """J_d (k, nv), ḋ (k,) and δ (k,) of given pairs, from their normals and nearest points, (k, 3) each."""
+        J, rate, drift = np.empty((len(pairs), dynamics.model.nv)), np.empty(len(pairs)), np.empty(len(pairs))
+        distance_rows(
+            *points, self._first[pairs], self._second[pairs], self._links, self._shapes,
+            dynamics.joint_jacobians, dynamics.moves, dynamics.links, J, rate, drift,
+        )  # fmt: skip
+        return J, rate, drift
 
     def distances(self, dynamics: Dynamics) -> dict[str, float]:
         """Distance of every pair at one state, m, by row name."""
@@ -172,29 +184,26 @@ class SelfCollisionLimit(RowLimit):
     def _near(self, dynamics: Dynamics, ahead: float) -> tuple[list[int], Array, tuple[Array, Array, Array]]:
         """Find the pairs that may need a row: indices, distances (k,), and normals and nearest points, each (k, 3)."""
         q_index, v_index = self._joints
-        q, turned = dynamics.q[q_index], np.zeros((2, dynamics.model.nv))
-        if self._seen is not None:
-            turned[0, v_index] = q - self._seen
-        self._seen = q
-        turned[1] = dynamics.v
-        lost, closing = np.abs(turned) @ self._leverage.T
-        self._least -= lost
+        q, closing = dynamics.q[q_index], np.empty(len(self._least))
+        seen, self._seen = q if self._seen is None else self._seen, q
+        approach(dynamics.q, seen, q_index, v_index, dynamics.v, self._leverage, self._least, closing)
         reach = self._reach_of(closing, ahead)
         near = (~(self._least > reach)).nonzero()[0]
         dynamics.place(self._geometry, self._data)
         if len(near) > _MANY:
             near, tighter = self._nearer(dynamics, near, ahead)
             reach[near] = tighter
-        found, answers = [], []
+        found: list[int] = []
+        points = np.empty((3, len(near), 3))
         for i in near.tolist():
             answer = self._distance(i)
             self._least[i] = distance = answer.min_distance
             if not (distance > reach[i]):
+                points[:, len(found)] = answer.normal, answer.getNearestPoint1(), answer.getNearestPoint2()
                 found.append(i)
-                answers.append((answer.normal, answer.getNearestPoint1(), answer.getNearestPoint2()))
         self.computed = len(near)
-        points = np.array(answers).reshape(-1, 3, 3)
-        return found, self._least[found], (points[:, 0], points[:, 1], points[:, 2])
+        normal, first, second = points[:, : len(found)]
+        return found, self._least[found], (normal, first, second)
 
     def _reach_of(self, closing: Array, ahead: float) -> Array:
         """Distance, m, below which a pair with at most this closing speed, (k,) in m/s, may need a row."""
@@ -208,8 +217,7 @@ class SelfCollisionLimit(RowLimit):
 
         Lower bounds of the distances are those of the balls that enclose the shapes.
         """
-        origins = np.concatenate(self._origins).reshape(-1, 3)
-        twist = self._moves @ (dynamics.joint_jacobians * dynamics.v).T
+        origins, twist = self._shapes[:, 9:], dynamics.links[self._links, :6]
         first, second = self._first[pairs], self._second[pairs]
         relative = twist[second] - twist[first]
         turning = np.sqrt(_dot(relative[:, 3:], relative[:, 3:]))
@@ -230,22 +238,6 @@ class SelfCollisionLimit(RowLimit):
         there = ~(least > reach)
         return pairs[there], reach[there]
 
-    def _drift(self, dynamics: Dynamics, pairs: np.ndarray, along: Array, first: Array, second: Array) -> Array:
-        """δ of given pairs, (k,) in m/s², from their normals and nearest points, (k, 3) each."""
-        spatial = ((along @ dynamics.joint_jacobians_rate) * self._signs[pairs]) @ dynamics.v
-        # Difference of classical and spatial acceleration, nᵀ (ω × v(p)), for the first shapes, then the second. Its
-        # centripetal part about the shape's origin c, nᵀ (ω × (ω × (p - c))), counts only where it brings links nearer.
-        shapes = np.concatenate([self._first[pairs], self._second[pairs]])
-        twist = self._moves[shapes] @ (dynamics.joint_jacobians * dynamics.v).T  # (2 k, 6), at the world's origin
-        v, w = twist[:, :3], twist[:, 3:]
-        c = np.concatenate(self._origins).reshape(-1, 3)[shapes]
-        n, arm = np.concatenate([-along[:, :3], along[:, :3]]), np.concatenate([first, second]) - c
-        nw, ww = _dot(n, w), _dot(w, w)
-        carried = _dot(v, _cross(n, w)) + nw * _dot(w, c) - ww * _dot(n, c)
-        about = nw * _dot(w, arm) - ww * _dot(n, arm)
-        extra = carried + np.minimum(about, 0.0)
-        return np.asarray(spatial + extra[: len(pairs)] + extra[len(pairs) :])
-
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("ki,ki->k", a, b))
@@ -257,15 +249,6 @@ def _cross(a: Array, b: Array) -> Array:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         result[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
     return result
-
-
-def _moved(model: pin.Model, joint: int) -> Array:
-    """1 for each component of v that moves a link, 0 for the others, (nv,)."""
-    moved = np.zeros(model.nv)
-    for carrier in model.supports[joint]:
-        if carrier > 0:
-            moved[model.joints[carrier].idx_v : model.joints[carrier].idx_v + model.joints[carrier].nv] = 1.0
-    return moved
 
 
 def _joint_columns(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
@@ -63,7 +65,7 @@ class Dynamics:
         self.centroidal_drift: Array = data.dhg.vector
         self._linear_drift = self.centroidal_drift[:3]
         self._placements: list[pin.SE3] = list(data.oMf)
-        self.frames = _table([placement.rotation for placement in data.oMf], 12)
+        self.frames = placement_table(data.oMf)
         self.frame_links = np.array([frame.parentJoint for frame in model.pinocchio.frames], dtype=np.int64)
         self.joint_jacobians: Array = _matrix(data.J)
         self.moves = moved_by(model.pinocchio)
@@ -155,7 +157,12 @@ def moved_by(model: pin.Model) -> np.ndarray:
 
 def placements(data: pin.Data) -> Array:
     """Placements of the links, (links, 12), in Pinocchio's memory: the rotation by columns, then the translation."""
-    return _table([placement.rotation for placement in data.oMi], 12)
+    return placement_table(data.oMi)
+
+
+def placement_table(placements: Any) -> Array:
+    """Placements that Pinocchio keeps as a vector, (n, 12), in its memory: the rotation by columns, the translation."""
+    return _table([placement.rotation for placement in placements], 12)
 
 
 def _table(parts: list[Array], size: int) -> Array:
