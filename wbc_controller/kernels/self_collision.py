@@ -26,35 +26,62 @@ from wbc_controller.kernels.compiled import (
 from wbc_controller.records import Array
 
 
-@compiled(ANY_VECTOR, VECTOR, INDICES, INDICES, ANY_VECTOR, ROWS, VECTOR_OUT, VECTOR_OUT)
+@part
+def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> float:
+    w = closing + faster
+    return float(w * w / (2.0 * A) + w * T + closing * T + margin)
+
+
+@compiled(ANY_VECTOR, VECTOR, INDICES, ANY_VECTOR, ROWS, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT)
 def approach(
-    q: Array, seen: Array, q_index: np.ndarray, v_index: np.ndarray, v: Array, leverage: Array, least: Array,
-    closing: Array,
+    q: Array, seen: Array, places: np.ndarray, v: Array, leverage: Array, A: float, T: float, faster: float,
+    margin: float, least: Array, reach: Array,
 ) -> None:  # fmt: skip
-    """Take from lower bounds of distances what joints may have closed by turning, and find the largest closing speeds.
+    """How near pairs may have come since their distances were known, and how near they may come without a row.
 
     Args:
         q: configuration, (nq,).
-        seen: positions of the joints with one degree of freedom when the bounds held, (k,).
-        q_index: where these stand in q, (k,).
-        v_index: where these stand in v, (k,).
+        seen: that of which the lower bounds of the distances were, (nq,).
+        places: where the position of each component of v stands in q, -1 where it changes no distance, (nv,).
         v: generalized velocity, (nv,).
         leverage: largest change of each pair's distance by each component of v, (nv, pairs).
+        A: deceleration, m/s².
+        T: horizon, s.
+        faster: by what the closing speed of a pair without a row may grow in a cycle, m/s.
+        margin: least distance, m.
         least: lower bounds of the distances, (pairs,) in m, in place.
-        closing: for the largest closing speeds, (pairs,) in m/s.
+        reach: for the distances below which pairs may need a row, (pairs,) in m, as `reach_of` has them.
     """
     for i in range(len(least)):
-        closing[i] = 0.0
+        reach[i] = 0.0
     for j in range(len(v)):
         speed = abs(v[j])
-        if speed != 0.0:  # NaN is not
+        turned = abs(q[places[j]] - seen[places[j]]) if places[j] >= 0 else 0.0
+        if speed != 0.0 or turned != 0.0:  # NaN is not
+            row = leverage[j]
             for i in range(len(least)):
-                closing[i] += speed * leverage[j, i]
-    for k in range(len(seen)):
-        turned = abs(q[q_index[k]] - seen[k])
-        if turned != 0.0:
-            for i in range(len(least)):
-                least[i] -= turned * leverage[v_index[k], i]
+                reach[i] += speed * row[i]
+                least[i] -= turned * row[i]
+    for i in range(len(least)):
+        reach[i] = _reach(reach[i], A, T, faster, margin)
+
+
+@compiled(VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT)
+def reach_of(closing: Array, A: float, T: float, faster: float, margin: float, out: Array) -> None:
+    """Distances below which pairs with at most these closing speeds may need a row.
+
+    They are w_f² / (2 A) + w_f T + w T + margin, with w_f = w + faster the closing speed after a cycle without a row.
+
+    Args:
+        closing: w, (k,) in m/s.
+        A: deceleration, m/s².
+        T: horizon, s.
+        faster: by what w may grow in a cycle without a row, m/s.
+        margin: least distance, m.
+        out: for the distances, (k,) in m.
+    """
+    for i in range(len(closing)):
+        out[i] = _reach(closing[i], A, T, faster, margin)
 
 
 @part

@@ -11,7 +11,7 @@ import pinocchio as pin
 from wbc_controller.core.limits.limit import RowLimit
 from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placement_table
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.self_collision import acceleration_apart, approach, distance_rows
+from wbc_controller.kernels.self_collision import acceleration_apart, approach, distance_rows, reach_of
 from wbc_controller.records import Array
 
 #: Speed at which links nearer than the margin separate, m/s: slow, as the robot may start there.
@@ -121,7 +121,7 @@ class SelfCollisionLimit(RowLimit):
         self._leverage = np.ascontiguousarray(leverage.T)
         # In the memory that Pinocchio overwrites.
         self._shapes = placement_table(self._data.oMg)
-        self._joints = _joint_columns(model.pinocchio)
+        self._places = _places(model.pinocchio)
         self.computed = 0
         self._seen: Array | None = None
         self._least = np.full(len(pairs), -np.inf)
@@ -131,7 +131,7 @@ class SelfCollisionLimit(RowLimit):
         rows[:] = 0.0
         lower[:] = -np.inf
         upper[:] = np.inf
-        names = [_UNUSED] * len(lower)
+        names: list[str] = []
         ahead = max(period, self.horizon)
         near, distance, points = self._near(dynamics, ahead)
         if near:
@@ -141,13 +141,15 @@ class SelfCollisionLimit(RowLimit):
             there = (~(bound < -_FASTER / ahead)).nonzero()[0]
             if len(there):
                 bound = bound[there] - drift[there]
-                # In the order of the pairs: while the set of pairs stays the same each pair keeps its row, and the
-                # solver its warm start.
-                most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
-                rows[: len(most)] = J[there[most]]
-                lower[: len(most)] = bound[most]
-                names[: len(most)] = [self._pair_names[pairs[i]] for i in there[most].tolist()]
-        self.names = tuple(names)
+                if len(there) > len(lower):
+                    # In the order of the pairs: while the set of pairs stays the same each pair keeps its row, and the
+                    # solver its warm start.
+                    most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
+                    there, bound = there[most], bound[most]
+                rows[: len(there)] = J[there]
+                lower[: len(there)] = bound
+                names = [self._pair_names[i] for i in pairs[there].tolist()]
+        self.names = (*names, *(_UNUSED,) * (len(lower) - len(names)))
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
         """Lower bound of d̈, (k,) in m/s², for pairs with given distances, (k,) in m, and rates ḋ, (k,) in m/s."""
@@ -183,37 +185,34 @@ class SelfCollisionLimit(RowLimit):
 
     def _near(self, dynamics: Dynamics, ahead: float) -> tuple[list[int], Array, tuple[Array, Array, Array]]:
         """Find the pairs that may need a row: indices, distances (k,), and normals and nearest points, each (k, 3)."""
-        q_index, v_index = self._joints
-        q, closing = dynamics.q[q_index], np.empty(len(self._least))
-        seen, self._seen = q if self._seen is None else self._seen, q
-        approach(dynamics.q, seen, q_index, v_index, dynamics.v, self._leverage, self._least, closing)
-        reach = self._reach_of(closing, ahead)
+        q, reach = dynamics.q, np.empty(len(self._least))
+        seen = q if self._seen is None else self._seen
+        approach(q, seen, self._places, dynamics.v, self._leverage, *self._stopping(ahead), self._least, reach)
+        self._seen = np.array(q)
         near = (~(self._least > reach)).nonzero()[0]
         dynamics.place(self._geometry, self._data)
         if len(near) > _MANY:
             near, tighter = self._nearer(dynamics, near, ahead)
             reach[near] = tighter
         found: list[int] = []
-        points = np.empty((3, len(near), 3))
+        normal, first, second = np.empty((3, len(near), 3))
         for i in near.tolist():
             answer = self._distance(i)
             self._least[i] = distance = answer.min_distance
             if not (distance > reach[i]):
-                points[:, len(found)] = answer.normal, answer.getNearestPoint1(), answer.getNearestPoint2()
+                k = len(found)
+                normal[k], first[k], second[k] = answer.normal, answer.getNearestPoint1(), answer.getNearestPoint2()
                 found.append(i)
         self.computed = len(near)
-        normal, first, second = points[:, : len(found)]
-        return found, self._least[found], (normal, first, second)
+        k = len(found)
+        return found, self._least[found], (normal[:k], first[:k], second[:k])
 
-    def _reach_of(self, closing: Array, ahead: float) -> Array:
-        """Distance, m, below which a pair with at most this closing speed, (k,) in m/s, may need a row."""
-        # w_f²/(2 A) + w_f T + w T + margin, with w_f = w + `_FASTER` the closing speed after a cycle without a row.
-        half = 0.5 / self.acceleration
-        least = _FASTER * (_FASTER * half + ahead) + self.margin + INEXACT
-        return np.asarray((half * closing + (2.0 * half * _FASTER + 2.0 * ahead)) * closing + least)
+    def _stopping(self, ahead: float) -> tuple[float, float, float, float]:
+        """Deceleration, horizon, growth of the closing speed and margin, as `kernels.self_collision` takes them."""
+        return self.acceleration, ahead, _FASTER, self.margin + INEXACT
 
     def _nearer(self, dynamics: Dynamics, pairs: np.ndarray, ahead: float) -> tuple[np.ndarray, Array]:
-        """Narrow down the pairs that may need a row by the twists of the links; also gives their reach as `_reach_of`.
+        """Narrow down the pairs that may need a row by the twists of the links; also gives their reach.
 
         Lower bounds of the distances are those of the balls that enclose the shapes.
         """
@@ -234,7 +233,8 @@ class SelfCollisionLimit(RowLimit):
         closing = np.where(sine < 1.0, np.maximum(radial, radial * cosine) + across * sine, np.sqrt(speed))
         closing = np.maximum(closing, 0.0) + turning * self._radii[smaller]
         self._least[pairs] = least = np.maximum(self._least[pairs], length - radii)
-        reach = self._reach_of(closing, ahead)
+        reach = np.empty(len(closing))
+        reach_of(closing, *self._stopping(ahead), reach)
         there = ~(least > reach)
         return pairs[there], reach[there]
 
@@ -251,10 +251,13 @@ def _cross(a: Array, b: Array) -> Array:
     return result
 
 
-def _joint_columns(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Indices in q and in v of the joints with one degree of freedom; only these change a distance."""
-    single = [joint for joint in model.joints if joint.nq == joint.nv == 1]
-    return np.array([j.idx_q for j in single], dtype=np.intp), np.array([j.idx_v for j in single], dtype=np.intp)
+def _places(model: pin.Model) -> np.ndarray:
+    """Where the position of each joint with one degree of freedom stands in q, by component of v; else -1; (nv,)."""
+    places = np.full(model.nv, -1, dtype=np.intp)
+    for joint in model.joints:
+        if joint.nq == joint.nv == 1:
+            places[joint.idx_v] = joint.idx_q
+    return places
 
 
 def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:

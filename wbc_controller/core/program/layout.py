@@ -129,6 +129,7 @@ class Layout:
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
         self.labels = self._labels(model)
+        self._named: dict[int, Sequence[str]] = {limit.start: () for limit in self.limits}
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
         n = self.problem.n
@@ -171,7 +172,10 @@ class Layout:
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Rename some rows of C in a new list of labels; solutions of earlier cycles keep the old list."""
+        """Rename some rows of C, in a new list of labels if there is news; earlier solutions keep the old list."""
         n = self.problem.n
+        if self._named.get(rows.start) == names:
+            return
+        self._named[rows.start] = names
         self.labels = self.labels.copy()
         self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]
