@@ -98,12 +98,6 @@ class Dynamics:
         np.divide(self._linear_drift, self._mass, out=self.com_drift)
         link_motions(self._joints, *self._joint_motions, self.links)
 
-    @property
-    def joint_jacobians_rate(self) -> Array:
-        """Time derivative of `joint_jacobians`, (6, nv)."""
-        pin.computeJointJacobiansTimeVariation(self._pin, self._data, self.q, self.v)
-        return _matrix(self._data.dJ)
-
     def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
         """Compute the placements of shapes that are fixed to the links."""
         pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
