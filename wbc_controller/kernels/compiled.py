@@ -30,6 +30,7 @@ ROWS = types.Array(types.float64, 2, "C", readonly=True)
 ANY_VECTOR = types.Array(types.float64, 1, "A", readonly=True)
 ANY_MATRIX = types.Array(types.float64, 2, "A", readonly=True)
 INDICES = types.Array(types.int64, 1, "C", readonly=True)
+INDEX_ROWS = types.Array(types.int64, 2, "C", readonly=True)
 SIGNS = types.Array(types.int8, 1, "C", readonly=True)
 SIGN_ROWS = types.Array(types.int8, 2, "C", readonly=True)
 #: Arrays that are written.

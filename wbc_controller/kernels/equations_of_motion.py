@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
-    ANY_MATRIX,
-    ANY_MATRIX_OUT,
-    ANY_VECTOR,
-    ANY_VECTOR_OUT,
     INDICES,
     INTEGER,
     NUMBER,
+    ROWS,
+    ROWS_OUT,
     VECTOR,
     VECTOR_OUT,
     compiled,
@@ -20,80 +18,70 @@ from wbc_controller.records import Array
 
 
 @compiled(
-    INDICES, INDICES, VECTOR, INTEGER, ANY_MATRIX, VECTOR, ANY_MATRIX, ANY_VECTOR, VECTOR, NUMBER,
-    ANY_VECTOR_OUT, ANY_MATRIX_OUT, ANY_MATRIX_OUT, ANY_VECTOR_OUT, VECTOR_OUT,
+    INDICES, INDICES, VECTOR, INTEGER, INTEGER, NUMBER, VECTOR, ROWS_OUT, VECTOR_OUT, VECTOR_OUT,
+    ROWS, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT,
 )  # fmt: skip
-def fill_rows(
-    starts: np.ndarray, columns: np.ndarray, values: Array, free: int, M: Array, h: Array, J: Array, v: Array,
-    damping: Array, unit: float, contact_motion: Array, motion: Array, forces: Array, minus_free_bias: Array,
-    torque_bias: Array,
+def fill_dynamics(
+    starts: np.ndarray, columns: np.ndarray, values: Array, free: int, begin: int, unit: float, damping: Array,
+    rows: Array, lower: Array, upper: Array, M: Array, h: Array, v: Array, available_lower: Array,
+    available_upper: Array, before: Array, limits: Array, share: float, bias: Array,
 ) -> None:  # fmt: skip
-    """N (M v̇ - Jᵀf) = -N h, and τ = T (M v̇ - Jᵀf) + T h; and the damping of contacts, J v̇ = … - D J v.
+    """N (M v̇ - Jᵀf) = -N h, and τ = T (M v̇ - Jᵀf) + T h with its bounds; and the damping of contacts, J v̇ = … - D J v.
+
+    The torques are bounded by what is available, and by a share of their limits from what is available of τ_before.
 
     Args:
         starts: begin of each row of [N; T] in `columns` and `values`, and the end of the last, (free + na + 1,).
         columns: where its values are that are not zero.
         values: these values.
         free: number of rows of N.
+        begin: first of the rows to be filled; those of N and of T follow each other.
+        unit: of f, N and N·m.
+        damping: D of each row of J, (nf,) in 1/s.
+        rows: [J, required J v̇] of the contacts in the first rows, to whose last column the damping is added; the
+            coefficients of v̇, those of f and the right-hand sides in the rows to be filled, (…, nv + nf + 1).
+        lower: for the lower bounds of T (M v̇ - Jᵀf), (na,) in N·m; NaN where τ_before is.
+        upper: for the upper ones, likewise.
         M: joint-space inertia matrix, (nv, nv), symmetric.
         h: bias forces, (nv,).
-        J: Jacobians of the contacts, (nf, nv).
         v: generalized velocity, (nv,).
-        damping: D of each row of J, (nf,) in 1/s.
-        unit: of f, N and N·m.
-        contact_motion: the required J v̇, to which the damping is added, (nf,).
-        motion: for the coefficients of v̇, (free + na, nv).
-        forces: for those of f, (free + na, nf).
-        minus_free_bias: for -N h, (free,).
-        torque_bias: for T h, (na,).
-    """
-    nv = len(v)
-    for i in range(len(J)):
-        speed = 0.0
-        for j in range(nv):
-            speed += J[i, j] * v[j]
-        contact_motion[i] -= damping[i] * speed
-    for row in range(len(starts) - 1):
-        bias = 0.0
-        for j in range(nv):
-            motion[row, j] = 0.0
-        for i in range(len(J)):
-            forces[row, i] = 0.0
-        for place in range(starts[row], starts[row + 1]):
-            column, value = columns[place], values[place]
-            bias += value * h[column]
-            for j in range(nv):
-                motion[row, j] += value * M[j, column]
-            for i in range(len(J)):
-                forces[row, i] -= unit * value * J[i, column]
-        if row < free:
-            minus_free_bias[row] = -bias
-        else:
-            torque_bias[row - free] = bias
-
-
-@compiled(VECTOR, VECTOR, ANY_VECTOR, VECTOR, NUMBER, VECTOR_OUT, VECTOR_OUT)
-def rate_bounds(
-    available_lower: Array, available_upper: Array, before: Array, limits: Array, share: float, lower: Array,
-    upper: Array,
-) -> None:  # fmt: skip
-    """Bounds of τ within what is available, and within a share of the limits from what is available of τ_before.
-
-    Args:
         available_lower: (na,) in N·m.
         available_upper: (na,) in N·m.
         before: τ_before, (na,) in N·m.
         limits: τ_max, (na,) in N·m.
-        share: rate Δt.
-        lower: for the lower bounds, (na,) in N·m; NaN where τ_before is.
-        upper: for the upper bounds, (na,) in N·m; likewise.
+        share: rate Δt; below 0 the change of the torques is not bounded.
+        bias: for T h, (na,).
     """
-    for i in range(len(before)):
-        held, low, high = before[i], available_lower[i], available_upper[i]
-        if held < low:
-            held = low
-        if held > high:
-            held = high
-        step = share * limits[i]
-        lower[i] = low if low > held - step else held - step
-        upper[i] = high if high < held + step else held + step
+    nv, nf = len(v), len(damping)
+    right = nv + nf
+    for i in range(nf):
+        speed = 0.0
+        for j in range(nv):
+            speed += rows[i, j] * v[j]
+        rows[i, right] -= damping[i] * speed
+    for k in range(len(starts) - 1):
+        row, constant = rows[begin + k], 0.0
+        for j in range(right):
+            row[j] = 0.0
+        for place in range(starts[k], starts[k + 1]):
+            column, value = columns[place], values[place]
+            constant += value * h[column]
+            for j in range(nv):
+                row[j] += value * M[column, j]
+            for i in range(nf):
+                row[nv + i] -= unit * value * rows[i, column]
+        if k < free:
+            row[right] = -constant
+            continue
+        i = k - free
+        bias[i] = constant
+        low, high = available_lower[i], available_upper[i]
+        if share >= 0.0:
+            held, step = before[i], share * limits[i]
+            if held < low:
+                held = low
+            if held > high:
+                held = high
+            low = low if low > held - step else held - step
+            high = high if high < held + step else held + step
+        lower[i], upper[i] = low - constant, high - constant

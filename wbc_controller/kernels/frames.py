@@ -1,4 +1,4 @@
-"""Motion of links and frames: twists, their rates at v̇ = 0, Jacobians, and the rows of tasks and contacts on them.
+"""Motion of links: twists, their rates at v̇ = 0, momentum, Jacobians, and the rows of tasks and contacts on them.
 
 A twist is [linear, angular]. At the world's origin and in world axes it is the same for all that is fixed to the link;
 at a point p its linear part is v₀ + ω × p. So it is with the spatial acceleration, whose linear part at p lacks
@@ -18,6 +18,7 @@ from wbc_controller.kernels.compiled import (
     ANY_MATRIX_OUT,
     ANY_VECTOR,
     ANY_VECTOR_OUT,
+    INDEX_ROWS,
     INDICES,
     INTEGER,
     NUMBER,
@@ -30,6 +31,10 @@ from wbc_controller.kernels.compiled import (
     part,
 )
 from wbc_controller.records import Array
+
+#: Kinds of instructions of `fill_rows`: tasks on a frame, on the centre of mass and on single joints, contacts of a surface
+#: and of a ball, and the rate of the momentum.
+FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
 
 
 @part
@@ -57,25 +62,67 @@ def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
-@compiled(ROWS, ROWS, ROWS, ROWS_OUT)
-def link_motions(joints: Array, v: Array, a: Array, out: Array) -> None:
-    """Twist and spatial acceleration of each joint's link at the world's origin, in world axes.
+@compiled(
+    ROWS, ROWS, ROWS, ROWS, INDICES, VECTOR, NUMBER, VECTOR, ANY_MATRIX, ANY_VECTOR,
+    ROWS_OUT, ANY_MATRIX_OUT, VECTOR_OUT, VECTOR_OUT, VECTOR_OUT,
+)  # fmt: skip
+def link_terms(
+    joints: Array, v: Array, a: Array, f: Array, roots: np.ndarray, gravity: Array, mass: float, com: Array,
+    centroidal: Array, velocity: Array, links: Array, per_mass: Array, com_velocity: Array, com_drift: Array,
+    drift: Array,
+) -> None:  # fmt: skip
+    """Motion of each link at the world's origin, and of the centre of mass, from a recursive Newton-Euler pass at v̇ = 0.
+
+    With gravity as an acceleration of everything upwards, that pass gives a - g in place of a, and for the first link of
+    each tree the wrench F, N that moves the whole tree: Σ m (a - g) and its moment. So the rate of the momentum about
+    the centre of mass c is F + m g and N - c × F.
 
     Args:
         joints: placements in the world, (n, 12).
         v: twists in the links' own axes, (n, 6).
-        a: spatial accelerations likewise, (n, 6).
-        out: for the twists and accelerations, (n, 12).
+        a: spatial accelerations at v̇ = 0 less gravity, likewise, (n, 6).
+        f: wrenches from the link before, with all that the links behind need, likewise, (n, 6).
+        roots: the links on the world, (r,).
+        gravity: g, (3,) in m/s².
+        mass: m of all links, kg.
+        com: c, (3,) in m.
+        centroidal: A_G, (6, nv).
+        velocity: generalized velocity, (nv,).
+        links: for the twists and accelerations, (n, 12).
+        per_mass: for A_G / m, (6, nv).
+        com_velocity: for ċ, (3,) in m/s.
+        com_drift: for c̈ at v̇ = 0, (3,) in m/s².
+        drift: for the rate of the momentum at v̇ = 0, (6,) in N and N·m.
     """
-    for i in range(len(joints)):
+    for i in range(1, len(joints)):
         R = joints[i]
         for half in range(2):
             local = v[i] if half == 0 else a[i]
             x, y, z = _turn(R, local[0], local[1], local[2])
             wx, wy, wz = _turn(R, local[3], local[4], local[5])
             cx, cy, cz = _cross(wx, wy, wz, R[9], R[10], R[11])
-            to = out[i, 6 * half :]
+            to = links[i, 6 * half :]
             to[0], to[1], to[2], to[3], to[4], to[5] = x - cx, y - cy, z - cz, wx, wy, wz
+        for k in range(3):
+            links[i, 6 + k] += gravity[k]
+    for k in range(6):
+        drift[k] = 0.0
+    for root in roots:
+        R, local = joints[root], f[root]
+        x, y, z = _turn(R, local[0], local[1], local[2])
+        nx, ny, nz = _turn(R, local[3], local[4], local[5])
+        cx, cy, cz = _cross(R[9] - com[0], R[10] - com[1], R[11] - com[2], x, y, z)
+        drift[0], drift[1], drift[2] = drift[0] + x, drift[1] + y, drift[2] + z
+        drift[3], drift[4], drift[5] = drift[3] + nx + cx, drift[4] + ny + cy, drift[5] + nz + cz
+    for k in range(3):
+        drift[k] += mass * gravity[k]
+        com_drift[k] = drift[k] / mass
+        com_velocity[k] = 0.0
+    for j in range(len(velocity)):
+        for k in range(6):
+            per_mass[k, j] = centroidal[k, j] / mass
+        for k in range(3):
+            com_velocity[k] += per_mass[k, j] * velocity[j]
 
 
 @part
@@ -96,32 +143,30 @@ def _seen(C: Array, motion: Array, out: Array) -> None:
     out[3], out[4], out[5] = _turn_back(C, motion[3], motion[4], motion[5])
 
 
-@compiled(ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, INTEGER, VECTOR, INDICES, ANY_MATRIX_OUT, ANY_VECTOR_OUT)
-def contact_rows(
-    frames: Array, links: Array, J: Array, moves: np.ndarray, frame: int, parent: int, other: int, mount: Array,
-    rows: np.ndarray, out: Array, acceleration: Array,
+@part
+def _contact_rows(
+    joints: Array, links: Array, J: Array, moves: np.ndarray, link: int, other: int, mount: Array, rows: np.ndarray,
+    out: Array,
 ) -> None:  # fmt: skip
     """Rows of the twist ν of a contact frame C as seen from another link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
     With X the transform of a twist of B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B) (`contacts.mount`).
 
     Args:
-        frames: placements in the world, (k, 12).
-        links: motions at the world's origin, (n, 12), of `link_motions`.
+        joints: placements of the links in the world, (n, 12).
+        links: motions at the world's origin, (n, 12), of `link_terms`.
         J: joint Jacobians, (6, nv).
         moves: 1 where a joint moves a link, (n, nv).
-        frame: index of the frame that C is mounted on.
-        parent: index of its link.
+        link: index of the link of C.
         other: index of the link of B; 0 for the world.
-        mount: placement of C in the frame, (12,).
+        mount: placement of C on its link, (12,).
         rows: components of ν that are wanted, (r,).
-        out: for J, (r, nv).
-        acceleration: for -ν̇ at v̇ = 0, (r,).
+        out: for J, and -ν̇ at v̇ = 0 in the last column, (r, …).
     """
     C, column, nu, carried, nu_dot = np.empty(12), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    _place(frames[frame], mount, C)
+    _place(joints[link], mount, C)
     for j in range(J.shape[1]):
-        sign = moves[parent, j] - moves[other, j]
+        sign = moves[link, j] - moves[other, j]
         if sign == 0:
             for i in range(len(rows)):
                 out[i, j] = 0.0
@@ -130,9 +175,9 @@ def contact_rows(
         for i in range(len(rows)):
             out[i, j] = sign * column[rows[i]]
     _seen(C, links[other, :6], carried)
-    _seen(C, links[parent, :6], nu)
+    _seen(C, links[link, :6], nu)
     _seen(C, links[other, 6:], column)
-    _seen(C, links[parent, 6:], nu_dot)
+    _seen(C, links[link, 6:], nu_dot)
     for i in range(6):
         nu[i] -= carried[i]
         nu_dot[i] -= column[i]
@@ -142,51 +187,48 @@ def contact_rows(
     nu_dot[0], nu_dot[1], nu_dot[2] = nu_dot[0] + x + u, nu_dot[1] + y + v, nu_dot[2] + z + w
     x, y, z = _cross(a, b, c, carried[3], carried[4], carried[5])
     nu_dot[3], nu_dot[4], nu_dot[5] = nu_dot[3] + x, nu_dot[4] + y, nu_dot[5] + z
+    right = out.shape[1] - 1
     for i in range(len(rows)):
-        acceleration[i] = -nu_dot[rows[i]]
+        out[i, right] = -nu_dot[rows[i]]
 
 
-@compiled(ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, VECTOR, VECTOR, ROWS, ANY_MATRIX_OUT, ANY_VECTOR_OUT)
-def ball_rows(
-    frames: Array, links: Array, J: Array, moves: np.ndarray, frame: int, parent: int, centre: Array, arm: Array,
-    axes: Array, out: Array, acceleration: Array,
+@part
+def _ball_rows(
+    joints: Array, links: Array, J: Array, moves: np.ndarray, link: int, numbers: Array, out: Array
 ) -> None:  # fmt: skip
     """Rows of the velocity of a ball's lowest point against the world, Eᵀ(ṗ + ω × r): J v̇ = -drift (`contacts.point`).
 
     The drift is Eᵀ(p̈ + ω̇ × r) at v̇ = 0: p turns with the link, r does not.
 
     Args:
-        frames: placements in the world, (k, 12).
-        links: motions at the world's origin, (n, 12), of `link_motions`.
+        joints: placements of the links in the world, (n, 12).
+        links: motions at the world's origin, (n, 12), of `link_terms`.
         J: joint Jacobians, (6, nv).
         moves: 1 where a joint moves a link, (n, nv).
-        frame: index of the frame that the ball is mounted on.
-        parent: index of its link.
-        centre: of the ball in the frame, (3,) in m.
-        arm: r, from the centre to the lowest point in world axes, (3,) in m.
-        axes: Eᵀ, (3, 3).
-        out: for J, (3, nv).
-        acceleration: for the required J v̇ at J v = 0, (3,).
+        link: index of the ball's link.
+        numbers: the centre on that link in m; r, to the lowest point in world axes, in m; Eᵀ by rows, (15,).
+        out: for J, and the required J v̇ at J v = 0 in the last column, (3, …).
     """
-    at, link = frames[frame], links[parent]
-    px, py, pz = _turn(at, centre[0], centre[1], centre[2])
+    at, motion, axes = joints[link], links[link], numbers[6:]
+    px, py, pz = _turn(at, numbers[0], numbers[1], numbers[2])
     px, py, pz = px + at[9], py + at[10], pz + at[11]
-    x, y, z = px + arm[0], py + arm[1], pz + arm[2]
+    x, y, z = px + numbers[3], py + numbers[4], pz + numbers[5]
     for j in range(J.shape[1]):
-        if moves[parent, j] == 0:
+        if moves[link, j] == 0:
             for i in range(3):
                 out[i, j] = 0.0
             continue
         cx, cy, cz = _cross(J[3, j], J[4, j], J[5, j], x, y, z)
         cx, cy, cz = cx + J[0, j], cy + J[1, j], cz + J[2, j]
         for i in range(3):
-            out[i, j] = axes[i, 0] * cx + axes[i, 1] * cy + axes[i, 2] * cz
-    vx, vy, vz = _cross(link[3], link[4], link[5], px, py, pz)
-    ux, uy, uz = _cross(link[3], link[4], link[5], link[0] + vx, link[1] + vy, link[2] + vz)
-    cx, cy, cz = _cross(link[9], link[10], link[11], x, y, z)
-    cx, cy, cz = link[6] + cx + ux, link[7] + cy + uy, link[8] + cz + uz
+            out[i, j] = axes[3 * i] * cx + axes[3 * i + 1] * cy + axes[3 * i + 2] * cz
+    vx, vy, vz = _cross(motion[3], motion[4], motion[5], px, py, pz)
+    ux, uy, uz = _cross(motion[3], motion[4], motion[5], motion[0] + vx, motion[1] + vy, motion[2] + vz)
+    cx, cy, cz = _cross(motion[9], motion[10], motion[11], x, y, z)
+    cx, cy, cz = motion[6] + cx + ux, motion[7] + cy + uy, motion[8] + cz + uz
+    right = out.shape[1] - 1
     for i in range(3):
-        acceleration[i] = -(axes[i, 0] * cx + axes[i, 1] * cy + axes[i, 2] * cz)
+        out[i, right] = -(axes[3 * i] * cx + axes[3 * i + 1] * cy + axes[3 * i + 2] * cz)
 
 
 @part
@@ -227,37 +269,32 @@ def _rotation_error(R: Array, reference: Array, out: Array) -> None:
     out[0], out[1], out[2] = share * ex, share * ey, share * ez
 
 
-@compiled(
-    ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, INTEGER, INTEGER, INDICES, ROWS,
-    ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_MATRIX_OUT, ANY_VECTOR_OUT, VECTOR_OUT,
-)  # fmt: skip
-def frame_task(
-    frames: Array, links: Array, J: Array, moves: np.ndarray, frame: int, parent: int, first: int, rows: np.ndarray,
-    gains: Array, position: Array, velocity: Array, acceleration: Array, out: Array, right: Array, error: Array,
+@part
+def _frame_rows(
+    joints: Array, links: Array, J: Array, moves: np.ndarray, link: int, first: int, size: int, numbers: Array,
+    rows: np.ndarray, out: Array, error: Array,
 ) -> None:  # fmt: skip
     """Rows of a task on a frame's position, orientation or both, in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
 
     Args:
-        frames: placements in the world, (k, 12).
-        links: motions at the world's origin, (n, 12), of `link_motions`.
+        joints: placements of the links in the world, (n, 12).
+        links: motions at the world's origin, (n, 12), of `link_terms`.
         J: joint Jacobians, (6, nv).
         moves: 1 where a joint moves a link, (n, nv).
-        frame: index of the frame.
-        parent: index of its link.
+        link: index of the frame's link.
         first: first component of the frame's twist that the task is on: 0, or 3 for an orientation.
+        size: number of these components: 3 or 6.
+        numbers: placement of the frame on its link, (12,); K and D, (size,) each; then the reference: position in m,
+            quaternion, or both, and ẋ_ref and ẍ_ref, (size,) each.
         rows: components of the task that its mask selects, (r,).
-        gains: K and D, (2, size) in 1/s² and 1/s.
-        position: reference: position in m, quaternion, or both.
-        velocity: ẋ_ref, (size,).
-        acceleration: ẍ_ref, (size,).
-        out: for J, (r, nv).
-        right: for the right-hand sides, (r,).
+        out: for J, and the right-hand sides in the last column, (r, …).
         error: for the task error, (r,) in m and rad.
     """
-    at, size = frames[frame], gains.shape[1]
+    at = np.empty(12)
+    _place(joints[link], numbers, at)
     px, py, pz = at[9], at[10], at[11]
     for j in range(J.shape[1]):
-        if moves[parent, j] == 0:
+        if moves[link, j] == 0:
             for i in range(len(rows)):
                 out[i, j] = 0.0
             continue
@@ -266,28 +303,137 @@ def frame_task(
             row = first + rows[i]
             out[i, j] = J[row, j] + (cx if row == 0 else cy if row == 1 else cz if row == 2 else 0.0)
     twist, drift, wanted = np.empty(6), np.empty(6), np.empty(6)
-    link = links[parent]
-    cx, cy, cz = _cross(link[3], link[4], link[5], px, py, pz)
-    twist[0], twist[1], twist[2] = link[0] + cx, link[1] + cy, link[2] + cz
-    twist[3], twist[4], twist[5] = link[3], link[4], link[5]
-    cx, cy, cz = _cross(link[9], link[10], link[11], px, py, pz)
-    ux, uy, uz = _cross(link[3], link[4], link[5], twist[0], twist[1], twist[2])
-    drift[0], drift[1], drift[2] = link[6] + cx + ux, link[7] + cy + uy, link[8] + cz + uz
-    drift[3], drift[4], drift[5] = link[9], link[10], link[11]
+    motion = links[link]
+    cx, cy, cz = _cross(motion[3], motion[4], motion[5], px, py, pz)
+    twist[0], twist[1], twist[2] = motion[0] + cx, motion[1] + cy, motion[2] + cz
+    twist[3], twist[4], twist[5] = motion[3], motion[4], motion[5]
+    cx, cy, cz = _cross(motion[9], motion[10], motion[11], px, py, pz)
+    ux, uy, uz = _cross(motion[3], motion[4], motion[5], twist[0], twist[1], twist[2])
+    drift[0], drift[1], drift[2] = motion[6] + cx + ux, motion[7] + cy + uy, motion[8] + cz + uz
+    drift[3], drift[4], drift[5] = motion[9], motion[10], motion[11]
+    end = 12 + 2 * size  # of the gains
+    position, oriented = numbers[end:], first + size > 3
+    length = (3 if first == 0 else 0) + (4 if oriented else 0)
     if first == 0:
         wanted[0], wanted[1], wanted[2] = position[0] - px, position[1] - py, position[2] - pz
-    if first + size > 3:
-        _rotation_error(at, position[len(position) - 4 :], wanted[3:])
+    if oriented:
+        _rotation_error(at, position[length - 4 :], wanted[3:])
+    velocity, right = position[length:], out.shape[1] - 1
     for i in range(len(rows)):
         axis = rows[i]
         row = first + axis
         error[i] = wanted[row]
-        right[i] = (
-            gains[0, axis] * wanted[row]
-            + gains[1, axis] * (velocity[axis] - twist[row])
-            + acceleration[axis]
+        out[i, right] = (
+            numbers[12 + axis] * wanted[row]
+            + numbers[12 + size + axis] * (velocity[axis] - twist[row])
+            + velocity[size + axis]
             - drift[row]
         )
+
+
+@part
+def _com_rows(
+    com: Array, com_velocity: Array, com_drift: Array, per_mass: Array, numbers: Array, rows: np.ndarray, out: Array,
+    error: Array,
+) -> None:  # fmt: skip
+    """Rows of a task on the centre of mass, with `numbers` K, D, position, velocity and acceleration, (3,) each."""
+    right = out.shape[1] - 1
+    for i in range(len(rows)):
+        k = rows[i]
+        for j in range(per_mass.shape[1]):
+            out[i, j] = per_mass[k, j]
+        error[i] = numbers[6 + k] - com[k]
+        asked = numbers[k] * error[i] + numbers[3 + k] * (numbers[9 + k] - com_velocity[k])
+        out[i, right] = asked + numbers[12 + k] - com_drift[k]
+
+
+@part
+def _joint_targets(
+    q: Array, v: Array, numbers: Array, places: np.ndarray, count: int, minus_target: Array, error: Array
+) -> float:  # fmt: skip
+    """Targets of single accelerations of joints, from their positions (`tasks.posture`, `program.cost`).
+
+    Args:
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        numbers: K, D, reference position, velocity and acceleration, then the negative factor from the desired
+            acceleration to the target, and from its square to twice the constant, (count,) each.
+        places: index in q of each joint, then that in v, (2 count,).
+        count: number of joints.
+        minus_target: for the negative targets, by index in v.
+        error: for the task error, (count,).
+
+    Returns:
+        The cost that no acceleration avoids.
+    """
+    rest = 0.0
+    for i in range(count):
+        column = places[count + i]
+        error[i] = numbers[2 * count + i] - q[places[i]]
+        asked = numbers[i] * error[i] + numbers[count + i] * (numbers[3 * count + i] - v[column])
+        asked += numbers[4 * count + i]
+        minus_target[column] = numbers[5 * count + i] * asked
+        rest += 0.5 * numbers[6 * count + i] * asked * asked
+    return rest
+
+
+@compiled(
+    INDEX_ROWS, INDICES, VECTOR, ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, VECTOR, VECTOR, VECTOR, ANY_MATRIX, ANY_MATRIX,
+    VECTOR, ANY_VECTOR, ANY_VECTOR, ROWS_OUT, VECTOR_OUT, VECTOR_OUT,
+)  # fmt: skip
+def fill_rows(
+    instructions: np.ndarray, places: np.ndarray, numbers: Array, joints: Array, links: Array, J: Array,
+    moves: np.ndarray, com: Array, com_velocity: Array, com_drift: Array, per_mass: Array, centroidal: Array,
+    drift: Array, q: Array, v: Array, out: Array, minus_target: Array, errors: Array,
+) -> float:  # fmt: skip
+    """The rows of all contacts and tasks of a program, by instructions (`core.program.rows`).
+
+    Args:
+        instructions: kind, first row in `out`, number of rows, link, other link, first component, size, and where its
+            part of `places`, `numbers` and `errors` begins, (k, 10).
+        places: rows that masks select, and indices of joints.
+        numbers: constants, gains and references, as the functions above take them.
+        joints: placements of the links in the world, (n, 12).
+        links: motions at the world's origin, (n, 12), of `link_terms`.
+        J: joint Jacobians, (6, nv).
+        moves: 1 where a joint moves a link, (n, nv).
+        com: position of the centre of mass, (3,) in m.
+        com_velocity: its velocity, (3,) in m/s.
+        com_drift: its acceleration at v̇ = 0, (3,) in m/s².
+        per_mass: its Jacobian in the first three rows, (6, nv).
+        centroidal: A_G, (6, nv).
+        drift: rate of the momentum about the centre of mass at v̇ = 0, (6,) in N and N·m.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        out: rows of the program, with the right-hand sides in the last column; columns beyond nv stay.
+        minus_target: for the negative targets of single accelerations.
+        errors: for the task errors.
+
+    Returns:
+        The cost that no acceleration avoids, of the tasks on single accelerations.
+    """
+    rest, last = 0.0, out.shape[1] - 1
+    for k in range(len(instructions)):
+        step = instructions[k]
+        kind, row, count, link, other, first, size = step[0], step[1], step[2], step[3], step[4], step[5], step[6]
+        rows, own = places[step[7] : step[7] + count], numbers[step[8] :]
+        to, error = out[row : row + count], errors[step[9] :]
+        if kind == FRAME:
+            _frame_rows(joints, links, J, moves, link, first, size, own, rows, to, error)
+        elif kind == COM:
+            _com_rows(com, com_velocity, com_drift, per_mass, own, rows, to, error)
+        elif kind == JOINTS:
+            rest += _joint_targets(q, v, own, places[step[7] :], size, minus_target, error)
+        elif kind == SURFACE:
+            _contact_rows(joints, links, J, moves, link, other, own, rows, to)
+        elif kind == BALL:
+            _ball_rows(joints, links, J, moves, link, own, to)
+        elif kind == MOMENTUM:
+            for i in range(6):
+                for j in range(centroidal.shape[1]):
+                    to[i, j] = centroidal[i, j]
+                to[i, last] = -drift[i]
+    return rest
 
 
 @compiled(ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ROWS, ANY_VECTOR, ANY_VECTOR, VECTOR_OUT)

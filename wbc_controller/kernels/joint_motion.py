@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-from wbc_controller.kernels.compiled import ANY_VECTOR, NUMBER, ROWS, VECTOR, VECTOR_OUT, compiled, part
+import numpy as np
+
+from wbc_controller.kernels.compiled import INDICES, NUMBER, ROWS, VECTOR, VECTOR_OUT, compiled, part
 from wbc_controller.records import Array
 
 
@@ -54,17 +56,20 @@ def _velocity_bound(speed: float, fastest: float, period: float, ahead: float) -
 
 
 @compiled(
-    ANY_VECTOR, ANY_VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT
+    INDICES, INDICES, VECTOR, VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER,
+    VECTOR_OUT, VECTOR_OUT,
 )  # fmt: skip
 def acceleration_bounds(
-    q: Array, v: Array, limits: Array, fastest: Array, most: float, period: float, ahead: float, slowing: float,
+    q_index: np.ndarray, v_index: np.ndarray, q_all: Array, v_all: Array, limits: Array, fastest: Array, most: float, period: float, ahead: float, slowing: float,
     stopping: float, return_time: float, rounding: float, lower: Array, upper: Array,
 ) -> None:  # fmt: skip
     """Bounds of the joint accelerations from limits of position, velocity and acceleration.
 
     Args:
-        q: joint positions, (nj,) in rad.
-        v: joint velocities, (nj,) in rad/s.
+        q_index: index in q of each joint, (nj,).
+        v_index: index in v, and in the bounds, of each joint, (nj,).
+        q_all: configuration, (nq,) in rad.
+        v_all: generalized velocity, (nv,) in rad/s.
         limits: upper position limits of q and of -q, (2, nj) in rad; (2, 0) where there are none.
         fastest: largest speeds, (nj,) in rad/s; (0,) where there are none.
         most: largest acceleration, rad/s².
@@ -74,27 +79,29 @@ def acceleration_bounds(
         stopping: distance beyond its limit within which a joint stops that braking with `most` does not stop, rad.
         return_time: time constant with which a joint returns from beyond its limit, s.
         rounding: distance by which rounding may take it there, rad.
-        lower: for the lower bounds, (nj,) in rad/s².
-        upper: for the upper bounds, (nj,) in rad/s².
+        lower: for the lower bounds, (nv,) in rad/s².
+        upper: for the upper bounds, (nv,) in rad/s².
     """
     limited, slowed = limits.shape[1] > 0, len(fastest) > 0
-    for i in range(len(q)):
-        if not (q[i] * 0.0 == 0.0 and v[i] * 0.0 == 0.0):  # infinite or NaN: seen by the check for finite values
-            lower[i] = upper[i] = math.nan
+    for i in range(len(q_index)):
+        column = v_index[i]
+        q, v = q_all[q_index[i]], v_all[column]
+        if not (q * 0.0 == 0.0 and v * 0.0 == 0.0):  # infinite or NaN: seen by the check for finite values
+            lower[column] = upper[column] = math.nan
             continue
         high, low, speed = most, -most, fastest[i] if slowed else math.inf
         if limited:
             high = _position_bound(
-                limits[0, i] - q[i], v[i], speed, most, period, ahead, stopping, return_time, rounding
+                limits[0, i] - q, v, speed, most, period, ahead, stopping, return_time, rounding
             )
             low = -_position_bound(
-                limits[1, i] + q[i], -v[i], speed, most, period, ahead, stopping, return_time, rounding
+                limits[1, i] + q, -v, speed, most, period, ahead, stopping, return_time, rounding
             )
         if low > high:  # not viable: keep the limit that the velocity points to
-            if v[i] > 0.0:
+            if v > 0.0:
                 low = high
             else:
                 high = low
         # Where velocity and position limits conflict, the position limit takes precedence.
-        lower[i] = _clipped(_clipped(-_velocity_bound(-v[i], speed, period, slowing), -most, most), low, high)
-        upper[i] = _clipped(_clipped(_velocity_bound(v[i], speed, period, slowing), -most, most), low, high)
+        lower[column] = _clipped(_clipped(-_velocity_bound(-v, speed, period, slowing), -most, most), low, high)
+        upper[column] = _clipped(_clipped(_velocity_bound(v, speed, period, slowing), -most, most), low, high)

@@ -270,5 +270,7 @@ class Page:
 def camera(robot: Robot) -> tuple[Array, Array, float]:
     """Where the camera is at first and what it looks at, (3,) each in m, and its vertical angle of view, rad."""
     dynamics = robot.dynamics
-    height = max(0.5, 1.45 * float(dynamics.com[2] - dynamics.frames[:, 11].min()))
+    frames = range(1, len(robot.model.pinocchio.frames))
+    lowest = min(float(dynamics.placement(frame).translation[2]) for frame in frames)
+    height = max(0.5, 1.45 * float(dynamics.com[2] - lowest))
     return height * np.array([1.7, -1.5, 1.15]), height * np.array([0.0, 0.0, 0.5]), 0.75

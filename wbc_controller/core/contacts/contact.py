@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.records import Array, frozen
 
 
@@ -85,6 +86,13 @@ class Contact(ABC):
             activation: contact activation, from 0 (about to be deactivated) to 1 (fully active); it scales the largest
                 forces.
         """
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills J and the required J v̇ at J v = 0; None where it does not know them, and `fill` does.
+
+        Only a class itself gives one, not those derived from it: they may override what the rows follow from.
+        """
+        return None
 
     def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
         """Write J, (k, nv), and the required J v̇ at J v = 0, (k,), in place."""

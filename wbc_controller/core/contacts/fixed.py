@@ -10,6 +10,7 @@ import pinocchio as pin
 from wbc_controller.core.contacts.contact import AnchoredContact
 from wbc_controller.core.contacts.mount import Mount, hinge_of, opening
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
@@ -105,6 +106,10 @@ class FixedContact(AnchoredContact):
         Q = there.rotation
         there.translation = Q @ (self._held * (Q.T @ there.translation))
         return opening(there, self._hinge)[self._rows]
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows."""
+        return self._mount.instruction(self._rows) if type(self) is FixedContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact frame along the held axes, (k, nv)."""

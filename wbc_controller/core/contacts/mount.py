@@ -9,13 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction, numbers_of, on_link
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.kernels.frames import contact_rows
+from wbc_controller.kernels.frames import SURFACE
 from wbc_controller.records import Array
-
-#: All components of a twist.
-_ALL = np.arange(6)
 
 
 def placement_of(translation: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> pin.SE3:
@@ -99,7 +97,7 @@ class Mount:
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement
-        self._numbers = np.concatenate([placement.rotation.T.ravel(), placement.translation])
+        self._on_link = on_link(model, self._id, placement)
         frames = model.pinocchio.frames
         self._other_link = 0 if self._other is None else int(frames[self._other].parentJoint)
 
@@ -116,21 +114,34 @@ class Mount:
         """The pose in C of an anchor, (7,): position in m and quaternion of an earlier `pose` of C."""
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
-    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
-        """Write the Jacobian of ν, (6, nv), and -ν̇ at v̇ = 0, (6,), in place."""
-        contact_rows(
-            dynamics.frames, dynamics.links, dynamics.joint_jacobians, dynamics.moves,
-            self._id, dynamics.frame_links.item(self._id), self._other_link, self._numbers, _ALL, J, acceleration,
-        )  # fmt: skip
+    def instruction(self, rows: np.ndarray) -> Instruction:
+        """How compiled code fills some rows of the Jacobian of ν, and of -ν̇ at v̇ = 0.
+
+        Args:
+            rows: components of ν, (r,).
+        """
+        link, placement = self._on_link
+        return Instruction(SURFACE, rows, link, self._other_link, constants=numbers_of(placement))
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of ν, (6, nv)."""
-        J = np.empty((6, dynamics.model.nv))
-        self.fill(dynamics, J, np.empty(6))
-        return J
+        J = self._placement.toActionMatrixInverse() @ dynamics.jacobian(self._id, pin.LOCAL)
+        if self._other is not None:
+            J -= self._from_other(dynamics) @ dynamics.jacobian(self._other, pin.LOCAL)
+        return np.asarray(J)
 
     def drift(self, dynamics: Dynamics) -> Array:
         """ν̇ at v̇ = 0, (6,)."""
-        acceleration = np.empty(6)
-        self.fill(dynamics, np.empty((6, dynamics.model.nv)), acceleration)
-        return -acceleration
+        own = self._placement.toActionMatrixInverse()
+        drift = own @ dynamics.drift_local(self._id)
+        if self._other is not None:
+            X = self._from_other(dynamics)
+            carried = X @ dynamics.velocity(self._other, pin.LOCAL)
+            nu = own @ dynamics.velocity(self._id, pin.LOCAL) - carried
+            drift += pin.Motion(nu).cross(pin.Motion(carried)).vector - X @ dynamics.drift_local(self._other)
+        return np.asarray(drift)
+
+    def _from_other(self, dynamics: Dynamics) -> Array:
+        """X, (6, 6)."""
+        X: Array = self.placement(dynamics).actInv(dynamics.placement(self._other)).toActionMatrix()
+        return X

@@ -9,9 +9,10 @@ from wbc_controller.core.contacts.contact import UnilateralContact
 from wbc_controller.core.contacts.mount import support_link
 from wbc_controller.core.contacts.support import friction_pyramid
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction, on_link
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.kernels.frames import ball_rows
+from wbc_controller.kernels.frames import BALL
 from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
@@ -100,7 +101,7 @@ class PointContact(UnilateralContact):
         self.radius = radius
         #: r of a ball on the world, which is constant; None otherwise.
         self._down = -radius * self._axes[:, 2] if self._other is None and self.ball else None
-        self._across = np.ascontiguousarray(self._axes.T)
+        self._on_link = on_link(model, self._frame_id)
 
     def axes(self, dynamics: Dynamics) -> Array:
         """E, (3, 3): the axes of the force in the world, as columns."""
@@ -121,18 +122,13 @@ class PointContact(UnilateralContact):
         centre = dynamics.placement(self._frame_id).rotation @ self._translation
         return centre, self._down if self._down is not None else self.arm(dynamics, self.axes(dynamics)[:, 2])
 
-    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
-        """Write J, (3, nv), and the required J v̇ at J v = 0, (3,), in place.
-
-        The program uses this alone: a subclass with another `jacobian` or `drift` overrides it too.
-        """
-        if self._down is None:
-            super().fill(dynamics, J, acceleration)
-            return
-        ball_rows(
-            dynamics.frames, dynamics.links, dynamics.joint_jacobians, dynamics.moves, self._frame_id,
-            dynamics.frame_links.item(self._frame_id), self._translation, self._down, self._across, J, acceleration,
-        )  # fmt: skip
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows of a ball on the world."""
+        if type(self) is not PointContact or self._down is None:
+            return None
+        link, placement = self._on_link
+        constants = np.concatenate([placement.act(self._translation), self._down, self._axes.T.ravel()])
+        return Instruction(BALL, np.arange(3), link, constants=constants)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact point's relative velocity, along E, (3, nv)."""

@@ -11,8 +11,13 @@ from wbc_controller.core.contacts.contact import UnilateralContact
 from wbc_controller.core.contacts.mount import Mount, opening
 from wbc_controller.core.contacts.support import Support
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
+
+
+#: All components of a twist.
+_ALL = np.arange(6)
 
 
 class SurfaceContact(UnilateralContact):
@@ -76,12 +81,9 @@ class SurfaceContact(UnilateralContact):
         """e, in the axes of the contact frame, (6,)."""
         return opening(self._mount.seen(dynamics, anchor))
 
-    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
-        """Write J, (6, nv), and the required J v̇ at J v = 0, (6,), in place.
-
-        The program uses this alone: a subclass with another `jacobian` or `drift` overrides it too.
-        """
-        self._mount.fill(dynamics, J, acceleration)
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows."""
+        return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Jacobian of the contact frame's relative twist, in its own axes, (6, nv)."""

@@ -117,13 +117,28 @@ class JointMotionLimit:
             v: joint velocities, (nj,) in rad/s.
             period: time for which an acceleration is held, s.
         """
-        lower, upper = np.empty(len(q)), np.empty(len(q))
+        lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
+        self.fill((each, each), np.ascontiguousarray(q), np.ascontiguousarray(v), period, lower, upper)
+        return lower, upper
+
+    def fill(
+        self, places: tuple[np.ndarray, np.ndarray], q: Array, v: Array, period: float, lower: Array, upper: Array
+    ) -> None:
+        """Write the bounds of the joint accelerations in place.
+
+        Args:
+            places: indices of the joints in q, and in v and the bounds, (nj,) each.
+            q: configuration, (nq,) in rad.
+            v: generalized velocity, (nv,) in rad/s.
+            period: time for which an acceleration is held, s.
+            lower: for the lower bounds, (nv,) in rad/s².
+            upper: for the upper bounds, (nv,) in rad/s².
+        """
         ahead, slowing = max(period, self.horizon), max(period, min(self.horizon, SLOWING_TIME))
         acceleration_bounds(
-            q, v, self._limits, self._fastest, self.acceleration, period, ahead, slowing,
+            *places, q, v, self._limits, self._fastest, self.acceleration, period, ahead, slowing,
             STOPPING, RETURN_TIME, _ROUNDING, lower, upper,
         )  # fmt: skip
-        return lower, upper
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
         """Bounds with which a joint still stops, where those of `bounds` cannot be met.

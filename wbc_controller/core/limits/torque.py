@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.kernels.equations_of_motion import rate_bounds
 from wbc_controller.records import Array, frozen
 
 
@@ -69,18 +68,3 @@ class TorqueLimit:
             v: speeds of the actuators, (na,) in rad/s.
         """
         return self._both if self.curve is None else self.curve.available(self.effort_limits, v)
-
-    def bounds(self, before: Array | None, v: Array, period: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ, both (na,) in N·m; not to be modified.
-
-        Args:
-            before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
-            v: speeds of the actuators, (na,) in rad/s.
-            period: Δt, s.
-        """
-        lower, upper = self.available(v)
-        if before is None:
-            return lower, upper
-        least, most = np.empty(len(lower)), np.empty(len(lower))
-        rate_bounds(lower, upper, before, self.effort_limits, self.rate * period, least, most)
-        return least, most

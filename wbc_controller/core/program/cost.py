@@ -10,9 +10,13 @@ import numpy as np
 from wbc_controller.core.arrays import as_slice
 from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.program.problem import Level, Quadratic, Squares
+from wbc_controller.core.program.rows import Rows
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
+from wbc_controller.core.tasks.task import MotionTask
+from wbc_controller.kernels.frames import JOINTS
 from wbc_controller.records import Array, References
 
 #: Length that scales rates of angular momentum to those of linear momentum in the regularization, m.
@@ -27,9 +31,10 @@ class _Plan:
         level: the level, whose cost is set in every cycle.
         squares: the squares that make up the cost.
         kept: view of the rows of tasks.
-        rows: each task with rows, and views for its J and its right-hand side.
+        rows: what compiled code fills.
+        counts: each task with rows, and their number.
+        others: each task with rows that it fills itself, and views for its J and its right-hand side.
         metric: diagonal of W in the regularization of the forces, (nf,).
-        momentum: views for the rows of the momentum rate and their right-hand side; None for a fixed base.
         single: each task on single components of v̇, and the indices of these components.
         minus_shares: for each task in `single`, the negative factor from its right-hand side to the target.
         rests: for each task in `single`, the factor from its squared right-hand side to twice the constant.
@@ -39,9 +44,10 @@ class _Plan:
     level: Level
     squares: Squares
     kept: Array
-    rows: list[tuple[AccelerationTask, Array, Array]]
+    rows: Rows
+    counts: list[tuple[str, int]]
+    others: list[tuple[AccelerationTask, Array, Array]]
     metric: Array
-    momentum: tuple[Array, Array] | None
     single: list[tuple[AccelerationTask, np.ndarray | slice]]
     minus_shares: list[Array] = field(default_factory=list)
     rests: list[Array] = field(default_factory=list)
@@ -54,7 +60,6 @@ class LevelCost:
     Attributes:
         level: the priority level.
         rows: largest number of rows of the cost.
-        errors: task error of each acceleration task that took part in the last cycle.
     """
 
     def __init__(
@@ -79,7 +84,8 @@ class LevelCost:
         """
         own = [task for task in tasks if task.level == level]
         self.level = level
-        self.errors: dict[str, Array] = {}
+        self._errors = np.zeros(0)
+        self._other_errors: dict[str, Array] = {}
         exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
         # Tasks on single components of v̇ only add to the diagonal of H, unless a lower level needs them as rows, or
         # another task already uses the same components.
@@ -102,12 +108,13 @@ class LevelCost:
         self._weights: dict[str, float] = {}
         self._taking_part: tuple[str, ...] = ()
         self._plans: dict[tuple[tuple[str, ...], tuple[str, ...]], _Plan] = {}
+        self._current: tuple[Layout, _Plan] | None = None  # of the last cycle
 
-    def fill(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
-        """Fill the cost of one cycle.
+    def fill_rows(self, layout: Layout, dynamics: Dynamics, references: References) -> None:
+        """Fill the rows of the tasks on accelerations and, on the first level, those of the contacts.
 
         Args:
-            layout: with the equations of motion filled.
+            layout: of the active contacts.
             dynamics: the snapshot.
             references: task references and weights.
         """
@@ -118,26 +125,37 @@ class LevelCost:
             self._taking_part = tuple(
                 task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0
             )
-        key = (layout.key, self._taking_part)
-        plan = self._plans.get(key)
-        if plan is None:
-            plan = self._plans[key] = self._plan(layout)
+            self._current = None
+        if self._current is None or self._current[0] is not layout:
+            key = (layout.key, self._taking_part)
+            if key not in self._plans:
+                self._plans[key] = self._plan(layout)
+            self._current = layout, self._plans[key]
+        plan = self._current[1]
         if plan.weights is not self._weights:
             self._weigh(plan)
-        errors = self.errors = {}
-        for task, rows, right in plan.rows:
-            errors[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
-        if plan.momentum is not None:  # ḣ_G, for a base that moves
-            rows, right = plan.momentum
-            rows[...] = dynamics.centroidal_matrix
-            np.negative(dynamics.centroidal_drift, out=right)
         squares = plan.squares
-        squares.constant = 0.0
+        squares.constant, self._errors = plan.rows.fill(dynamics, wanted)
+        self._other_errors = {}
+        for task, rows, right in plan.others:
+            self._other_errors[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
         for (task, columns), minus_share, rest in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
-            asked, errors[task.name] = task.right(dynamics, wanted[task.name])
+            if task.name in plan.rows.shares:
+                continue
+            asked, self._other_errors[task.name] = task.right(dynamics, wanted[task.name])
             squares.minus_target[columns] = minus_share * asked
             squares.constant += 0.5 * float((rest * asked).dot(asked))
         plan.level.cost.pose(squares)
+
+    def level_of(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
+        """The level of one cycle, with the tasks on forces and torques and those with a tolerance.
+
+        Args:
+            layout: with the equations of motion filled, for which `fill_rows` was called.
+            dynamics: the snapshot.
+            references: task references and weights.
+        """
+        plan = self._current[1]
         if self._last and not self._others:
             return plan.level  # only its cost changes from cycle to cycle
         level = replace(plan.level)
@@ -145,6 +163,15 @@ class LevelCost:
             level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
         self._add_others(level, layout, dynamics, references)
         return level
+
+    @property
+    def errors(self) -> tuple[list[tuple[str, slice]], Array, dict[str, Array]]:
+        """Task errors of the acceleration tasks that took part in the last cycle, which later ones do not change.
+
+        Returns:
+            The name of each task and where its error is in the array; and the errors of others.
+        """
+        return self._current[1].rows.places, self._errors, self._other_errors
 
     def _plan(self, layout: Layout) -> _Plan:
         """Lay out the rows of the tasks with non-zero weight."""
@@ -156,10 +183,22 @@ class LevelCost:
         # The rows of the first level are stored directly above the equalities: the solver uses both as one block.
         top, stop = problem.room - count, problem.room + len(problem.b)
         stack = problem.memory[top:stop] if self._first else np.zeros((count, n + 1))
-        rows, start = [], 0
+        compiled: list[tuple[MotionTask, Instruction, int]] = []
+        others, counts, start = [], [], 0
         for task in with_rows:
-            rows.append((task, stack[start : start + task.dimension, :nv], stack[start : start + task.dimension, n]))
+            instruction = task.instruction()
+            if isinstance(task, MotionTask) and instruction is not None and instruction.kind != JOINTS:
+                compiled.append((task, instruction, start))
+            else:
+                stop = start + task.dimension
+                others.append((task, stack[start:stop, :nv], stack[start:stop, n]))
+            counts.append((task.name, task.dimension))
             start += task.dimension
+        for task in single:
+            instruction = task.instruction()
+            if isinstance(task, MotionTask) and instruction is not None:
+                compiled.append((task, instruction, 0))
+        contacts = layout.instructions if self._first else ()
         minus_target = np.zeros(n + 1)
         minus_target[-1] = 1.0
         cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
@@ -167,9 +206,16 @@ class LevelCost:
             level=Level(self._taking_part, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
             kept=stack[:end, :n],
             squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
-            rows=rows,
+            rows=Rows(
+                stack,
+                minus_target,
+                [(instruction, count + row) for instruction, row in contacts],
+                compiled,
+                end if base else None,
+            ),
+            counts=counts,
+            others=others,
             metric=layout.metric,
-            momentum=(stack[end:count, :nv], stack[end:count, n]) if base else None,
             single=[(task, as_slice(np.arange(nv)[task.columns])) for task in single],
         )
 
@@ -178,9 +224,9 @@ class LevelCost:
         weights, squares, base = self._weights, plan.squares, self._base
         plan.weights = weights
         end = 0
-        for task, _, right in plan.rows:
-            start, end = end, end + len(right)
-            squares.slack[start:end] = 1.0 / weights[task.name]
+        for name, rows in plan.counts:
+            start, end = end, end + rows
+            squares.slack[start:end] = 1.0 / weights[name]
         squares.slack[end:] = self._momentum_slack[: len(squares.slack) - end]
         nj = self._model.nv - base
         accelerations, forces = self._regularization
@@ -194,6 +240,8 @@ class LevelCost:
             plan.minus_shares.append(-weight / (weight + there))
             plan.rests.append(weight * there / (weight + there))
             squares.diagonal[places] += weight
+            if task.name in plan.rows.shares:
+                plan.rows.shares[task.name][:] = np.concatenate([plan.minus_shares[-1], plan.rests[-1]])
         # A new array, so that a solver can tell by its identity that the weights have changed.
         squares.inverse = np.zeros(len(squares.inverse))
         squares.inverse[base:-1] = 1.0 / squares.diagonal
@@ -207,7 +255,7 @@ class LevelCost:
                 continue
             reference = references.tasks[task.name]
             if isinstance(task, AccelerationTask):
-                J, right, self.errors[task.name] = task.equation(dynamics, reference)
+                J, right, self._other_errors[task.name] = task.equation(dynamics, reference)
                 rows = np.hstack([J, np.zeros((len(J), n - nv))])
             elif isinstance(task, EffortTask) and (equation := task.equation(layout, reference)) is not None:
                 rows, right = equation

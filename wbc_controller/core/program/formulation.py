@@ -15,7 +15,7 @@ from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
-from wbc_controller.kernels.equations_of_motion import fill_rows
+from wbc_controller.kernels.equations_of_motion import fill_dynamics
 from wbc_controller.records import Array, References, RobotState, Tuning
 
 
@@ -71,6 +71,8 @@ class Formulation:
         self.effort_tasks = tuple(task for task in tasks if isinstance(task, EffortTask))
         self._tuning: Tuning | None = None
         self._layouts: dict[tuple[str, ...], Layout] = {}
+        self._active: tuple[dict[str, float], Layout] | None = None  # activations of the last cycle, and their layout
+        self._joints = model.q_index.astype(np.int64), model.v_index.astype(np.int64)
         levels = sorted({task.level for task in tasks})
         self._costs = [
             LevelCost(
@@ -109,16 +111,26 @@ class Formulation:
         """
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
-        self.dynamics.update(state.q, state.v)
-        activations = references.contacts
-        active = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
-        layout = self.layout(tuple(active))
+        dynamics = self.dynamics
+        dynamics.update(state.q, state.v)
+        layout = self._layout_of(references.contacts)
+        for cost in self._costs:
+            cost.fill_rows(layout, dynamics, references)
         self._fill_contacts(layout, references)
         self._fill_equations_of_motion(layout, references, tau_before)
-        self._fill_cost(layout, references)
-        self._fill_joint_motion(layout)
-        self._fill_row_limits(layout)
+        layout.levels = [cost.level_of(layout, dynamics, references) for cost in self._costs]
+        bounds = layout.problem.x_lower, layout.problem.x_upper
+        self.motion_limit.fill(self._joints, dynamics.q, dynamics.v, self.period, *bounds)
+        if self.row_limits:
+            self._fill_row_limits(layout)
         return layout
+
+    def _layout_of(self, activations: Mapping[str, float]) -> Layout:
+        """The layout of the active contacts, with the bounds of their forces."""
+        if self._active is None or activations != self._active[0]:
+            active = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
+            self._active = dict(activations), self.layout(tuple(active))
+        return self._active[1]
 
     def _tune(self, tuning: Tuning) -> None:
         """Apply new gains and limits."""
@@ -133,28 +145,20 @@ class Formulation:
         torque = self.torque_limit
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
-    def _fill_cost(self, layout: Layout, references: References) -> None:
-        layout.levels = [cost.fill(layout, self.dynamics, references) for cost in self._costs]
-
     @property
-    def task_errors(self) -> dict[str, Array]:
-        """Task error of each acceleration task that took part in the last cycle, as a new dictionary."""
-        errors: dict[str, Array] = {}
-        for cost in self._costs:
-            errors |= cost.errors
-        return errors
+    def task_errors(self) -> list[tuple[list[tuple[str, slice]], Array, dict[str, Array]]]:
+        """Task errors of each level in the last cycle (`LevelCost.errors`)."""
+        return [cost.errors for cost in self._costs]
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
-        dynamics, actuation = self.dynamics, self.model.actuation
-        layout.torque_bias = np.empty(len(layout.torque_lower))
-        fill_rows(
-            *actuation.projection, actuation.free, dynamics.M, self.bias(references), layout.J, dynamics.v,
-            layout.damping, FORCE_UNIT, layout.contact_motion, layout.dynamics_motion, layout.dynamics_forces,
-            layout.minus_free_bias, layout.torque_bias,
+        dynamics, limit = self.dynamics, self.torque_limit
+        lower, upper = limit.available(self.model.actuation.speeds(dynamics.v) if limit.curve is not None else dynamics.v)
+        share = limit.rate * self.period if tau_before is not None else -1.0
+        bias = layout.torque_bias = np.empty(len(lower))
+        fill_dynamics(
+            *layout.dynamics_rows, dynamics.M_rows, self.bias(references), dynamics.v, lower, upper,
+            lower if tau_before is None else tau_before, limit.effort_limits, share, bias,
         )  # fmt: skip
-        lower, upper = self.torque_limit.bounds(tau_before, actuation.speeds(dynamics.v), self.period)
-        np.subtract(lower, layout.torque_bias, out=layout.torque_lower)
-        np.subtract(upper, layout.torque_bias, out=layout.torque_upper)
 
     def bias(self, references: References) -> Array:
         """Bias forces h less the generalized forces of what is known beside the model (equation (22); S4), (nv,)."""
@@ -168,9 +172,10 @@ class Formulation:
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
         dynamics = self.dynamics
+        for place in layout.by_themselves:
+            place.contact.fill(dynamics, place.J, place.acceleration)
         for place in layout.places:
             contact = place.contact
-            contact.fill(dynamics, place.J, place.acceleration)
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
             if bounds is not place.bounds:
                 np.divide(bounds[0], FORCE_UNIT, out=place.lower)
@@ -178,11 +183,6 @@ class Formulation:
                 place.bounds = bounds
         if layout.anchored:
             layout.contact_motion += pull(layout, dynamics, references.anchors)
-
-    def _fill_joint_motion(self, layout: Layout) -> None:
-        problem, dynamics, model = layout.problem, self.dynamics, self.model
-        bounds = self.motion_limit.bounds(dynamics.q[model.q_places], dynamics.v[model.v_places], self.period)
-        problem.x_lower[model.v_places], problem.x_upper[model.v_places] = bounds
 
     def _fill_row_limits(self, layout: Layout) -> None:
         problem = layout.problem

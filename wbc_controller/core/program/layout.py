@@ -62,10 +62,6 @@ class Layout:
         metric: diagonal of W in the regularization ½ ε_f fᵀ W f of the forces, (nf,).
         mechanism: rows of A that are never relaxed: joints that follow others, and the unactuated rows of the equations
             of motion.
-        dynamics_motion: coefficients of v̇ in the unactuated rows of the equations of motion and, below them, in the
-            torques, as given by `Actuation.split`, (free + na, nv).
-        dynamics_forces: coefficients of the scaled forces in the same rows, (free + na, nf).
-        minus_free_bias: right-hand side of the unactuated rows, (free,).
         torque: rows of C of the torque bounds.
         torque_lower: lower bounds of these rows, (na,).
         torque_upper: upper bounds of these rows, (na,).
@@ -114,18 +110,25 @@ class Layout:
             problem.C[rows, columns] = contact.cone
             problem.upper[rows] = 0.0
             row, cone = motion.stop, rows.stop
+        #: How compiled code fills the rows of contacts, with their first rows; and the others, which fill their own.
+        self.instructions = [
+            (instruction, place.motion.start)
+            for place in self.places
+            if (instruction := place.contact.instruction()) is not None
+        ]
+        self.by_themselves = [place for place in self.places if place.contact.instruction() is None]
         #: The contacts with an anchor, and their rows of J.
         self.anchored = tuple(
             (place.contact, place.motion)
             for place in self.places
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
-        # The rows of the torques directly follow the unactuated rows: one product or copy fills both.
-        first = problem.room + self.mechanism.stop - free
-        self.dynamics_motion = problem.memory[first : first + free + na, :nv]
-        self.dynamics_forces = problem.memory[first : first + free + na, nv:-1]
-        self.minus_free_bias = problem.b[self.mechanism.stop - free :]
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
+        #: Where compiled code fills the rows of the equations of motion and of the torques directly below them.
+        self.dynamics_rows = (
+            *model.actuation.projection, free, self.mechanism.stop - free, FORCE_UNIT, self.damping,
+            problem.constraints, self.torque_lower, self.torque_upper,
+        )  # fmt: skip
         self.torque_bias = np.zeros(na)
         self.levels: list[Level] = []
         self.labels = self._labels(model)

@@ -88,7 +88,7 @@ def unpack(
         if references.weights.get(task.name, 0.0) > 0.0:
             equation = task.equation(layout, references.tasks[task.name])
             if equation is not None:
-                errors[task.name] = equation[0] @ x - equation[1]
+                errors.append(([], x, {task.name: equation[0] @ x - equation[1]}))
     return {
         "v_dot": x[:nv],
         "tau": freeze(residuals.value[n : n + len(layout.torque_bias)] + layout.torque_bias),
@@ -117,8 +117,11 @@ def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
     }
 
 
-def _norms(errors: Mapping[str, Array]) -> dict[str, float]:
+def _norms(parts: Sequence[tuple[list[tuple[str, slice]], Array, dict[str, Array]]]) -> dict[str, float]:
     """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
+    errors = {}
+    for places, values, others in parts:
+        errors |= {name: values[place] for name, place in places} | others
     return {name: math.sqrt(error.dot(error)) for name, error in errors.items()}
 
 

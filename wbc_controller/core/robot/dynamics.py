@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.frames import link_motions
+from wbc_controller.kernels.frames import link_terms
 from wbc_controller.records import Array
 
 _WORLD = pin.Convention.WORLD
@@ -37,16 +37,14 @@ class Dynamics:
         moves: 1 where a component of v moves a link, (links, nv); the first link is the world.
         links: twist of each link at the world's origin, in world axes, and its spatial acceleration there at v̇ = 0,
             (links, 12).
-        frames: placement of each frame in the world, (frames, 12): the columns of the rotation, then the translation.
-        frame_links: the link that each frame is fixed to, (frames,).
+        joints: placement of each link in the world, (links, 12): the columns of the rotation, then the translation.
     """
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self._pin = model.pinocchio
+        self._link_of = [frame.parentJoint for frame in model.pinocchio.frames]
         self._data = model.pinocchio.createData()
-        self._zero = np.zeros(model.nv)
-        self._mass = float(pin.computeTotalMass(model.pinocchio))
         self.q: Array
         self.v: Array
         # Pinocchio never reallocates its data, so views of them can be kept.
@@ -55,23 +53,28 @@ class Dynamics:
         # M with rotors is a separate array: Pinocchio does not rewrite entries of data.M between joints of different
         # branches, so rotors added in place would accumulate.
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
+        #: M row by row, as compiled code reads it: Pinocchio has it by columns, and it is symmetric.
+        self.M_rows: Array = self.M.T
         self.h: Array = data.nle
         self.com: Array = data.com[0]
-        self.com_velocity: Array = data.vcom[0]
+        self.com_velocity, self.com_drift, self.centroidal_drift = np.zeros(3), np.zeros(3), np.zeros(6)
         self._per_mass = np.zeros((6, model.nv), order="F")  # Pinocchio's memory order
         self.com_jacobian: Array = self._per_mass[:3]
-        self.com_drift = np.zeros(3)
         self.centroidal_matrix = _matrix(data.Ag)
-        self.centroidal_drift: Array = data.dhg.vector
-        self._linear_drift = self.centroidal_drift[:3]
-        self._placements: list[pin.SE3] = list(data.oMf)
-        self.frames = placement_table(data.oMf)
-        self.frame_links = np.array([frame.parentJoint for frame in model.pinocchio.frames], dtype=np.int64)
         self.joint_jacobians: Array = _matrix(data.J)
         self.moves = moved_by(model.pinocchio)
         self.links = np.zeros((model.pinocchio.njoints, 12))
-        self._joints = placements(data)
-        self._joint_motions = _table([v.vector for v in data.v], 6), _table([a.vector for a in data.a], 6)
+        self.joints = placements(data)
+        parts = [_table([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
+        roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
+        gravity, mass = np.array(model.pinocchio.gravity.linear), float(pin.computeTotalMass(model.pinocchio))
+        self._given = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
+        self._made = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
+        #: What the rows of tasks and contacts are made of (`kernels.frames.fill_rows`).
+        self.terms = (
+            self.joints, self.links, self.joint_jacobians, self.moves, self.com, self.com_velocity, self.com_drift,
+            self._per_mass, self.centroidal_matrix, self.centroidal_drift,
+        )  # fmt: skip
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
@@ -83,20 +86,15 @@ class Dynamics:
         """
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # Separate calls instead of `computeAllTerms`, which takes a fifth longer. In the world convention `crba` also
-        # computes the joint Jacobians and the centroidal matrix.
+        # In the world convention `crba` also computes the centre of mass, the joint Jacobians and the centroidal matrix.
         pin.crba(model, data, q, _WORLD)
-        # Second-order kinematics at v̇ = 0, where every acceleration equals its drift J̇v.
-        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
+        # Its pass at v̇ = 0 has all drifts J̇v: `link_terms` takes them from there.
         pin.nonLinearEffects(model, data, q, v)
-        pin.updateFramePlacements(model, data)
         if self._rotors is not None:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
-        np.divide(self.centroidal_matrix, self._mass, out=self._per_mass)
-        np.divide(self._linear_drift, self._mass, out=self.com_drift)
-        link_motions(self._joints, *self._joint_motions, self.links)
+        link_terms(*self._given, v, *self._made)
 
     def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
         """Compute the placements of shapes that are fixed to the links."""
@@ -104,7 +102,7 @@ class Dynamics:
 
     def placement(self, frame_id: int) -> pin.SE3:
         """Placement of a frame in the world."""
-        return self._placements[frame_id]
+        return pin.updateFramePlacement(self._pin, self._data, frame_id)
 
     def velocity(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Spatial velocity of a frame, (6,), linear part first."""
@@ -117,14 +115,16 @@ class Dynamics:
 
     def drift_local(self, frame_id: int) -> Array:
         """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): J̇v of its local velocity J v."""
-        drift: Array = pin.getFrameAcceleration(self._pin, self._data, frame_id, pin.LOCAL).vector
+        at_origin = pin.Motion(self.links[self._link_of[frame_id], 6:])
+        drift: Array = self.placement(frame_id).actInv(at_origin).vector
         return drift
 
     def drift_world(self, frame_id: int) -> Array:
         """Classical acceleration of a frame's origin, and angular acceleration, at v̇ = 0, in world axes, (6,)."""
-        axes = pin.LOCAL_WORLD_ALIGNED
-        drift: Array = pin.getFrameClassicalAcceleration(self._pin, self._data, frame_id, axes).vector
-        return drift
+        placement = self.placement(frame_id)
+        drift, twist = self.drift_local(frame_id), self.velocity(frame_id, pin.LOCAL_WORLD_ALIGNED)
+        linear = placement.rotation @ drift[:3] + np.cross(twist[3:], twist[:3])
+        return np.concatenate([linear, placement.rotation @ drift[3:]])
 
     def external_force(self, frame: str, wrench: Array) -> Array:
         """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.task import MotionTask
+from wbc_controller.kernels.frames import COM
 from wbc_controller.records import Array
 
 
@@ -14,6 +16,10 @@ class ComTask(MotionTask):
 
     unit = "m"
     size = 3
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows."""
+        return Instruction(COM, self.rows, size=self.size) if type(self) is ComTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
         """Position of the centre of mass, (3,) in m."""

@@ -8,12 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction, numbers_of, on_link
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.core.tasks.task import Gains, MotionTask
-from wbc_controller.kernels.frames import frame_task
-from wbc_controller.records import Array, Reference
+from wbc_controller.kernels.frames import FRAME
+from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
@@ -66,26 +67,15 @@ class _FrameTask(MotionTask):
         super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
+        self._on_link = on_link(model, self._frame_id)
 
-    def fill(self, dynamics: Dynamics, reference: Reference, rows: Array, right: Array) -> Array:
-        """Write the rows of the least-squares problem J v̇ = b in place; gives the task error, (k,).
-
-        The program uses this alone: a subclass with another `error`, `velocity`, `jacobian` or `drift` overrides it
-        too.
-        """
-        frame, error = self._frame_id, np.empty(len(self.rows))
-        frame_task(
-            dynamics.frames, dynamics.links, dynamics.joint_jacobians, dynamics.moves,
-            frame, dynamics.frame_links.item(frame), self.part.start, self.rows, self.gain_rows,
-            reference.position, reference.velocity, reference.acceleration, rows, right, error,
-        )  # fmt: skip
-        return error
-
-    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Rows of the least-squares problem J v̇ = b, as new arrays, and the task error."""
-        rows, right = np.empty((len(self.rows), dynamics.model.nv)), np.empty(len(self.rows))
-        error = self.fill(dynamics, reference, rows, right)
-        return rows, right, error
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows."""
+        if type(self) not in (FramePositionTask, FrameOrientationTask, FramePoseTask):
+            return None
+        link, placement = self._on_link
+        constants = numbers_of(placement)
+        return Instruction(FRAME, self.rows, link, first=self.part.start, size=self.size, constants=constants)
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Velocity of the frame in world axes: linear in m/s, then angular in rad/s, (size,)."""

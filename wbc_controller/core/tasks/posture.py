@@ -8,8 +8,10 @@ import numpy as np
 
 from wbc_controller.core.arrays import as_slice
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks.task import Gains, MotionTask
+from wbc_controller.kernels.frames import JOINTS
 from wbc_controller.records import Array
 
 
@@ -47,9 +49,14 @@ class PostureTask(MotionTask):
         self.joints = tuple(joints) or model.driven_joints
         self._q_index = as_slice(model.q_index[columns])
         self.columns = as_slice(model.v_index[columns])
+        self._places = np.concatenate([model.q_index[columns], model.v_index[columns]])
         self._jacobian = np.zeros((self.size, model.nv))
         self._jacobian[np.arange(self.size), model.v_index[columns]] = 1.0
         self._drift = np.zeros(self.size)
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code finds the accelerations that are asked for, where no other task is on the same joints."""
+        return Instruction(JOINTS, self._places, size=self.size) if type(self) is PostureTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
         """Joint positions, (k,) in rad."""

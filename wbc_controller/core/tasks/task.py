@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.kernels.frames import feedback
@@ -146,6 +147,13 @@ class AccelerationTask(Task):
     @abstractmethod
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """x⁽ⁿ⁾* - δ and the task error, both (size,), without the mask applied."""
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows; None where it does not know them, and `fill` does.
+
+        Only a class itself gives one, not those derived from it: they may override what the rows follow from.
+        """
+        return None
 
     def rest(self, dynamics: Dynamics) -> Reference:
         """Reference that holds the present value."""

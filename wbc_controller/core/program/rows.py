@@ -1,0 +1,140 @@
+"""The rows of contacts and tasks that compiled code fills in one call, and what it follows from cycle to cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from wbc_controller.core.robot.dynamics import Dynamics
+from wbc_controller.core.robot.instruction import Instruction
+from wbc_controller.core.tasks.task import MotionTask
+from wbc_controller.kernels.frames import JOINTS, MOMENTUM, fill_rows
+from wbc_controller.records import Array, Reference
+
+
+class _Followed:
+    """A task whose gains and reference are copied where compiled code reads them, when they change."""
+
+    __slots__ = (
+        "_acceleration", "_gains", "_position", "_velocity", "damping", "name", "reference", "shares", "stiffness", "task",
+    )  # fmt: skip
+
+    def __init__(self, task: MotionTask, numbers: Array) -> None:
+        """Take views of the numbers after the task's constants."""
+        self.name, self.task = task.name, task
+        self.reference: Reference | None = None
+        self.stiffness: Array | None = None
+        self.damping: Array | None = None
+        size, length = task.size, task.form.size
+        ends = np.cumsum([2 * size, length, size, size])
+        gains, self._position, self._velocity, self._acceleration, self.shares = np.split(numbers, ends)
+        self._gains = gains.reshape(2, size)
+
+    def follow(self, reference: Reference) -> None:
+        """Take over a reference.
+
+        Raises:
+            ValueError: where one of its arrays has another shape.
+        """
+        arrays = reference.position, reference.velocity, reference.acceleration
+        self._position[:], self._velocity[:], self._acceleration[:] = arrays
+        # One that can be written may be another one in the next cycle.
+        self.reference = None if any(array.flags.writeable for array in arrays) else reference
+
+    def tune(self) -> None:
+        """Take over the gains."""
+        self.stiffness, self.damping = self.task.stiffness, self.task.damping
+        self._gains[0], self._gains[1] = self.stiffness, self.damping
+
+
+class Rows:
+    """Instructions for the rows of some contacts and tasks in one block of rows, [J, b].
+
+    Attributes:
+        places: name of each task, and where its error is among all of them.
+        shares: of each task on single accelerations, by name, two factors for each of them (`kernels.frames`), (2 size,).
+    """
+
+    def __init__(
+        self,
+        out: Array,
+        minus_target: Array,
+        contacts: Iterable[tuple[Instruction, int]] = (),
+        tasks: Iterable[tuple[MotionTask, Instruction, int]] = (),
+        momentum: int | None = None,
+    ) -> None:
+        """Lay out the instructions.
+
+        Args:
+            out: the block, (k, n + 1).
+            minus_target: for the negative targets of single accelerations, (n + 1,).
+            contacts: their instructions, each with its first row in the block.
+            tasks: likewise; a task on single accelerations has no row.
+            momentum: first row of the rate of the momentum; None where the block has none.
+        """
+        self._out, self._minus_target = out, minus_target
+        self.places: list[tuple[str, slice]] = []
+        self.shares: dict[str, Array] = {}
+        steps: list[tuple[int, ...]] = []
+        places: list[np.ndarray] = []
+        numbers: list[Array] = []
+        at = [0, 0, 0]  # in places, numbers and errors
+
+        def add(step: Instruction, row: int, more: int, errors: int) -> None:
+            steps.append(
+                (step.kind, row, 0 if step.kind == JOINTS else len(step.rows), step.link, step.other, step.first)
+                + (step.size, *at)
+            )
+            places.append(step.rows)
+            numbers.append(np.concatenate([step.constants, np.zeros(more)]))
+            at[0] += len(step.rows)
+            at[1] += len(numbers[-1])
+            at[2] += errors
+
+        for step, row in contacts:
+            add(step, row, 0, 0)
+        begins = []
+        for task, step, row in tasks:
+            begins.append((task, step, at[1] + len(step.constants)))
+            self.places.append((task.name, slice(at[2], at[2] + task.dimension)))
+            add(step, row, 4 * task.size + task.form.size + (2 * task.size if step.kind == JOINTS else 0), task.dimension)
+        if momentum is not None:
+            add(Instruction(MOMENTUM, np.arange(6)), momentum, 0, 0)
+        self._errors = at[2]
+        values = np.concatenate([np.zeros(0), *numbers])
+        ends = [*(begin - len(step.constants) for _, step, begin in begins[1:]), len(values)]
+        self._followed: list[_Followed] = []
+        for (task, step, begin), end in zip(begins, ends, strict=True):
+            followed = _Followed(task, values[begin:end])
+            self._followed.append(followed)
+            if step.kind == JOINTS:
+                self.shares[task.name] = followed.shares
+        self._told = (
+            np.array(steps, dtype=np.int64).reshape(-1, 10),
+            np.concatenate([np.zeros(0, dtype=np.int64), *places]).astype(np.int64),
+            values,
+        )
+
+    def fill(self, dynamics: Dynamics, wanted: Mapping[str, Reference]) -> tuple[float, Array]:
+        """Fill the rows for one state.
+
+        Args:
+            dynamics: the snapshot.
+            wanted: the references by task.
+
+        Returns:
+            The cost that no acceleration avoids, of tasks on single accelerations, and the errors of all tasks in a row,
+            as a new array.
+        """
+        for followed in self._followed:
+            reference, task = wanted[followed.name], followed.task
+            if reference is not followed.reference:
+                followed.follow(reference)
+            if task.stiffness is not followed.stiffness or task.damping is not followed.damping:
+                followed.tune()
+        errors = np.empty(self._errors)
+        rest: float = fill_rows(
+            *self._told, *dynamics.terms, dynamics.q, dynamics.v, self._out, self._minus_target, errors
+        )
+        return rest, errors
