@@ -1,4 +1,8 @@
-"""The condensed system of a quadratic program with a known active set, and the residuals of its constraints."""
+"""The condensed system of a quadratic program with a known active set, and the residuals of its constraints.
+
+Inner loops work on four rows at a time, with a variable for each sum: the compiler makes vectors of them, while each sum
+is taken in the order in which it is written.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +26,12 @@ from wbc_controller.records import Array
 
 
 @part
-def _eliminate(head: Array, first: int, N: Array) -> bool:
+def _eliminate(head: Array, first: int, H: Array, N: Array) -> bool:
     """N = H⁻¹ T for head = [H, T] with H (first, first): Gauss elimination with row pivoting; False if singular."""
     width = N.shape[1]
-    H = head[:, :first].copy()
     for i in range(first):
+        for j in range(first):
+            H[i, j] = head[i, j]
         for j in range(width):
             N[i, j] = head[i, first + j]
     for column in range(first):
@@ -43,116 +48,254 @@ def _eliminate(head: Array, first: int, N: Array) -> bool:
                 N[pivot, j], N[column, j] = N[column, j], N[pivot, j]
         for i in range(column + 1, first):
             share = H[i, column] / H[column, column]
-            for j in range(column + 1, first):
-                H[i, j] -= share * H[column, j]
-            for j in range(width):
-                N[i, j] -= share * N[column, j]
+            if share != 0.0:
+                for j in range(column + 1, first):
+                    H[i, j] -= share * H[column, j]
+                for j in range(width):
+                    N[i, j] -= share * N[column, j]
     for i in range(first - 1, -1, -1):
         for k in range(i + 1, first):
             share = H[i, k]
-            for j in range(width):
-                N[i, j] -= share * N[k, j]
+            if share != 0.0:
+                for j in range(width):
+                    N[i, j] -= share * N[k, j]
+        inverse = 1.0 / H[i, i]
         for j in range(width):
-            N[i, j] /= H[i, i]
+            N[i, j] *= inverse
     return True
 
 
 @part
-def _gram(transposed: Array, inverse: Array, K: Array) -> None:
-    """The upper triangle of K += B D⁻¹ Bᵀ from Bᵀ (n, m) and D⁻¹ (n,)."""
-    n, m = transposed.shape
-    k = 0
-    while k + 4 <= n:  # four products for each access to K
-        d0, d1, d2, d3 = inverse[k], inverse[k + 1], inverse[k + 2], inverse[k + 3]
-        b0, b1, b2, b3 = transposed[k], transposed[k + 1], transposed[k + 2], transposed[k + 3]
-        for i in range(m):
-            s0, s1, s2, s3 = d0 * b0[i], d1 * b1[i], d2 * b2[i], d3 * b3[i]
-            for j in range(i, m):
-                K[i, j] += (s0 * b0[j] + s1 * b1[j]) + (s2 * b2[j] + s3 * b3[j])
-        k += 4
-    for l in range(k, n):  # noqa: E741
-        for i in range(m):
-            s = inverse[l] * transposed[l, i]
-            for j in range(i, m):
-                K[i, j] += s * transposed[l, j]
+def _reduced(row: Array, N: Array, out: Array) -> None:
+    """A row of x in the variables that are left: out = T - H N for row = [H, T]."""
+    first, width = N.shape
+    if first == 6:  # a floating base, in one pass
+        h0, h1, h2, h3, h4, h5 = row[0], row[1], row[2], row[3], row[4], row[5]
+        n0, n1, n2, n3, n4, n5 = N[0], N[1], N[2], N[3], N[4], N[5]
+        rest = row[6:]
+        for j in range(width):
+            low, high = h0 * n0[j] + h1 * n1[j] + h2 * n2[j], h3 * n3[j] + h4 * n4[j] + h5 * n5[j]
+            out[j] = rest[j] - (low + high)
+        return
+    for j in range(width):
+        out[j] = row[first + j]
+    for k in range(first):
+        for j in range(width):
+            out[j] -= row[k] * N[k, j]
 
 
 @part
-def _factored(K: Array) -> bool:
-    """K = UᵀU by Cholesky in its upper triangle; False if not definite."""
+def _gram(B: Array, weights: Array, scaled: Array, K: Array) -> None:
+    """The blocks on and above the diagonal of K = B D⁻¹ Bᵀ.
+
+    Args:
+        B: (m / 4, n, 4): rows in blocks of four, each by columns.
+        weights: D⁻¹, (n,).
+        scaled: for a block times D⁻¹, (n, 4).
+        K: for the result, (m, m).
+    """
+    blocks, n = B.shape[0], B.shape[1]
+    for I in range(blocks):  # noqa: E741
+        X = B[I]
+        for k in range(n):
+            for a in range(4):
+                scaled[k, a] = weights[k] * X[k, a]
+        for J in range(I, blocks):
+            Y = B[J]
+            a00, a01, a02, a03 = 0.0, 0.0, 0.0, 0.0
+            a10, a11, a12, a13 = 0.0, 0.0, 0.0, 0.0
+            a20, a21, a22, a23 = 0.0, 0.0, 0.0, 0.0
+            a30, a31, a32, a33 = 0.0, 0.0, 0.0, 0.0
+            for k in range(n):
+                x0, x1, x2, x3 = scaled[k, 0], scaled[k, 1], scaled[k, 2], scaled[k, 3]
+                y0, y1, y2, y3 = Y[k, 0], Y[k, 1], Y[k, 2], Y[k, 3]
+                a00 += x0 * y0
+                a01 += x0 * y1
+                a02 += x0 * y2
+                a03 += x0 * y3
+                a10 += x1 * y0
+                a11 += x1 * y1
+                a12 += x1 * y2
+                a13 += x1 * y3
+                a20 += x2 * y0
+                a21 += x2 * y1
+                a22 += x2 * y2
+                a23 += x2 * y3
+                a30 += x3 * y0
+                a31 += x3 * y1
+                a32 += x3 * y2
+                a33 += x3 * y3
+            i, j = 4 * I, 4 * J
+            K[i, j], K[i, j + 1], K[i, j + 2], K[i, j + 3] = a00, a01, a02, a03
+            K[i + 1, j], K[i + 1, j + 1], K[i + 1, j + 2], K[i + 1, j + 3] = a10, a11, a12, a13
+            K[i + 2, j], K[i + 2, j + 1], K[i + 2, j + 2], K[i + 2, j + 3] = a20, a21, a22, a23
+            K[i + 3, j], K[i + 3, j + 1], K[i + 3, j + 2], K[i + 3, j + 3] = a30, a31, a32, a33
+
+
+@part
+def _factored(K: Array, inverse: Array) -> bool:
+    """K = UᵀU by Cholesky in its upper triangle, block by block of four, and 1 / Uᵢᵢ; False if not definite."""
     m = len(K)
-    for i in range(m):
-        if not K[i, i] > 0.0:  # NaN too
-            return False
-        root = math.sqrt(K[i, i])
-        for j in range(i, m):
-            K[i, j] /= root
-        for k in range(i + 1, m):
-            share = K[i, k]
-            for j in range(k, m):
-                K[k, j] -= share * K[i, j]
+    for i in range(0, m, 4):
+        for j in range(i, m, 4):
+            r0, r1, r2, r3 = K[i, j : j + 4], K[i + 1, j : j + 4], K[i + 2, j : j + 4], K[i + 3, j : j + 4]
+            a00, a01, a02, a03 = r0[0], r0[1], r0[2], r0[3]
+            a10, a11, a12, a13 = r1[0], r1[1], r1[2], r1[3]
+            a20, a21, a22, a23 = r2[0], r2[1], r2[2], r2[3]
+            a30, a31, a32, a33 = r3[0], r3[1], r3[2], r3[3]
+            for k in range(i):
+                x, y = K[k, i : i + 4], K[k, j : j + 4]
+                x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
+                y0, y1, y2, y3 = y[0], y[1], y[2], y[3]
+                a00 -= x0 * y0
+                a01 -= x0 * y1
+                a02 -= x0 * y2
+                a03 -= x0 * y3
+                a10 -= x1 * y0
+                a11 -= x1 * y1
+                a12 -= x1 * y2
+                a13 -= x1 * y3
+                a20 -= x2 * y0
+                a21 -= x2 * y1
+                a22 -= x2 * y2
+                a23 -= x2 * y3
+                a30 -= x3 * y0
+                a31 -= x3 * y1
+                a32 -= x3 * y2
+                a33 -= x3 * y3
+            if j == i:
+                if not a00 > 0.0:  # NaN too
+                    return False
+                s0 = 1.0 / math.sqrt(a00)
+                u01, u02, u03 = s0 * a01, s0 * a02, s0 * a03
+                a11 -= u01 * u01
+                if not a11 > 0.0:
+                    return False
+                s1 = 1.0 / math.sqrt(a11)
+                u12, u13 = s1 * (a12 - u01 * u02), s1 * (a13 - u01 * u03)
+                a22 -= u02 * u02 + u12 * u12
+                if not a22 > 0.0:
+                    return False
+                s2 = 1.0 / math.sqrt(a22)
+                u23 = s2 * (a23 - u02 * u03 - u12 * u13)
+                a33 -= u03 * u03 + u13 * u13 + u23 * u23
+                if not a33 > 0.0:
+                    return False
+                s3 = 1.0 / math.sqrt(a33)
+                inverse[i], inverse[i + 1], inverse[i + 2], inverse[i + 3] = s0, s1, s2, s3
+                r0[1], r0[2], r0[3], r1[2], r1[3], r2[3] = u01, u02, u03, u12, u13, u23
+                continue
+            a00, a01, a02, a03 = s0 * a00, s0 * a01, s0 * a02, s0 * a03
+            a10, a11, a12, a13 = a10 - u01 * a00, a11 - u01 * a01, a12 - u01 * a02, a13 - u01 * a03
+            a10, a11, a12, a13 = s1 * a10, s1 * a11, s1 * a12, s1 * a13
+            a20, a21, a22, a23 = a20 - u02 * a00, a21 - u02 * a01, a22 - u02 * a02, a23 - u02 * a03
+            a20, a21, a22, a23 = a20 - u12 * a10, a21 - u12 * a11, a22 - u12 * a12, a23 - u12 * a13
+            a20, a21, a22, a23 = s2 * a20, s2 * a21, s2 * a22, s2 * a23
+            a30, a31, a32, a33 = a30 - u03 * a00, a31 - u03 * a01, a32 - u03 * a02, a33 - u03 * a03
+            a30, a31, a32, a33 = a30 - u13 * a10, a31 - u13 * a11, a32 - u13 * a12, a33 - u13 * a13
+            a30, a31, a32, a33 = a30 - u23 * a20, a31 - u23 * a21, a32 - u23 * a22, a33 - u23 * a23
+            a30, a31, a32, a33 = s3 * a30, s3 * a31, s3 * a32, s3 * a33
+            r0[0], r0[1], r0[2], r0[3] = a00, a01, a02, a03
+            r1[0], r1[1], r1[2], r1[3] = a10, a11, a12, a13
+            r2[0], r2[1], r2[2], r2[3] = a20, a21, a22, a23
+            r3[0], r3[1], r3[2], r3[3] = a30, a31, a32, a33
     return True
 
 
 @part
-def _solve_factored(K: Array, p: Array) -> None:
-    """Solve UᵀU p = β, with U in the upper triangle of K, and p in place of β."""
+def _solve_factored(U: Array, inverse: Array, p: Array) -> None:
+    """Solve UᵀU p = β, with p in place of β; m is a multiple of four."""
     m = len(p)
-    for i in range(m):
-        p[i] /= K[i, i]
-        for k in range(i + 1, m):
-            p[k] -= K[i, k] * p[i]
-    for i in range(m - 1, -1, -1):
-        total = p[i]
-        for j in range(i + 1, m):
-            total -= K[i, j] * p[j]
-        p[i] = total / K[i, i]
+    for i in range(0, m, 4):
+        r0, r1, r2, r3 = U[i, i:], U[i + 1, i:], U[i + 2, i:], U[i + 3, i:]
+        own = p[i:]
+        x0 = own[0] * inverse[i]
+        x1 = (own[1] - r0[1] * x0) * inverse[i + 1]
+        x2 = (own[2] - r0[2] * x0 - r1[2] * x1) * inverse[i + 2]
+        x3 = (own[3] - r0[3] * x0 - r1[3] * x1 - r2[3] * x2) * inverse[i + 3]
+        own[0], own[1], own[2], own[3] = x0, x1, x2, x3
+        for k in range(4, m - i):
+            own[k] -= (r0[k] * x0 + r1[k] * x1) + (r2[k] * x2 + r3[k] * x3)
+    for i in range(m - 4, -1, -4):
+        r0, r1, r2, r3 = U[i, i:], U[i + 1, i:], U[i + 2, i:], U[i + 3, i:]
+        own = p[i:]
+        s0, s1, s2, s3 = own[0], own[1], own[2], own[3]
+        for k in range(4, m - i):
+            x = own[k]
+            s0 -= r0[k] * x
+            s1 -= r1[k] * x
+            s2 -= r2[k] * x
+            s3 -= r3[k] * x
+        s3 *= inverse[i + 3]
+        s2 = (s2 - r2[3] * s3) * inverse[i + 2]
+        s1 = (s1 - r1[3] * s3 - r1[2] * s2) * inverse[i + 1]
+        s0 = (s0 - r0[3] * s3 - r0[2] * s2 - r0[1] * s1) * inverse[i]
+        own[0], own[1], own[2], own[3] = s0, s1, s2, s3
 
 
 @part
-def _move(z: Array, p: Array, B: Array, inverse: Array) -> None:
-    """Compute z += d⁻¹ Bᵀp."""
-    step = np.zeros(len(z))
-    for i in range(len(p)):
-        for j in range(len(z)):
-            step[j] += p[i] * B[i, j]
-    for j in range(len(z)):
-        z[j] += inverse[j] * step[j]
+def _move(z: Array, p: Array, B: Array, weights: Array) -> None:
+    """Compute z += d⁻¹ Bᵀp, with B in blocks."""
+    blocks, n = B.shape[0], B.shape[1]
+    for k in range(n):
+        total = 0.0
+        for I in range(blocks):  # noqa: E741
+            row, own = B[I, k], p[4 * I :]
+            total += (row[0] * own[0] + row[1] * own[1]) + (row[2] * own[2] + row[3] * own[3])
+        z[k] += weights[k] * total
 
 
 @part
-def _products(rows: Array, x: Array, out: Array) -> None:
-    """Compute out = rows[:, :n] x for x (n,); four rows at a time, as one sum waits for its last addition."""
-    count, n = len(rows), len(x)
-    i = 0
-    while i + 4 <= count:
-        r0, r1, r2, r3 = rows[i], rows[i + 1], rows[i + 2], rows[i + 3]
+def _block_products(B: Array, z: Array, out: Array) -> None:
+    """Compute out = B z, with B in blocks."""
+    blocks, n = B.shape[0], B.shape[1]
+    for I in range(blocks):  # noqa: E741
+        X, own = B[I], out[4 * I :]
         s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
-        for j in range(n):
-            s0 += r0[j] * x[j]
-            s1 += r1[j] * x[j]
-            s2 += r2[j] * x[j]
-            s3 += r3[j] * x[j]
-        out[i], out[i + 1], out[i + 2], out[i + 3] = s0, s1, s2, s3
-        i += 4
-    for l in range(i, count):  # noqa: E741
-        s = 0.0
-        for j in range(n):
-            s += rows[l, j] * x[j]
-        out[l] = s
+        for k in range(n):
+            x = z[k]
+            s0 += X[k, 0] * x
+            s1 += X[k, 1] * x
+            s2 += X[k, 2] * x
+            s3 += X[k, 3] * x
+        own[0], own[1], own[2], own[3] = s0, s1, s2, s3
+
+
+@part
+def _product(row: Array, x: Array) -> float:
+    """A row's product with x, as four sums of every fourth product."""
+    n, k = len(x), 0
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
+    while k + 8 <= n:
+        r, y = row[k : k + 8], x[k : k + 8]
+        s0 += r[0] * y[0]
+        s1 += r[1] * y[1]
+        s2 += r[2] * y[2]
+        s3 += r[3] * y[3]
+        t0 += r[4] * y[4]
+        t1 += r[5] * y[5]
+        t2 += r[6] * y[6]
+        t3 += r[7] * y[7]
+        k += 8
+    total = ((s0 + t0) + (s1 + t1)) + ((s2 + t2) + (s3 + t3))
+    while k < n:
+        total += row[k] * x[k]
+        k += 1
+    return total
 
 
 @part
 def _residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array) -> tuple[float, float]:
     m, n = len(off), rows.shape[1] - 1
     x = value[:n]
-    _products(rows[:m], x, off)
-    _products(rows[m:], x, value[n:])
     most, least = 0.0, math.inf
     for i in range(m):
-        off[i] = abs(off[i] - rows[i, n])
+        off[i] = abs(_product(rows[i], x) - rows[i, n])
         if off[i] > most or off[i] != off[i]:
             most = off[i]
+    for i in range(m, len(rows)):
+        value[n + i - m] = _product(rows[i], x)
     for side in range(2):
         sign = 1.0 - 2.0 * side
         for i in range(len(value)):
@@ -209,88 +352,97 @@ def condensed(
         active: indices of the active ones among them, ascending, (j,).
         sides: 1 at the upper bound, -1 at the lower one, for each of them, (n + m_in,).
         feasible: largest violation of a constraint.
-        precise: largest |A x - b| for which p is not refined by its own residual.
+        precise: largest residual of the condensed system's rows for which p is not refined.
         largest: largest norm of p: beyond it the system is nearly singular.
         value: for [x; C x], (n + m_in,).
         off: for |A x - b|, (m_eq,).
         room: for the distances from the bounds, (2, n + m_in).
-        multipliers: for those of the active constraints; zeros, (n + m_in,).
+        multipliers: for those of the active constraints, (n + m_in,).
 
     Returns:
         Whether this is the minimizer, the cost, the smallest room, and the largest |A x - b|.
     """
     n, count = stack.shape[1] - 1, len(stack) - first
     m, width, end = count + len(active), n + 1 - first, len(off)
-    N = np.empty((first, width))
-    if first and not _eliminate(stack[count:], first, N):
+    blocks = (m + 3) // 4
+    size = 4 * blocks
+    # One piece of memory for all.
+    memory = np.empty((first + 6 + size) * width + size * (size + 4) + first * first)
+    N, memory = memory[: first * width].reshape(first, width), memory[first * width :]
+    B, memory = memory[: size * width].reshape(blocks, width, 4), memory[size * width :]
+    K, memory = memory[: size * size].reshape(size, size), memory[size * size :]
+    scaled, memory = memory[: 4 * width].reshape(width, 4), memory[4 * width :]
+    H, memory = memory[: first * first].reshape(first, first), memory[first * first :]
+    z, row, memory = memory[:width], memory[width : 2 * width], memory[2 * width :]
+    p, change, beta, diagonal = memory[:size], memory[size : 2 * size], memory[2 * size : 3 * size], memory[3 * size :]
+    if first and not _eliminate(stack[count:], first, H, N):
         return False, 0.0, 0.0, 0.0
-    B = np.zeros((m, width))  # of z and the right-hand sides
-    for i in range(m):
+    for i in range(size):
         if i < count:
-            whole = stack[i]
-            for j in range(width):
-                B[i, j] = whole[first + j]
-        else:
+            _reduced(stack[i], N, row)
+        elif i < m:
             place = active[i - count]
             bound = bounds[1 if sides[place] > 0 else 0, place]
-            if place < n:
-                if place < first:
-                    for j in range(width):
-                        B[i, j] = -N[place, j]
-                else:
-                    B[i, place - first] = 1.0
-                B[i, width - 1] += bound
-                continue
-            whole = rows[end + place - n]
-            for j in range(width - 1):
-                B[i, j] = whole[first + j]
-            B[i, width - 1] = bound
-        for k in range(first):
-            share = whole[k]
+            if place >= n:
+                _reduced(rows[end + place - n], N, row)
+                row[width - 1] += bound
+            else:
+                for j in range(width):
+                    row[j] = -N[place, j] if place < first else 0.0
+                if place >= first:
+                    row[place - first] = 1.0
+                row[width - 1] += bound
+        else:
             for j in range(width):
-                B[i, j] -= share * N[k, j]
-    transposed = B.T.copy()
+                row[j] = 0.0
+        block = B[i // 4, :, i % 4]
+        for j in range(width):
+            block[j] = row[j]
     weights, offset = inverse[first:], minus_target[first:]
-    p = np.zeros(m)
-    for k in range(width):
-        for i in range(m):
-            p[i] += offset[k] * transposed[k, i]
-    beta = p.copy()
-    K = np.zeros((m, m))
-    _gram(transposed, weights, K)
+    _block_products(B, offset, p)
+    _gram(B, weights, scaled, K)
     for i in range(len(slack)):
         K[i, i] += slack[i]
-    if not _factored(K):
+    for i in range(m, size):  # what fills the last block
+        K[i, i] = 1.0
+    if not _factored(K, diagonal):
         return False, 0.0, 0.0, 0.0
-    _solve_factored(K, p)
-    size = 0.0
+    for i in range(size):
+        beta[i] = p[i]
+    _solve_factored(K, diagonal, p)
+    norm = 0.0
     for i in range(m):
-        size += p[i] * p[i]
-    if not size <= largest * largest:
+        norm += p[i] * p[i]
+    if not norm <= largest * largest:
         return False, 0.0, 0.0, 0.0
-    z, change = -offset, p.copy()
-    for refinement in range(3):
-        _move(z, change, B, weights)
-        _products(N, z, value[:first])
-        for j in range(first):
-            value[j] = -value[j]
-        for j in range(width - 1):  # what copies a slice takes seconds to compile
-            value[first + j] = z[j]
-        least, most = _residuals(rows, bounds, value, off, room)
-        if most <= precise or refinement == 2:
-            break
+    for j in range(width):
+        z[j] = -offset[j]
+    _move(z, p, B, weights)
+    for _ in range(2):
         # The rounding of z, not of p, is what d⁻¹ magnifies: z is moved on, not computed anew.
-        _products(B, z, change)  # B z - β, as the last entry of z is -1
-        for i in range(m):
+        _block_products(B, z, change)  # B z - β, as the last entry of z is -1
+        most = 0.0
+        for i in range(size):
             change[i] = -change[i] - (slack[i] * p[i] if i < len(slack) else 0.0)
-        _solve_factored(K, change)
+            most = max(most, abs(change[i]))
+        if most <= precise:
+            break
+        _solve_factored(K, diagonal, change)
         for i in range(m):
             p[i] += change[i]
+        _move(z, change, B, weights)
+    for i in range(first):
+        value[i] = -_product(N[i], z)
+    for j in range(width - 1):  # what copies a slice takes seconds to compile
+        value[first + j] = z[j]
+    least, most = _residuals(rows, bounds, value, off, room)
     cost = 0.0
     for i in range(m):
         cost += p[i] * beta[i]
     if not (most <= feasible and -least <= feasible):
         return False, 0.0, least, most
+    for i in range(len(multipliers)):
+        multipliers[i] = 0.0
     for i in range(len(active)):
         if sides[active[i]] * p[count + i] > 0.0:
             return False, 0.0, least, most

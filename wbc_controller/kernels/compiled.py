@@ -69,6 +69,7 @@ part: Callable[[_Function], _Function] = numba.njit(error_model="numpy")
 def compile_all() -> None:
     """Compile the registered functions, or load what was compiled before; say so if it takes long."""
     started, missing = time.monotonic(), bool(_nowhere_kept)
+    slp, numba.config.SLP_VECTORIZE = numba.config.SLP_VECTORIZE, 1  # vectors of sums that stand side by side
     if _nowhere_kept:
         _log.warning("compiled at every start: %s; NUMBA_CACHE_DIR can name a folder", _nowhere_kept[0])
     for count, (dispatcher, arguments) in enumerate(_pending, 1):
@@ -83,3 +84,4 @@ def compile_all() -> None:
     if missing:
         _log.warning("compiled all in %.1f s", time.monotonic() - started)
     _pending.clear()
+    numba.config.SLP_VECTORIZE = slp
