@@ -12,7 +12,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -152,8 +152,7 @@ class References:
     disturbance: Disturbance | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class LevelReport:
+class LevelReport(NamedTuple):
     """The quadratic program of one priority level, as solved in one cycle.
 
     Attributes:
@@ -169,8 +168,7 @@ class LevelReport:
     seconds: float
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(NamedTuple):
     """The solution of the quadratic program, with the residuals of its constraints.
 
     Its mappings may be computed lazily, on first access.
@@ -202,8 +200,8 @@ class Solution:
     iterations: int
     levels: tuple[LevelReport, ...] = ()
     relaxed: tuple[str, ...] = ()
-    stage_seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    stage_seconds: Mapping[str, float] = MappingProxyType({})
+    external_wrenches: Mapping[str, Array] = MappingProxyType({})
     disturbance: Disturbance | None = None
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.program.formulation import Formulation
@@ -29,7 +29,7 @@ from wbc_controller.core.solvers.hierarchy import Hierarchy
 from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.core.tasks import Task
 from wbc_controller.errors import ConfigurationError, NoSolution
-from wbc_controller.records import Array, Infeasibility, LevelReport, References, RobotState, Solution, frozen_mapping
+from wbc_controller.records import Array, Infeasibility, LevelReport, References, RobotState, Solution
 
 #: Room that strict priorities leave at relaxed bounds, in the problem's units, so that rounding does not close it.
 _ROOM = 1.0e-6
@@ -37,8 +37,7 @@ _ROOM = 1.0e-6
 _WORTH = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class _Attempt:
+class _Attempt(NamedTuple):
     """What came of solving a built problem.
 
     Attributes:
@@ -88,6 +87,7 @@ class WholeBodyQP:
         self._solver_name = solver
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
+        self._current: tuple[Layout, Solver] | None = None  # of the last cycle
         self._hierarchies: dict[tuple[str, ...], Hierarchy] = {}
         if self.formulation.has_priorities and not self._solver_of(self.formulation.layout(())).for_levels:
             raise ConfigurationError(
@@ -128,6 +128,7 @@ class WholeBodyQP:
         """Discard all warm starts: the next solution is that of a new program."""
         self._solvers.clear()
         self._hierarchies.clear()
+        self._current = None
 
     def memory(self) -> dict[str, Any] | None:
         """All that the next solution depends on beside its arguments: the warm starts, and the last state.
@@ -154,9 +155,11 @@ class WholeBodyQP:
 
     def _solver_of(self, layout: Layout) -> Solver:
         """The solver for one set of active contacts; each keeps its own warm start."""
-        if layout.key not in self._solvers:
-            self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
-        return self._solvers[layout.key]
+        if self._current is None or self._current[0] is not layout:
+            if layout.key not in self._solvers:
+                self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
+            self._current = layout, self._solvers[layout.key]
+        return self._current[1]
 
     def _solve(self, layout: Layout) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...]]:
         """Solve one quadratic program, or one per level; also gives level reports and the lower levels that failed."""
@@ -203,7 +206,7 @@ class WholeBodyQP:
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
         found = self._attempt(layout, references)
-        if found.residuals is not None and not {*found.relaxed} <= {"torque_rate"}:
+        if found.relaxed and found.residuals is not None and not {*found.relaxed} <= {"torque_rate"}:
             layout, references, found = self._without_contacts(
                 layout, references, found, found.residuals.value, state, tau_before
             )
@@ -220,16 +223,10 @@ class WholeBodyQP:
                 search=partial(explain, failed, self.model, self.formulation.effort_bounds(references)),
             )
             raise failure.explained() if explained else failure
-        parts = unpack(self.formulation, layout, answer.x, answer.multipliers, residuals, references)
-        return Solution(
-            **parts,
-            iterations=answer.iterations,
-            levels=found.levels,
-            relaxed=found.relaxed,
-            stage_seconds=frozen_mapping(
-                {"build": built - started, "solve": solved - built, "unpack": self._timer() - solved}
-            ),
-        )
+        stages = {"build": built - started, "solve": solved - built}
+        solution = unpack(self.formulation, layout, answer, residuals, references, found.levels, found.relaxed, stages)
+        stages["unpack"] = self._timer() - solved
+        return solution
 
     def _without_contacts(
         self,
@@ -260,7 +257,7 @@ class WholeBodyQP:
         if not helps:
             return layout, references, found
         other.answer.iterations += found.answer.iterations
-        return lifted, without, replace(other, relaxed=("contact_motion", *other.relaxed))
+        return lifted, without, other._replace(relaxed=("contact_motion", *other.relaxed))
 
     def _attempt(self, layout: Layout, references: References) -> _Attempt:
         """Solve a built problem, with as little as possible relaxed.

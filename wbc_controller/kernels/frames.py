@@ -17,7 +17,6 @@ from wbc_controller.kernels.compiled import (
     ANY_MATRIX,
     ANY_MATRIX_OUT,
     ANY_VECTOR,
-    ANY_VECTOR_OUT,
     INDEX_ROWS,
     INDICES,
     INTEGER,
@@ -71,10 +70,10 @@ def link_terms(
     centroidal: Array, velocity: Array, links: Array, per_mass: Array, com_velocity: Array, com_drift: Array,
     drift: Array,
 ) -> None:  # fmt: skip
-    """Motion of each link at the world's origin, and of the centre of mass, from a recursive Newton-Euler pass at v̇ = 0.
+    """Motion of each link at the world's origin, and of the centre of mass, from the recursive Newton-Euler algorithm.
 
-    With gravity as an acceleration of everything upwards, that pass gives a - g in place of a, and for the first link of
-    each tree the wrench F, N that moves the whole tree: Σ m (a - g) and its moment. So the rate of the momentum about
+    With v̇ = 0 and gravity as an acceleration of everything upwards, it gives a - g in place of a, and for the first link
+    of each tree the wrench F, N that moves the whole tree: Σ m (a - g) and its moment. So the rate of the momentum about
     the centre of mass c is F + m g and N - c × F.
 
     Args:

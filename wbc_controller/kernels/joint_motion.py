@@ -60,8 +60,9 @@ def _velocity_bound(speed: float, fastest: float, period: float, ahead: float) -
     VECTOR_OUT, VECTOR_OUT,
 )  # fmt: skip
 def acceleration_bounds(
-    q_index: np.ndarray, v_index: np.ndarray, q_all: Array, v_all: Array, limits: Array, fastest: Array, most: float, period: float, ahead: float, slowing: float,
-    stopping: float, return_time: float, rounding: float, lower: Array, upper: Array,
+    q_index: np.ndarray, v_index: np.ndarray, q_all: Array, v_all: Array, limits: Array, fastest: Array, most: float,
+    period: float, ahead: float, slowing: float, stopping: float, return_time: float, rounding: float, lower: Array,
+    upper: Array,
 ) -> None:  # fmt: skip
     """Bounds of the joint accelerations from limits of position, velocity and acceleration.
 
@@ -91,12 +92,8 @@ def acceleration_bounds(
             continue
         high, low, speed = most, -most, fastest[i] if slowed else math.inf
         if limited:
-            high = _position_bound(
-                limits[0, i] - q, v, speed, most, period, ahead, stopping, return_time, rounding
-            )
-            low = -_position_bound(
-                limits[1, i] + q, -v, speed, most, period, ahead, stopping, return_time, rounding
-            )
+            high = _position_bound(limits[0, i] - q, v, speed, most, period, ahead, stopping, return_time, rounding)
+            low = -_position_bound(limits[1, i] + q, -v, speed, most, period, ahead, stopping, return_time, rounding)
         if low > high:  # not viable: keep the limit that the velocity points to
             if v > 0.0:
                 low = high

@@ -127,7 +127,7 @@ class Mount:
         """Jacobian of ν, (6, nv)."""
         J = self._placement.toActionMatrixInverse() @ dynamics.jacobian(self._id, pin.LOCAL)
         if self._other is not None:
-            J -= self._from_other(dynamics) @ dynamics.jacobian(self._other, pin.LOCAL)
+            J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
         return np.asarray(J)
 
     def drift(self, dynamics: Dynamics) -> Array:
@@ -135,13 +135,13 @@ class Mount:
         own = self._placement.toActionMatrixInverse()
         drift = own @ dynamics.drift_local(self._id)
         if self._other is not None:
-            X = self._from_other(dynamics)
+            X = self._from_other(dynamics, self._other)
             carried = X @ dynamics.velocity(self._other, pin.LOCAL)
             nu = own @ dynamics.velocity(self._id, pin.LOCAL) - carried
             drift += pin.Motion(nu).cross(pin.Motion(carried)).vector - X @ dynamics.drift_local(self._other)
         return np.asarray(drift)
 
-    def _from_other(self, dynamics: Dynamics) -> Array:
+    def _from_other(self, dynamics: Dynamics, other: int) -> Array:
         """X, (6, 6)."""
-        X: Array = self.placement(dynamics).actInv(dynamics.placement(self._other)).toActionMatrix()
+        X: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
         return X

@@ -15,7 +15,6 @@ from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.records import Array
 
-
 #: All components of a twist.
 _ALL = np.arange(6)
 

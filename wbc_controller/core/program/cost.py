@@ -108,7 +108,8 @@ class LevelCost:
         self._weights: dict[str, float] = {}
         self._taking_part: tuple[str, ...] = ()
         self._plans: dict[tuple[tuple[str, ...], tuple[str, ...]], _Plan] = {}
-        self._current: tuple[Layout, _Plan] | None = None  # of the last cycle
+        self._layout: Layout | None = None  # of the last cycle, and what was laid out for it
+        self._current: _Plan
 
     def fill_rows(self, layout: Layout, dynamics: Dynamics, references: References) -> None:
         """Fill the rows of the tasks on accelerations and, on the first level, those of the contacts.
@@ -125,13 +126,13 @@ class LevelCost:
             self._taking_part = tuple(
                 task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0
             )
-            self._current = None
-        if self._current is None or self._current[0] is not layout:
+            self._layout = None
+        if layout is not self._layout:
             key = (layout.key, self._taking_part)
             if key not in self._plans:
                 self._plans[key] = self._plan(layout)
-            self._current = layout, self._plans[key]
-        plan = self._current[1]
+            self._layout, self._current = layout, self._plans[key]
+        plan = self._current
         if plan.weights is not self._weights:
             self._weigh(plan)
         squares = plan.squares
@@ -155,7 +156,7 @@ class LevelCost:
             dynamics: the snapshot.
             references: task references and weights.
         """
-        plan = self._current[1]
+        plan = self._current
         if self._last and not self._others:
             return plan.level  # only its cost changes from cycle to cycle
         level = replace(plan.level)
@@ -171,7 +172,7 @@ class LevelCost:
         Returns:
             The name of each task and where its error is in the array; and the errors of others.
         """
-        return self._current[1].rows.places, self._errors, self._other_errors
+        return self._current.rows.places, self._errors, self._other_errors
 
     def _plan(self, layout: Layout) -> _Plan:
         """Lay out the rows of the tasks with non-zero weight."""

@@ -152,7 +152,9 @@ class Formulation:
 
     def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
         dynamics, limit = self.dynamics, self.torque_limit
-        lower, upper = limit.available(self.model.actuation.speeds(dynamics.v) if limit.curve is not None else dynamics.v)
+        lower, upper = limit.available(
+            self.model.actuation.speeds(dynamics.v) if limit.curve is not None else dynamics.v
+        )
         share = limit.rate * self.period if tau_before is not None else -1.0
         bias = layout.torque_bias = np.empty(len(lower))
         fill_dynamics(

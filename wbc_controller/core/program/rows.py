@@ -40,7 +40,8 @@ class _Followed:
         arrays = reference.position, reference.velocity, reference.acceleration
         self._position[:], self._velocity[:], self._acceleration[:] = arrays
         # One that can be written may be another one in the next cycle.
-        self.reference = None if any(array.flags.writeable for array in arrays) else reference
+        fixed = not (arrays[0].flags.writeable or arrays[1].flags.writeable or arrays[2].flags.writeable)
+        self.reference = reference if fixed else None
 
     def tune(self) -> None:
         """Take over the gains."""
@@ -98,7 +99,12 @@ class Rows:
         for task, step, row in tasks:
             begins.append((task, step, at[1] + len(step.constants)))
             self.places.append((task.name, slice(at[2], at[2] + task.dimension)))
-            add(step, row, 4 * task.size + task.form.size + (2 * task.size if step.kind == JOINTS else 0), task.dimension)
+            add(
+                step,
+                row,
+                4 * task.size + task.form.size + (2 * task.size if step.kind == JOINTS else 0),
+                task.dimension,
+            )
         if momentum is not None:
             add(Instruction(MOMENTUM, np.arange(6)), momentum, 0, 0)
         self._errors = at[2]

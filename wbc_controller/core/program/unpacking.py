@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
 from wbc_controller.core.program.problem import Residuals
-from wbc_controller.records import Array, Disturbance, References, freeze, frozen_mapping
+from wbc_controller.core.solvers.solver import Answer
+from wbc_controller.records import Array, LevelReport, References, Solution, freeze, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
 #: Largest magnitude of a bound in this comparison, so that an infinite bound is never binding.
 _LARGEST = 1.0e9
-_NONE: Mapping[str, Array] = MappingProxyType({})
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class _Read(Mapping[str, Any]):
@@ -50,55 +51,55 @@ class _Read(Mapping[str, Any]):
         return repr(self._all())
 
 
-class Unpacked(TypedDict):
-    """The fields of a `Solution` that follow from the minimizer."""
-
-    v_dot: Array
-    tau: Array
-    forces: Mapping[str, Array]
-    residuals: Mapping[str, float]
-    task_errors: Mapping[str, float]
-    binding: Mapping[str, float]
-    external_wrenches: Mapping[str, Array]
-    disturbance: Disturbance | None
-
-
 def unpack(
     formulation: Formulation,
     layout: Layout,
-    x: Array,
-    multipliers: Array,
+    answer: Answer,
     residuals: Residuals,
     references: References,
-) -> Unpacked:
-    """Extract the parts of a solution from a minimizer.
+    levels: tuple[LevelReport, ...] = (),
+    relaxed: tuple[str, ...] = (),
+    stages: Mapping[str, float] = _NONE,
+) -> Solution:
+    """Make a solution of a minimizer.
 
     Args:
         formulation: the formulation that built the problem.
         layout: with the problem, as it was given to the solver.
-        x: the minimizer, (n,).
-        multipliers: of the bounds of x and the rows of C, (n + m_in,), as in `solvers.Answer`.
-        residuals: residuals of the problem's constraints at x.
+        answer: of the solver, with the minimizer, (n,).
+        residuals: residuals of the problem's constraints at the minimizer.
         references: the references for which the problem was built.
+        levels: the quadratic programs that were solved.
+        relaxed: groups in which a bound is missed, and lower levels that failed.
+        stages: time spent in each stage, in s.
+
+    Raises:
+        ValueError: where the answer has no minimizer.
     """
+    if answer.x is None:
+        raise ValueError(f"there is no minimizer: {answer.status}")
+    x = freeze(answer.x)
     nv, n = formulation.model.nv, len(x)
-    x = freeze(x)
     errors = formulation.task_errors
     for task in formulation.effort_tasks:
         if references.weights.get(task.name, 0.0) > 0.0:
             equation = task.equation(layout, references.tasks[task.name])
             if equation is not None:
                 errors.append(([], x, {task.name: equation[0] @ x - equation[1]}))
-    return {
-        "v_dot": x[:nv],
-        "tau": freeze(residuals.value[n : n + len(layout.torque_bias)] + layout.torque_bias),
-        "forces": _Read(_forces, layout.places, x[nv:]),
-        "residuals": _Read(_violations, residuals, layout.mechanism.start),
-        "task_errors": _Read(_norms, errors),
-        "binding": _Read(_binding, layout.labels, residuals, multipliers),
-        "external_wrenches": frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
-        "disturbance": references.disturbance,
-    }
+    return Solution(
+        x[:nv],
+        freeze(residuals.value[n : n + len(layout.torque_bias)] + layout.torque_bias),
+        _Read(_forces, layout.places, x[nv:]),
+        _Read(_violations, residuals, layout.mechanism.start),
+        _Read(_norms, errors),
+        _Read(_binding, layout.labels, residuals, answer.multipliers),
+        answer.iterations,
+        levels,
+        relaxed,
+        MappingProxyType(stages),
+        frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
+        references.disturbance,
+    )
 
 
 def _forces(places: Sequence[ContactPlace], f: Array) -> dict[str, Array]:
@@ -119,7 +120,7 @@ def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
 
 def _norms(parts: Sequence[tuple[list[tuple[str, slice]], Array, dict[str, Array]]]) -> dict[str, float]:
     """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
-    errors = {}
+    errors: dict[str, Array] = {}
     for places, values, others in parts:
         errors |= {name: values[place] for name, place in places} | others
     return {name: math.sqrt(error.dot(error)) for name, error in errors.items()}

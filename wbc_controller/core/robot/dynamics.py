@@ -68,8 +68,8 @@ class Dynamics:
         parts = [_table([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
         gravity, mass = np.array(model.pinocchio.gravity.linear), float(pin.computeTotalMass(model.pinocchio))
-        self._given = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
-        self._made = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
+        self._terms_of = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
+        self._motions = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
         #: What the rows of tasks and contacts are made of (`kernels.frames.fill_rows`).
         self.terms = (
             self.joints, self.links, self.joint_jacobians, self.moves, self.com, self.com_velocity, self.com_drift,
@@ -94,7 +94,7 @@ class Dynamics:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
-        link_terms(*self._given, v, *self._made)
+        link_terms(*self._terms_of, v, *self._motions)
 
     def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
         """Compute the placements of shapes that are fixed to the links."""

@@ -78,7 +78,7 @@ class ActiveSet:
         squares = problem.cost.squares
         if squares is None or len(squares.stack) > self._n:
             return self._full(problem)
-        found, multipliers = Residuals.of(problem), np.zeros(len(self.side))
+        found, multipliers = Residuals.of(problem), np.empty(len(self.side))
         solved, cost, least, off = kernel.condensed(
             squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
             problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
