@@ -1,4 +1,4 @@
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -297,7 +297,7 @@ def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pur
     talos = bench("talos").on_soles(half_length=0.1)
     solution = talos.controller.solve(*talos.random_problem(3926))
     assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < 1.0e-8
+    assert max(solution.residuals.values()) < 1.0e-7  # DAQP's 1e-8 are of rows whose norm is 1
 
 
 def test_a_cycle_with_something_relaxed_leaves_no_trace(bench):
@@ -412,7 +412,7 @@ def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(be
     def fails_at_last(layout, references):
         calls.append(layout.key)
         found = attempt(layout, references)
-        return found if len(calls) == 1 else replace(found, residuals=None)
+        return found if len(calls) == 1 else found._replace(residuals=None)
 
     monkeypatch.setattr(talos.controller, "_attempt", fails_at_last)
     solution = talos.controller.solve(state, talos.references())
@@ -528,9 +528,9 @@ def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
     x = np.array(make_solver("daqp", layout.problem).solve(layout.problem).x)
     x[0] += 1.0e-4  # the base accelerates, and nothing carries it
     multipliers = np.zeros(len(x) + len(layout.problem.upper))
-    parts = unpack(g1.controller.formulation, layout, x, multipliers, layout.problem.residuals(x), references)
-    assert parts["residuals"]["equations_of_motion"] == pytest.approx(1.0e-4 * g1.model.mass, rel=0.01)
-    assert parts["residuals"]["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
+    found = unpack(g1.controller.formulation, layout, x, multipliers, layout.problem.residuals(x), references)
+    assert found.residuals["equations_of_motion"] == pytest.approx(1.0e-4 * g1.model.mass, rel=0.01)
+    assert found.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
 
 
 def test_task_errors_are_distances(robots):
@@ -622,7 +622,7 @@ def test_a_solution_cannot_be_changed(robots):
     for mapping in (solution.forces, solution.residuals, solution.task_errors, solution.stage_seconds):
         with pytest.raises(TypeError):
             mapping["x"] = 1.0
-    with pytest.raises(FrozenInstanceError):
+    with pytest.raises(AttributeError):
         solution.tau = None
 
 

@@ -63,8 +63,9 @@ def test_types_that_were_not_named_are_refused_and_not_compiled(file):
     frozen = np.ones(3)
     frozen.setflags(write=False)
     assert total(frozen, 2) == 6.0  # reading needs no more
+    each = np.arange(3)
     with pytest.raises(TypeError, match="No matching definition"):  # and writing does
-        acceleration_bounds(frozen, frozen, np.zeros((2, 0)), np.zeros(0), *[1.0] * 7, frozen, np.ones(3))
+        acceleration_bounds(each, each, frozen, frozen, np.zeros((2, 0)), np.zeros(0), *[1.0] * 7, frozen, np.ones(3))
 
 
 def test_where_nothing_can_be_kept_it_is_compiled_and_says_so(caplog):

@@ -10,38 +10,32 @@ NV, NF, FREE, NA = 11, 4, 5, 6
 
 
 @settings(deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), selects=st.booleans())
-def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects):
+@given(seed=st.integers(0, 2**32 - 1), selects=st.booleans(), share=st.one_of(st.just(-1.0), st.floats(0.0, 1.0)))
+def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects, share):
     rng = np.random.default_rng(seed)
-    root, J = rng.normal(size=(NV, NV)), rng.normal(size=(NF + 2, NV + 3))[1:-1, 2:-1]
-    M, h, v, damping = np.asfortranarray(root @ root.T), *rng.normal(size=(2, NV)), rng.uniform(0.0, 30.0, NF)
+    root, h, v = rng.normal(size=(NV, NV)), *rng.normal(size=(2, NV))
+    M, damping = root @ root.T, rng.uniform(0.0, 30.0, NF)
     split = np.eye(NV)[rng.permutation(NV)] if selects else rng.normal(size=(NV, NV)) * (rng.random((NV, NV)) < 0.4)
     rows, columns = map(np.ascontiguousarray, split.nonzero())
     starts = np.searchsorted(rows, np.arange(NV + 1))
-    memory = rng.normal(size=(NV, NV + NF + 1))  # of the last cycle
-    motion, forces, right, bias = memory[:, :NV], memory[:, NV:-1], memory[:FREE, -1], np.empty(NA)
-    contact_motion = rng.normal(size=NF)
-    expected = contact_motion - damping * (J @ v)
-    kernel.fill_rows(
-        starts, columns, split[rows, columns], FREE, M, h, J, v, damping, 100.0,
-        contact_motion, motion, forces, right, bias,
+    memory = rng.normal(size=(NF + 2 + NV, NV + NF + 1))  # of the last cycle; the contacts are new
+    J, contact_motion = memory[:NF, :NV].copy(), memory[:NF, -1].copy()
+    between = memory[NF : NF + 2].copy()
+    limits, before = rng.uniform(1.0, 100.0, NA), rng.normal(size=NA) * 60.0
+    before[3] = np.nan
+    low, high = -limits * rng.random(NA), limits * rng.random(NA)
+    lower, upper, bias = np.empty((3, NA))
+    kernel.fill_dynamics(
+        starts, columns, split[rows, columns], FREE, NF + 2, 100.0, damping, memory, lower, upper,
+        M, h, v, low, high, before, limits, share, bias,
     )  # fmt: skip
+    filled, projected = memory[NF + 2 :], split @ h
+    held, step = (before, np.inf) if share < 0.0 else (np.clip(before, low, high), share * limits)
+    least, most = (low, high) if share < 0.0 else (np.maximum(low, held - step), np.minimum(high, held + step))
     for found, wanted in (
-        (contact_motion, expected), (motion, split @ M), (forces, -100.0 * split @ J.T),
-        (right, -(split @ h)[:FREE]), (bias, (split @ h)[FREE:]),
+        (memory[:NF, -1], contact_motion - damping * (J @ v)), (memory[:NF, :NV], J), (memory[NF : NF + 2], between),
+        (filled[:, :NV], split @ M), (filled[:, NV:-1], -100.0 * split @ J.T),
+        (filled[:FREE, -1], -projected[:FREE]), (bias, projected[FREE:]),
+        (lower, least - projected[FREE:]), (upper, most - projected[FREE:]),
     ):  # fmt: skip
         np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-9)
-
-
-@settings(deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.0, 1.0))
-def test_torques_change_by_a_share_of_their_limits_within_what_is_available(seed, share):
-    rng = np.random.default_rng(seed)
-    limits, before = rng.uniform(1.0, 100.0, 50), rng.normal(size=50) * 60.0
-    before[3] = np.nan
-    low, high = -limits * rng.random(50), limits * rng.random(50)
-    lower, upper = np.empty(50), np.empty(50)
-    kernel.rate_bounds(low, high, before, limits, share, lower, upper)
-    held = np.clip(before, low, high)
-    np.testing.assert_allclose(lower, np.maximum(low, held - share * limits), rtol=1e-14)
-    np.testing.assert_allclose(upper, np.minimum(high, held + share * limits), rtol=1e-14)

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.contacts import PointContact
 from wbc_controller.core.contacts.mount import Mount
+from wbc_controller.core.program.rows import Rows
 from wbc_controller.core.robot.dynamics import Dynamics
-from wbc_controller.core.tasks import FrameOrientationTask, FramePoseTask, FramePositionTask
+from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask
 from wbc_controller.kernels import frames as kernel
-from wbc_controller.records import Reference
+from wbc_controller.records import Reference, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 
 AXES = pin.LOCAL_WORLD_ALIGNED
@@ -30,6 +31,16 @@ def moved(robot, seed):
     q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
     dynamics.update(q, 3.0 * rng.normal(size=model.nv))
     return dynamics, rng
+
+
+def filled(dynamics, contacts=(), tasks=()):
+    """J and right-hand sides of some contacts or tasks, as compiled code fills them, and the errors."""
+    steps = [*contacts, *(task.instruction() for task, _ in tasks)]
+    out = np.full((sum(len(step.rows) for step in steps), dynamics.model.nv + 1), np.nan)
+    placed = [(task, step, 0) for (task, _), step in zip(tasks, steps, strict=False)]
+    block = Rows(out, np.zeros(1), [(step, 0) for step in contacts], placed)
+    _, errors = block.fill(dynamics, {task.name: wanted for task, wanted in tasks})
+    return (out[:, :-1], out[:, -1]), errors
 
 
 def near(found, expected):
@@ -53,7 +64,8 @@ def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
             wanted = Reference(
                 {0: pose[:3], 3: pose[3:]}[kind.part.start] if size == 3 else pose, *rng.normal(size=(2, size))
             )
-            rows, right, error = task.equation(dynamics, wanted)
+            (rows, right), error = filled(dynamics, tasks=[(task, wanted)])
+            plain = task.equation(dynamics, wanted)
             displaced = task.error(dynamics, wanted.position)
             asked = gains[0] * displaced + gains[1] * (wanted.velocity - task.velocity(dynamics))
             asked += wanted.acceleration - task.drift(dynamics)
@@ -61,6 +73,65 @@ def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
             if np.pi - np.linalg.norm(displaced[-3:]) > 1e-6:  # else the axis may point either way
                 near(error, displaced[chosen])
                 near(right, asked[chosen])
+                near(rows, plain[0])
+                near(right, plain[1])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds)
+def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(robot, seed):
+    dynamics, rng = moved(robot, seed)
+    model, mask = dynamics.model, [True, seed % 2 == 0, True]
+    com = ComTask("com", mask, stiffness=rng.uniform(1.0, 100.0, 3), damping=rng.uniform(1.0, 20.0, 3))
+    joints = rng.permutation(model.joints)[:5].tolist()
+    posture = PostureTask("posture", model, joints, stiffness=rng.uniform(1.0, 100.0, 5))
+    wanted = Reference(*rng.normal(size=(3, 3)))
+    (rows, right), error = filled(dynamics, tasks=[(com, wanted)])
+    for found, plain in zip((rows, right, error), com.equation(dynamics, wanted), strict=True):
+        near(found, plain)
+    wanted = Reference(*rng.normal(size=(3, 5)))
+    targets = np.zeros(model.nv + 1)
+    shares, rests = rng.uniform(-1.0, 0.0, 5), rng.uniform(0.0, 1.0, 5)
+    block = Rows(np.zeros((0, model.nv + 1)), targets, tasks=[(posture, posture.instruction(), 0)])
+    block.shares["posture"][:] = np.concatenate([shares, rests])
+    rest, errors = block.fill(dynamics, {"posture": wanted})
+    asked, error = posture.right(dynamics, wanted)
+    expected = np.zeros(model.nv + 1)
+    expected[posture.columns] = shares * asked
+    near(targets, expected)
+    near(errors, error)
+    near(rest, 0.5 * rests @ asked**2)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None, max_examples=20)
+@given(seed=seeds)
+def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
+    dynamics, _ = moved(robot, seed)
+    out = np.full((8, dynamics.model.nv + 3), 7.0)
+    Rows(out, np.zeros(1), momentum=1).fill(dynamics, {})
+    near(out[1:7, :-3], dynamics.centroidal_matrix)
+    near(out[1:7, -1], -dynamics.centroidal_drift)
+    assert (out[[0, 7]] == 7.0).all()
+    assert (out[:, -3:-1] == 7.0).all()
+
+
+def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
+    dynamics, _ = moved("g1", 5)
+    task, position = ComTask("com", [True] * 3), np.zeros(3)
+    for fixed in (False, True):
+        wanted = Reference(*(frozen(part) if fixed else part for part in (position, np.zeros(3), np.zeros(3))))
+        out = np.zeros((3, dynamics.model.nv + 1))
+        block = Rows(out, np.zeros(1), tasks=[(task, task.instruction(), 0)])
+        block.fill(dynamics, {"com": wanted})
+        before = out[:, -1].copy()
+        position += 1.0
+        block.fill(dynamics, {"com": wanted})
+        near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
+        task.stiffness = 2.0 * task.stiffness  # gains are those of the task in every cycle
+        block.fill(dynamics, {"com": wanted})
+        near(out[:, -1], task.equation(dynamics, wanted)[1])
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -82,6 +153,10 @@ def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links)
         drift += pin.Motion(nu - carried).cross(pin.Motion(carried)).vector
     near(contact.jacobian(dynamics), J)
     near(contact.drift(dynamics), drift)
+    for rows in (np.arange(6), np.array([1, 2, 5])):
+        (found, acceleration), _ = filled(dynamics, [contact.instruction(rows)])
+        near(found, J[rows])
+        near(acceleration, -drift[rows])
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -92,8 +167,7 @@ def test_balls_have_the_rows_that_pinocchio_gives(robot, seed, radius):
     normal, centre = rng.normal(size=3), rng.normal(size=3)
     for frame in FRAMES[robot]:
         contact = PointContact("contact", dynamics.model, frame, centre, radius, normal=normal)
-        J, acceleration = np.empty((3, dynamics.model.nv)), np.empty(3)
-        contact.fill(dynamics, J, acceleration)
+        (J, acceleration), _ = filled(dynamics, [contact.instruction()])
         near(J, contact.jacobian(dynamics))
         near(acceleration, -contact.drift(dynamics))
 
@@ -106,11 +180,14 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     axis /= np.linalg.norm(axis)
     present = pin.SE3.Random()
     wanted = pin.Quaternion(pin.exp3(angle * axis) @ present.rotation).coeffs() * rng.choice([1.0, -1.0, 0.995])
-    placement, error = np.concatenate([present.rotation.T.ravel(), present.translation]), np.empty(3)
-    still, nothing = np.zeros(3), np.zeros((1, 1), dtype=np.int8)
-    kernel.frame_task(
-        placement[None], np.zeros((1, 12)), np.zeros((6, 1)), nothing, 0, 0, 3, np.arange(3), np.ones((2, 3)),
-        wanted, still, still, np.empty((3, 1)), np.empty(3), error,
+    placement = np.concatenate([present.rotation.T.ravel(), present.translation])
+    mount, gains, still = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.ones(6), np.zeros(6)
+    instruction = np.array([[kernel.FRAME, 0, 3, 0, 0, 3, 3, 0, 0, 0]])
+    nothing, point, matrix, error = np.zeros((1, 1), dtype=np.int8), np.zeros(3), np.zeros((6, 1)), np.empty(3)
+    kernel.fill_rows(
+        instruction, np.arange(3), np.concatenate([mount, gains, wanted, still]), placement[None], np.zeros((1, 12)),
+        matrix, nothing, point, point, point, matrix, matrix, still, np.zeros(1), np.zeros(1), np.empty((3, 2)),
+        np.zeros(1), error,
     )  # fmt: skip
     np.testing.assert_allclose(error, angle * axis, atol=1e-9 if angle < 3.1 else 1e-7)
 
@@ -118,10 +195,10 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_tables_are_pinocchios_own_memory(robot):
     dynamics, _ = moved(robot, 1)
-    for number, placement in enumerate(dynamics._data.oMf):
-        np.testing.assert_array_equal(dynamics.frames[number], [*placement.rotation.T.ravel(), *placement.translation])
-    joint_motions = zip(dynamics._data.v, dynamics._data.a, *dynamics._joint_motions, strict=True)
-    for v, a, v_row, a_row in joint_motions:
-        np.testing.assert_array_equal(v.vector, v_row)
-        np.testing.assert_array_equal(a.vector, a_row)
-    assert not dynamics.frames.flags.writeable
+    data = dynamics._data
+    for number, placement in enumerate(data.oMi):
+        np.testing.assert_array_equal(dynamics.joints[number], [*placement.rotation.T.ravel(), *placement.translation])
+    for parts, rows in zip((data.v, data.a_gf, data.f), dynamics._terms_of[1:4], strict=True):
+        for part, row in zip(parts, rows, strict=True):
+            np.testing.assert_array_equal(part.vector, row)
+    assert not dynamics.joints.flags.writeable

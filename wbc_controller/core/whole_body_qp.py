@@ -224,7 +224,10 @@ class WholeBodyQP:
             )
             raise failure.explained() if explained else failure
         stages = {"build": built - started, "solve": solved - built}
-        solution = unpack(self.formulation, layout, answer, residuals, references, found.levels, found.relaxed, stages)
+        solution = unpack(
+            self.formulation, layout, answer.x, answer.multipliers, residuals, references,
+            answer.iterations, found.levels, found.relaxed, stages,
+        )  # fmt: skip
         stages["unpack"] = self._timer() - solved
         return solution
 

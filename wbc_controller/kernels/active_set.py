@@ -1,7 +1,7 @@
 """The condensed system of a quadratic program with a known active set, and the residuals of its constraints.
 
-Inner loops work on four rows at a time, with a variable for each sum: the compiler makes vectors of them, while each sum
-is taken in the order in which it is written.
+Inner loops work on four rows at a time, with a variable for each sum: the compiler makes vectors of them, and each sum
+is still taken in the order in which it is written.
 """
 
 from __future__ import annotations

@@ -31,8 +31,8 @@ from wbc_controller.kernels.compiled import (
 )
 from wbc_controller.records import Array
 
-#: Kinds of instructions of `fill_rows`: tasks on a frame, on the centre of mass and on single joints, contacts of a surface
-#: and of a ball, and the rate of the momentum.
+#: Kinds of instructions of `fill_rows`: tasks on a frame, on the centre of mass and on single joints, contacts of a
+#: surface and of a ball, and the rate of the momentum.
 FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
 
 
@@ -70,11 +70,11 @@ def link_terms(
     centroidal: Array, velocity: Array, links: Array, per_mass: Array, com_velocity: Array, com_drift: Array,
     drift: Array,
 ) -> None:  # fmt: skip
-    """Motion of each link at the world's origin, and of the centre of mass, from the recursive Newton-Euler algorithm.
+    """Motion of each link at the world's origin, and of the centre of mass, by the recursive Newton-Euler algorithm.
 
-    With v̇ = 0 and gravity as an acceleration of everything upwards, it gives a - g in place of a, and for the first link
-    of each tree the wrench F, N that moves the whole tree: Σ m (a - g) and its moment. So the rate of the momentum about
-    the centre of mass c is F + m g and N - c × F.
+    With v̇ = 0 and gravity as an acceleration of everything upwards, it gives a - g in place of a, and for the first
+    link of each tree the wrench F, N that moves the whole tree: Σ m (a - g) and its moment. So the rate of the momentum
+    about the centre of mass c is F + m g and N - c × F.
 
     Args:
         joints: placements in the world, (n, 12).

@@ -7,6 +7,7 @@ import pytest
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.limits.joint_motion import STOPPING
 from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.kernels.equations_of_motion import fill_dynamics
 from wbc_controller.records import Tuning
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
 
@@ -315,14 +316,26 @@ def test_but_for_what_would_run_into_its_stop():
         assert abs(v[0]) < 1.0
 
 
+def torque_bounds(limit, before, v, period):
+    """Of a robot of as many joints without mass, as the program has them."""
+    n, available = len(v), limit.available(v)
+    lower, upper, bias, each = np.empty(n), np.empty(n), np.empty(n), np.arange(n + 1)
+    share = -1.0 if before is None else limit.rate * period
+    fill_dynamics(
+        each, each[:-1], np.ones(n), 0, 0, 1.0, np.zeros(0), np.zeros((n, n + 1)), lower, upper,
+        np.zeros((n, n)), np.zeros(n), v, *available, v if before is None else before, limit.effort_limits, share, bias,
+    )  # fmt: skip
+    return lower, upper
+
+
 def test_torque_bounds():
     limit, v = TorqueLimit(np.array([10.0, 20.0]), rate=5.0), np.array([3.0, -4.0])
-    np.testing.assert_array_equal(limit.bounds(None, v, 0.01), ([-10.0, -20.0], [10.0, 20.0]))
-    lower, upper = limit.bounds(np.array([0.0, 19.5]), v, 0.01)
+    np.testing.assert_array_equal(torque_bounds(limit, None, v, 0.01), ([-10.0, -20.0], [10.0, 20.0]))
+    lower, upper = torque_bounds(limit, np.array([0.0, 19.5]), v, 0.01)
     np.testing.assert_allclose(lower, [-0.5, 18.5])
     np.testing.assert_allclose(upper, [0.5, 20.0])
     # A torque beyond its limit comes back at once: never an empty interval, never beyond the limit.
-    lower, upper = limit.bounds(np.array([300.0, -300.0]), v, 0.01)
+    lower, upper = torque_bounds(limit, np.array([300.0, -300.0]), v, 0.01)
     np.testing.assert_allclose(lower, [9.5, -20.0])
     np.testing.assert_allclose(upper, [10.0, -19.0])
 
@@ -354,7 +367,7 @@ def test_the_curve_and_the_rate_never_contradict_each_other():
         limit = TorqueLimit(EFFORT, rate, CURVE)
         for _ in range(500):
             v, before = rng.uniform(-15.0, 15.0, 3), rng.uniform(-2.0, 2.0, 3) * EFFORT
-            available, (lower, upper) = limit.available(v), limit.bounds(before, v, PERIOD)
+            available, (lower, upper) = limit.available(v), torque_bounds(limit, before, v, PERIOD)
             assert (available[0] <= lower).all()
             assert (lower <= upper).all()
             assert (upper <= available[1]).all()
@@ -405,7 +418,7 @@ def test_nan_passes_through_the_bounds_to_where_it_is_refused():
         lower, upper = motion.bounds(np.array(q), np.array(v), PERIOD)
         assert np.isnan([lower[0], upper[0]]).all()
         assert np.isfinite([lower[1], upper[1]]).all()
-    lower, upper = TorqueLimit(np.ones(2), 1.0).bounds(np.array([np.nan, 0.0]), np.zeros(2), PERIOD)
+    lower, upper = torque_bounds(TorqueLimit(np.ones(2), 1.0), np.array([np.nan, 0.0]), np.zeros(2), PERIOD)
     assert np.isnan([lower[0], upper[0]]).all()
 
 

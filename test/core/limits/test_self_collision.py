@@ -493,14 +493,13 @@ class TwoArms:
         self.formulation.torque_limit = TorqueLimit(limits, 1.0e4)
 
     def brake(self, *joints):
-        bounds = self.formulation.motion_limit.bounds
+        fill = self.formulation.motion_limit.fill
 
-        def braked(q, v, period):
-            lower, upper = np.array(bounds(q, v, period))
+        def braked(places, q, v, period, lower, upper):
+            fill(places, q, v, period, lower, upper)
             lower[list(joints)] = upper[list(joints)] = 0.0
-            return lower, upper
 
-        self.formulation.motion_limit.bounds = braked
+        self.formulation.motion_limit.fill = braked
 
     def explain(self, before=None):
         return self.controller.explain(self.state, self.references, before)

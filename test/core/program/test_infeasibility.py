@@ -107,21 +107,21 @@ def pulled_apart(robot, name):
         contact.fill(dynamics, J, acceleration)
         acceleration[0] -= 0.5
 
-    twin.fill = drifting
+    twin.fill, twin.instruction = drifting, lambda: None
     robot.controller.formulation.contacts = {contact.name: contact, "twin": twin}
     robot.settings = robot.settings.model_copy(update={"contacts": {contact.name: None, "twin": None}})
     return failure(robot), {f"contact_motion:{contact.name}", "contact_motion:twin"}
 
 
 def crossed(robot, name):
-    i, bounds = robot.model.joints.index(ELBOW[name]), robot.controller.formulation.motion_limit.bounds
+    column = robot.model.v_index[robot.model.joints.index(ELBOW[name])]
+    fill = robot.controller.formulation.motion_limit.fill
 
-    def contradictory(q, v, period):
-        lower, upper = bounds(q, v, period)
-        lower[i], upper[i] = 5.0, -5.0
-        return lower, upper
+    def contradictory(places, q, v, period, lower, upper):
+        fill(places, q, v, period, lower, upper)
+        lower[column], upper[column] = 5.0, -5.0
 
-    robot.controller.formulation.motion_limit.bounds = contradictory
+    robot.controller.formulation.motion_limit.fill = contradictory
     return asked(robot), {f"motion:{ELBOW[name]}"}
 
 
@@ -145,7 +145,8 @@ def slippery(robot, name):
         slides = (np.abs(contact.cone[:, :2]).max(axis=1) == 1.0) & (contact.cone[:, 2] < 0.0)
         normal[slides] = -0.05 / 2.0**0.5
     robot.controller.formulation._layouts.clear()
-    robot.controller._solvers.clear()
+    robot.controller.formulation._active = None
+    robot.controller.forget()
     push = np.array([0.0, 0.1 * weight(robot), 0.0, 0.0, 0.0, 0.0])
     references = replace(robot.references(), external_wrenches={robot.model.base_link: push})
     return still(robot, references), {f"cone:{contact}" for contact in robot.controller.contacts}
@@ -155,15 +156,13 @@ def weak_and_braked(robot, name):
     """A hand that must brake hard, by a wrist that is nearly without torque."""
     wrist = "left_wrist_yaw_joint"
     weaken(robot, wrist, 0.2)
-    bounds, i = robot.controller.formulation.motion_limit.bounds, robot.model.joints.index(wrist)
+    column = robot.model.v_index[robot.model.joints.index(wrist)]
 
-    def braked(q, v, period):
-        lower, upper = bounds(q, v, period)
-        lower[:], upper[:] = -20.0, 20.0
-        lower[i], upper[i] = -500.0, -100.0
-        return lower, upper
+    def braked(places, q, v, period, lower, upper):
+        lower[places[1]], upper[places[1]] = -20.0, 20.0
+        lower[column], upper[column] = -500.0, -100.0
 
-    robot.controller.formulation.motion_limit.bounds = braked
+    robot.controller.formulation.motion_limit.fill = braked
     return asked(robot), {f"motion:{wrist}", f"torque:{wrist}"}
 
 

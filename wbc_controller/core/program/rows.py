@@ -17,7 +17,8 @@ class _Followed:
     """A task whose gains and reference are copied where compiled code reads them, when they change."""
 
     __slots__ = (
-        "_acceleration", "_gains", "_position", "_velocity", "damping", "name", "reference", "shares", "stiffness", "task",
+        "_acceleration", "_gains", "_position", "_velocity",
+        "damping", "name", "reference", "shares", "stiffness", "task",
     )  # fmt: skip
 
     def __init__(self, task: MotionTask, numbers: Array) -> None:
@@ -54,7 +55,7 @@ class Rows:
 
     Attributes:
         places: name of each task, and where its error is among all of them.
-        shares: of each task on single accelerations, by name, two factors for each of them (`kernels.frames`), (2 size,).
+        shares: of each task on single accelerations, by name, two factors for each (`kernels.frames`), (2 size,).
     """
 
     def __init__(
@@ -95,24 +96,20 @@ class Rows:
 
         for step, row in contacts:
             add(step, row, 0, 0)
-        begins = []
+        own: list[tuple[MotionTask, Instruction, slice]] = []
         for task, step, row in tasks:
-            begins.append((task, step, at[1] + len(step.constants)))
+            begin = at[1] + len(step.constants)
             self.places.append((task.name, slice(at[2], at[2] + task.dimension)))
-            add(
-                step,
-                row,
-                4 * task.size + task.form.size + (2 * task.size if step.kind == JOINTS else 0),
-                task.dimension,
-            )
+            factors = 2 * task.size if step.kind == JOINTS else 0
+            add(step, row, 4 * task.size + task.form.size + factors, task.dimension)
+            own.append((task, step, slice(begin, at[1])))
         if momentum is not None:
             add(Instruction(MOMENTUM, np.arange(6)), momentum, 0, 0)
         self._errors = at[2]
         values = np.concatenate([np.zeros(0), *numbers])
-        ends = [*(begin - len(step.constants) for _, step, begin in begins[1:]), len(values)]
         self._followed: list[_Followed] = []
-        for (task, step, begin), end in zip(begins, ends, strict=True):
-            followed = _Followed(task, values[begin:end])
+        for task, step, place in own:
+            followed = _Followed(task, values[place])
             self._followed.append(followed)
             if step.kind == JOINTS:
                 self.shares[task.name] = followed.shares
@@ -130,8 +127,8 @@ class Rows:
             wanted: the references by task.
 
         Returns:
-            The cost that no acceleration avoids, of tasks on single accelerations, and the errors of all tasks in a row,
-            as a new array.
+            The cost that no acceleration avoids, of tasks on single accelerations; and the errors of all tasks, one
+            after the other, as a new array.
         """
         for followed in self._followed:
             reference, task = wanted[followed.name], followed.task

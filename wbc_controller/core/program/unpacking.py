@@ -12,7 +12,6 @@ import numpy as np
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
 from wbc_controller.core.program.problem import Residuals
-from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.records import Array, LevelReport, References, Solution, freeze, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
@@ -54,9 +53,11 @@ class _Read(Mapping[str, Any]):
 def unpack(
     formulation: Formulation,
     layout: Layout,
-    answer: Answer,
+    x: Array,
+    multipliers: Array,
     residuals: Residuals,
     references: References,
+    iterations: int = 0,
     levels: tuple[LevelReport, ...] = (),
     relaxed: tuple[str, ...] = (),
     stages: Mapping[str, float] = _NONE,
@@ -66,19 +67,16 @@ def unpack(
     Args:
         formulation: the formulation that built the problem.
         layout: with the problem, as it was given to the solver.
-        answer: of the solver, with the minimizer, (n,).
-        residuals: residuals of the problem's constraints at the minimizer.
+        x: the minimizer, (n,).
+        multipliers: of the bounds of x and the rows of C, (n + m_in,), as in `solvers.Answer`.
+        residuals: residuals of the problem's constraints at x.
         references: the references for which the problem was built.
+        iterations: the solver's own count.
         levels: the quadratic programs that were solved.
         relaxed: groups in which a bound is missed, and lower levels that failed.
         stages: time spent in each stage, in s.
-
-    Raises:
-        ValueError: where the answer has no minimizer.
     """
-    if answer.x is None:
-        raise ValueError(f"there is no minimizer: {answer.status}")
-    x = freeze(answer.x)
+    x = freeze(x)
     nv, n = formulation.model.nv, len(x)
     errors = formulation.task_errors
     for task in formulation.effort_tasks:
@@ -92,8 +90,8 @@ def unpack(
         _Read(_forces, layout.places, x[nv:]),
         _Read(_violations, residuals, layout.mechanism.start),
         _Read(_norms, errors),
-        _Read(_binding, layout.labels, residuals, answer.multipliers),
-        answer.iterations,
+        _Read(_binding, layout.labels, residuals, multipliers),
+        iterations,
         levels,
         relaxed,
         MappingProxyType(stages),

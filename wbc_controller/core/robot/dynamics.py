@@ -68,7 +68,7 @@ class Dynamics:
         parts = [_table([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
         gravity, mass = np.array(model.pinocchio.gravity.linear), float(pin.computeTotalMass(model.pinocchio))
-        self._terms_of = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
+        self._terms_of: tuple[Any, ...] = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
         self._motions = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
         #: What the rows of tasks and contacts are made of (`kernels.frames.fill_rows`).
         self.terms = (
@@ -86,7 +86,7 @@ class Dynamics:
         """
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # In the world convention `crba` also computes the centre of mass, the joint Jacobians and the centroidal matrix.
+        # In the world convention `crba` also has the centre of mass, the joint Jacobians and the centroidal matrix.
         pin.crba(model, data, q, _WORLD)
         # Its pass at v̇ = 0 has all drifts J̇v: `link_terms` takes them from there.
         pin.nonLinearEffects(model, data, q, v)
