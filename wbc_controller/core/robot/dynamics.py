@@ -69,7 +69,7 @@ class Dynamics:
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
         gravity, mass = np.array(model.pinocchio.gravity.linear), float(pin.computeTotalMass(model.pinocchio))
         self._terms_of: tuple[Any, ...] = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
-        self._motions = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
+        self._motions: tuple[Any, ...] = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
         #: What the rows of tasks and contacts are made of (`kernels.frames.fill_rows`).
         self.terms = (
             self.joints, self.links, self.joint_jacobians, self.moves, self.com, self.com_velocity, self.com_drift,
