@@ -10,6 +10,7 @@ from quadratic_programs import squares_problem
 
 from wbc_controller.core.program.problem import Residuals
 from wbc_controller.core.solvers import make_solver
+from wbc_controller.core.solvers.active_set import bind
 from wbc_controller.kernels import active_set as kernel
 
 FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
@@ -17,13 +18,13 @@ FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
 
 def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     """What the kernel returns, and what it fills."""
-    squares, found, multipliers = problem.cost.squares, Residuals.of(problem), np.zeros(len(sides))
+    squares, count = problem.cost.squares, len(sides)
+    found = np.full(4 * count + len(problem.b), np.nan)
     returned = kernel.condensed(
-        squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, precise, largest,
-        found.value, found.equalities, found.room, multipliers,
-    )  # fmt: skip
-    return returned, found, multipliers
+        bind(squares, problem).table, squares.constant, sides.nonzero()[0], sides, FEASIBLE, precise, largest, found
+    )
+    residuals = Residuals(found, count, *returned[2:])
+    return returned, residuals, residuals.multipliers
 
 
 def plainly_condensed(problem, sides):

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import equations_of_motion as kernel
+from wbc_controller.kernels.compiled import Bound
 
 NV, NF, FREE, NA = 11, 4, 5, 6
 
@@ -25,10 +26,11 @@ def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects, shar
     before[3] = np.nan
     low, high = -limits * rng.random(NA), limits * rng.random(NA)
     lower, upper, bias = np.empty((3, NA))
-    kernel.fill_dynamics(
-        starts, columns, split[rows, columns], FREE, NF + 2, 100.0, damping, memory, lower, upper,
-        M, h, v, low, high, before, limits, share, bias,
+    bound = Bound(
+        len(columns), FREE, NA, NF, len(memory), NF + 2, starts, columns, split[rows, columns], damping, memory,
+        lower, upper, M, np.array([100.0]),
     )  # fmt: skip
+    kernel.fill_dynamics(bound.table, h, v, low, high, before, limits, share, bias)
     filled, projected = memory[NF + 2 :], split @ h
     held, step = (before, np.inf) if share < 0.0 else (np.clip(before, low, high), share * limits)
     least, most = (low, high) if share < 0.0 else (np.maximum(low, held - step), np.minimum(high, held + step))

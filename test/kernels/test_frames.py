@@ -13,6 +13,7 @@ from wbc_controller.core.program.rows import Rows
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import ComTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask
 from wbc_controller.kernels import frames as kernel
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.records import Reference, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -33,13 +34,19 @@ def moved(robot, seed):
     return dynamics, rng
 
 
+def fill(block, dynamics, wanted):
+    """Fill rows; gives the cost that no acceleration avoids, and the errors."""
+    errors = block.follow(wanted)
+    return kernel.fill_rows(block.bound.table, dynamics.q, dynamics.v, errors), errors
+
+
 def filled(dynamics, contacts=(), tasks=()):
     """J and right-hand sides of some contacts or tasks, as compiled code fills them, and the errors."""
     steps = [*contacts, *(task.instruction() for task, _ in tasks)]
     out = np.full((sum(len(step.rows) for step in steps), dynamics.model.nv + 1), np.nan)
     placed = [(task, step, 0) for (task, _), step in zip(tasks, steps, strict=False)]
-    block = Rows(out, np.zeros(1), [(step, 0) for step in contacts], placed)
-    _, errors = block.fill(dynamics, {task.name: wanted for task, wanted in tasks})
+    block = Rows(dynamics, out, np.zeros(1), [(step, 0) for step in contacts], placed)
+    _, errors = fill(block, dynamics, {task.name: wanted for task, wanted in tasks})
     return (out[:, :-1], out[:, -1]), errors
 
 
@@ -93,9 +100,9 @@ def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(ro
     wanted = Reference(*rng.normal(size=(3, 5)))
     targets = np.zeros(model.nv + 1)
     shares, rests = rng.uniform(-1.0, 0.0, 5), rng.uniform(0.0, 1.0, 5)
-    block = Rows(np.zeros((0, model.nv + 1)), targets, tasks=[(posture, posture.instruction(), 0)])
+    block = Rows(dynamics, np.zeros((0, model.nv + 1)), targets, tasks=[(posture, posture.instruction(), 0)])
     block.shares["posture"][:] = np.concatenate([shares, rests])
-    rest, errors = block.fill(dynamics, {"posture": wanted})
+    rest, errors = fill(block, dynamics, {"posture": wanted})
     asked, error = posture.right(dynamics, wanted)
     expected = np.zeros(model.nv + 1)
     expected[posture.columns] = shares * asked
@@ -110,7 +117,7 @@ def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(ro
 def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
     dynamics, _ = moved(robot, seed)
     out = np.full((8, dynamics.model.nv + 3), 7.0)
-    Rows(out, np.zeros(1), momentum=1).fill(dynamics, {})
+    fill(Rows(dynamics, out, np.zeros(1), momentum=1), dynamics, {})
     near(out[1:7, :-3], dynamics.centroidal_matrix)
     near(out[1:7, -1], -dynamics.centroidal_drift)
     assert (out[[0, 7]] == 7.0).all()
@@ -123,14 +130,14 @@ def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
     for fixed in (False, True):
         wanted = Reference(*(frozen(part) if fixed else part for part in (position, np.zeros(3), np.zeros(3))))
         out = np.zeros((3, dynamics.model.nv + 1))
-        block = Rows(out, np.zeros(1), tasks=[(task, task.instruction(), 0)])
-        block.fill(dynamics, {"com": wanted})
+        block = Rows(dynamics, out, np.zeros(1), tasks=[(task, task.instruction(), 0)])
+        fill(block, dynamics, {"com": wanted})
         before = out[:, -1].copy()
         position += 1.0
-        block.fill(dynamics, {"com": wanted})
+        fill(block, dynamics, {"com": wanted})
         near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
         task.stiffness = 2.0 * task.stiffness  # gains are those of the task in every cycle
-        block.fill(dynamics, {"com": wanted})
+        fill(block, dynamics, {"com": wanted})
         near(out[:, -1], task.equation(dynamics, wanted)[1])
 
 
@@ -183,12 +190,13 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     placement = np.concatenate([present.rotation.T.ravel(), present.translation])
     mount, gains, still = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.ones(6), np.zeros(6)
     instruction = np.array([[kernel.FRAME, 0, 3, 0, 0, 3, 3, 0, 0, 0]])
-    nothing, point, matrix, error = np.zeros((1, 1), dtype=np.int8), np.zeros(3), np.zeros((6, 1)), np.empty(3)
-    kernel.fill_rows(
-        instruction, np.arange(3), np.concatenate([mount, gains, wanted, still]), placement[None], np.zeros((1, 12)),
-        matrix, nothing, point, point, point, matrix, matrix, still, np.zeros(1), np.zeros(1), np.empty((3, 2)),
-        np.zeros(1), error,
+    numbers = np.concatenate([mount, gains, wanted, still])
+    nothing, point, matrix, error = np.zeros((1, 1), dtype=np.int8), np.zeros(3), np.zeros((1, 6)), np.empty(3)
+    bound = Bound(
+        1, 3, len(numbers), 1, 3, 2, instruction, np.arange(3), numbers, placement[None], np.zeros((1, 12)), matrix,
+        nothing, point, point, point, matrix, matrix, still, np.empty((3, 2)), np.zeros(2),
     )  # fmt: skip
+    kernel.fill_rows(bound.table, np.zeros(1), np.zeros(1), error)
     np.testing.assert_allclose(error, angle * axis, atol=1e-9 if angle < 3.1 else 1e-7)
 
 
@@ -198,7 +206,7 @@ def test_the_tables_are_pinocchios_own_memory(robot):
     data = dynamics._data
     for number, placement in enumerate(data.oMi):
         np.testing.assert_array_equal(dynamics.joints[number], [*placement.rotation.T.ravel(), *placement.translation])
-    for parts, rows in zip((data.v, data.a_gf, data.f), dynamics._terms_of[1:4], strict=True):
+    for parts, rows in zip((data.v, data.a_gf, data.f), dynamics.bound._arrays[1:4], strict=True):
         for part, row in zip(parts, rows, strict=True):
             np.testing.assert_array_equal(part.vector, row)
     assert not dynamics.joints.flags.writeable

@@ -283,7 +283,7 @@ def test_a_command_carries_the_stamp_it_answers_and_where_its_torques_lead(rig):
     bench = rig().bring("active")
     answer = solution(bench.model, bench.tau)
     v_dot = np.arange(bench.model.nv, dtype=float)
-    object.__setattr__(answer, "v_dot", v_dot)
+    answer = answer._replace(v_dot=v_dot)
     command = bench.step(answer)
     joints = v_dot[bench.model.v_index]
     assert command.stamp == 7

@@ -2,7 +2,7 @@
 
 A cycle makes some hundred NumPy calls on arrays of a few dozen numbers if it is written with NumPy, and nearly all the
 time goes into the calls. Here are the loops themselves, with their equations; what the quantities mean, and which of
-them there are, is said by the classes above. Each file is complete in itself (`compiled` says why).
+them there are, is said by the classes above.
 
 Importing this package compiles them all, or loads what was compiled before.
 """
@@ -14,6 +14,7 @@ from wbc_controller.kernels import (
     frames,
     invariant_filter,
     joint_motion,
+    program,
     self_collision,
     supervision,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "frames",
     "invariant_filter",
     "joint_motion",
+    "program",
     "self_collision",
     "supervision",
 ]

@@ -12,15 +12,15 @@ import numpy as np
 
 from wbc_controller.kernels.compiled import (
     INDICES,
-    INTEGER,
     NUMBER,
     ROWS,
-    ROWS_OUT,
     SIGNS,
-    VECTOR,
+    TABLE,
     VECTOR_OUT,
     compiled,
+    matrix,
     part,
+    vector,
 )
 from wbc_controller.records import Array
 
@@ -306,31 +306,28 @@ def _residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array
     return least, most
 
 
-@compiled(ROWS, ROWS, VECTOR_OUT, VECTOR_OUT, ROWS_OUT)
-def residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array) -> tuple[float, float]:
+@compiled(ROWS, ROWS, VECTOR_OUT)
+def residuals(rows: Array, bounds: Array, found: Array) -> tuple[float, float]:
     """Residuals of constraints A x = b, lower <= [x; C x] <= upper at a point x.
 
     Args:
         rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
         bounds: lower and upper bounds, (2, n + m_in).
-        value: x, and after it room for C x, (n + m_in,).
-        off: for |A x - b|, (m_eq,).
-        room: for the distances from the lower and from the upper bounds, (2, n + m_in).
+        found: x, and after it memory for C x; n + m_in others, which stay; then memory for the distances from the lower
+            and from the upper bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
 
     Returns:
         The smallest room and the largest |A x - b|; NaN where one of them is.
     """
-    return _residuals(rows, bounds, value, off, room)
+    total = bounds.shape[1]
+    room = found[2 * total : 4 * total].reshape(2, total)
+    return _residuals(rows, bounds, found[:total], found[4 * total :], room)
 
 
-@compiled(
-    ROWS, VECTOR, INTEGER, VECTOR, VECTOR, NUMBER, ROWS, ROWS, INDICES, SIGNS, NUMBER, NUMBER, NUMBER,
-    VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT,
-)  # fmt: skip
+@compiled(TABLE, NUMBER, INDICES, SIGNS, NUMBER, NUMBER, NUMBER, VECTOR_OUT)
 def condensed(
-    stack: Array, slack: Array, first: int, inverse: Array, minus_target: Array, constant: float,
-    rows: Array, bounds: Array, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
-    largest: float, value: Array, off: Array, room: Array, multipliers: Array,
+    table: np.ndarray, constant: float, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
+    largest: float, found: Array,
 ) -> tuple[bool, float, float, float]:  # fmt: skip
     """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
 
@@ -341,29 +338,34 @@ def condensed(
     The right-hand sides are one more column of B, for which z has -1 and minus_target 1.
 
     Args:
-        stack: [R, r] and below it [A, b], (k + m_eq, n + 1).
-        slack: 1 / w of the rows R, (k,).
-        first: number of columns that the last rows of A determine.
-        inverse: d⁻¹, (n + 1,).
-        minus_target: -t, (n + 1,).
+        table: the number of columns n, of rows R (k), of all rows of `stack`, of columns that the last rows of A
+            determine, of rows of A (m_eq) and of C (m_in); and, in this order,
+            stack: [R, r] and below it [A, b], (k + m_eq, n + 1).
+            slack: 1 / w of the rows R, (k,).
+            inverse: d⁻¹, (n + 1,).
+            minus_target: -t, (n + 1,).
+            rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
+            bounds: lower and upper bounds of [x; C x], (2, n + m_in).
         constant: the cost where all squares are zero.
-        rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
-        bounds: lower and upper bounds of [x; C x], (2, n + m_in).
         active: indices of the active ones among them, ascending, (j,).
         sides: 1 at the upper bound, -1 at the lower one, for each of them, (n + m_in,).
         feasible: largest violation of a constraint.
         precise: largest residual of the condensed system's rows for which p is not refined.
         largest: largest norm of p: beyond it the system is nearly singular.
-        value: for [x; C x], (n + m_in,).
-        off: for |A x - b|, (m_eq,).
-        room: for the distances from the bounds, (2, n + m_in).
-        multipliers: for those of the active constraints, (n + m_in,).
+        found: for [x; C x], for the multipliers of the active constraints, both (n + m_in,), for the distances from the
+            bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
 
     Returns:
         Whether this is the minimizer, the cost, the smallest room, and the largest |A x - b|.
     """
-    n, count = stack.shape[1] - 1, len(stack) - first
-    m, width, end = count + len(active), n + 1 - first, len(off)
+    n, first, end, total = table[0], table[3], table[4], table[0] + table[5]
+    stack, slack = matrix(table[6], table[2], n + 1), vector(table[7], table[1])
+    inverse, minus_target = vector(table[8], n + 1), vector(table[9], n + 1)
+    rows, bounds = matrix(table[10], end + table[5], n + 1), matrix(table[11], 2, total)
+    value, multipliers = found[:total], found[total : 2 * total]
+    room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : 4 * total + end]
+    count = len(stack) - first
+    m, width = count + len(active), n + 1 - first
     blocks = (m + 3) // 4
     size = 4 * blocks
     # One piece of memory for all.

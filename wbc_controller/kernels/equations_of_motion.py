@@ -4,45 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.kernels.compiled import (
-    INDICES,
-    INTEGER,
-    NUMBER,
-    ROWS,
-    ROWS_OUT,
-    VECTOR,
-    VECTOR_OUT,
-    compiled,
-)
+from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, VECTOR_OUT, compiled, indices, matrix, vector
 from wbc_controller.records import Array
 
 
-@compiled(
-    INDICES, INDICES, VECTOR, INTEGER, INTEGER, NUMBER, VECTOR, ROWS_OUT, VECTOR_OUT, VECTOR_OUT,
-    ROWS, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT,
-)  # fmt: skip
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT)
 def fill_dynamics(
-    starts: np.ndarray, columns: np.ndarray, values: Array, free: int, begin: int, unit: float, damping: Array,
-    rows: Array, lower: Array, upper: Array, M: Array, h: Array, v: Array, available_lower: Array,
-    available_upper: Array, before: Array, limits: Array, share: float, bias: Array,
+    table: np.ndarray, h: Array, v: Array, available_lower: Array, available_upper: Array, before: Array,
+    limits: Array, share: float, bias: Array,
 ) -> None:  # fmt: skip
     """N (M v̇ - Jᵀf) = -N h, and τ = T (M v̇ - Jᵀf) + T h with its bounds; and the damping of contacts, J v̇ = … - D J v.
 
     The torques are bounded by what is available, and by a share of their limits from what is available of τ_before.
 
     Args:
-        starts: begin of each row of [N; T] in `columns` and `values`, and the end of the last, (free + na + 1,).
-        columns: where its values are that are not zero.
-        values: these values.
-        free: number of rows of N.
-        begin: first of the rows to be filled; those of N and of T follow each other.
-        unit: of f, N and N·m.
-        damping: D of each row of J, (nf,) in 1/s.
-        rows: [J, required J v̇] of the contacts in the first rows, to whose last column the damping is added; the
-            coefficients of v̇, those of f and the right-hand sides in the rows to be filled, (…, nv + nf + 1).
-        lower: for the lower bounds of T (M v̇ - Jᵀf), (na,) in N·m; NaN where τ_before is.
-        upper: for the upper ones, likewise.
-        M: joint-space inertia matrix, (nv, nv), symmetric.
+        table: the number k of values of [N; T] that are not zero, of rows of N, of rows of T (na), of components of f
+            (nf), of all rows, and the first of the rows to be filled, those of N and of T following each other; and, in
+            this order,
+            starts: begin of each row of [N; T] in `columns` and `values`, and the end of the last, (free + na + 1,).
+            columns: where its values are that are not zero, (k,).
+            values: these values, (k,).
+            damping: D of each row of J, (nf,) in 1/s.
+            rows: [J, required J v̇] of the contacts in the first rows, to whose last column the damping is added; the
+                coefficients of v̇, those of f and the right-hand sides in the rows to be filled, (…, nv + nf + 1).
+            lower: for the lower bounds of T (M v̇ - Jᵀf), (na,) in N·m; NaN where τ_before is.
+            upper: for the upper ones, likewise.
+            M: joint-space inertia matrix, (nv, nv), symmetric.
+            unit: of f, (1,) in N and N·m.
         h: bias forces, (nv,).
         v: generalized velocity, (nv,).
         available_lower: (na,) in N·m.
@@ -52,14 +40,18 @@ def fill_dynamics(
         share: rate Δt; below 0 the change of the torques is not bounded.
         bias: for T h, (na,).
     """
-    nv, nf = len(v), len(damping)
+    count, free, na, nf, begin, nv = table[0], table[1], table[2], table[3], table[5], len(v)
     right = nv + nf
+    starts, columns, values = indices(table[6], free + na + 1), indices(table[7], count), vector(table[8], count)
+    damping, rows = vector(table[9], nf), matrix(table[10], table[4], right + 1)
+    lower, upper, M = vector(table[11], na), vector(table[12], na), matrix(table[13], nv, nv)
+    unit = vector(table[14], 1)[0]
     for i in range(nf):
         speed = 0.0
         for j in range(nv):
             speed += rows[i, j] * v[j]
         rows[i, right] -= damping[i] * speed
-    for k in range(len(starts) - 1):
+    for k in range(free + na):
         row, constant = rows[begin + k], 0.0
         for j in range(right):
             row[j] = 0.0

@@ -15,19 +15,22 @@ import numpy as np
 
 from wbc_controller.kernels.compiled import (
     ANY_MATRIX,
-    ANY_MATRIX_OUT,
     ANY_VECTOR,
-    INDEX_ROWS,
     INDICES,
     INTEGER,
     NUMBER,
     ROWS,
     ROWS_OUT,
     SIGN_ROWS,
+    TABLE,
     VECTOR,
     VECTOR_OUT,
     compiled,
+    indices,
+    matrix,
     part,
+    signs,
+    vector,
 )
 from wbc_controller.records import Array
 
@@ -61,15 +64,8 @@ def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
-@compiled(
-    ROWS, ROWS, ROWS, ROWS, INDICES, VECTOR, NUMBER, VECTOR, ANY_MATRIX, ANY_VECTOR,
-    ROWS_OUT, ANY_MATRIX_OUT, VECTOR_OUT, VECTOR_OUT, VECTOR_OUT,
-)  # fmt: skip
-def link_terms(
-    joints: Array, v: Array, a: Array, f: Array, roots: np.ndarray, gravity: Array, mass: float, com: Array,
-    centroidal: Array, velocity: Array, links: Array, per_mass: Array, com_velocity: Array, com_drift: Array,
-    drift: Array,
-) -> None:  # fmt: skip
+@compiled(TABLE, VECTOR)
+def link_terms(table: np.ndarray, velocity: Array) -> None:
     """Motion of each link at the world's origin, and of the centre of mass, by the recursive Newton-Euler algorithm.
 
     With v̇ = 0 and gravity as an acceleration of everything upwards, it gives a - g in place of a, and for the first
@@ -77,22 +73,28 @@ def link_terms(
     about the centre of mass c is F + m g and N - c × F.
 
     Args:
-        joints: placements in the world, (n, 12).
-        v: twists in the links' own axes, (n, 6).
-        a: spatial accelerations at v̇ = 0 less gravity, likewise, (n, 6).
-        f: wrenches from the link before, with all that the links behind need, likewise, (n, 6).
-        roots: the links on the world, (r,).
-        gravity: g, (3,) in m/s².
-        mass: m of all links, kg.
-        com: c, (3,) in m.
-        centroidal: A_G, (6, nv).
+        table: n, the number of links with the world, and r, of those on the world; and, in this order,
+            joints: placements in the world, (n, 12).
+            v: twists in the links' own axes, (n, 6).
+            a: spatial accelerations at v̇ = 0 less gravity, likewise, (n, 6).
+            f: wrenches from the link before, with all that the links behind need, likewise, (n, 6).
+            roots: the links on the world, (r,).
+            gravity: g in m/s², and m of all links in kg, (4,).
+            com: c, (3,) in m.
+            centroidal: A_Gᵀ, (nv, 6).
+            links: for the twists and accelerations, (n, 12).
+            per_mass: for A_Gᵀ / m, (nv, 6).
+            com_velocity: for ċ, (3,) in m/s.
+            com_drift: for c̈ at v̇ = 0, (3,) in m/s².
+            drift: for the rate of the momentum at v̇ = 0, (6,) in N and N·m.
         velocity: generalized velocity, (nv,).
-        links: for the twists and accelerations, (n, 12).
-        per_mass: for A_G / m, (6, nv).
-        com_velocity: for ċ, (3,) in m/s.
-        com_drift: for c̈ at v̇ = 0, (3,) in m/s².
-        drift: for the rate of the momentum at v̇ = 0, (6,) in N and N·m.
     """
+    n, nv = table[0], len(velocity)
+    joints, v, a, f = matrix(table[2], n, 12), matrix(table[3], n, 6), matrix(table[4], n, 6), matrix(table[5], n, 6)
+    roots, gravity, com = indices(table[6], table[1]), vector(table[7], 4), vector(table[8], 3)
+    centroidal, links, per_mass = matrix(table[9], nv, 6), matrix(table[10], n, 12), matrix(table[11], nv, 6)
+    com_velocity, com_drift, drift = vector(table[12], 3), vector(table[13], 3), vector(table[14], 6)
+    mass = gravity[3]
     for i in range(1, len(joints)):
         R = joints[i]
         for half in range(2):
@@ -119,9 +121,9 @@ def link_terms(
         com_velocity[k] = 0.0
     for j in range(len(velocity)):
         for k in range(6):
-            per_mass[k, j] = centroidal[k, j] / mass
+            per_mass[j, k] = centroidal[j, k] / mass
         for k in range(3):
-            com_velocity[k] += per_mass[k, j] * velocity[j]
+            com_velocity[k] += per_mass[j, k] * velocity[j]
 
 
 @part
@@ -144,8 +146,8 @@ def _seen(C: Array, motion: Array, out: Array) -> None:
 
 @part
 def _contact_rows(
-    joints: Array, links: Array, J: Array, moves: np.ndarray, link: int, other: int, mount: Array, rows: np.ndarray,
-    out: Array,
+    joints: Array, links: Array, twists: Array, moves: np.ndarray, link: int, other: int, mount: Array,
+    rows: np.ndarray, out: Array,
 ) -> None:  # fmt: skip
     """Rows of the twist ν of a contact frame C as seen from another link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
@@ -154,7 +156,7 @@ def _contact_rows(
     Args:
         joints: placements of the links in the world, (n, 12).
         links: motions at the world's origin, (n, 12), of `link_terms`.
-        J: joint Jacobians, (6, nv).
+        twists: joint Jacobians, column by column, (nv, 6).
         moves: 1 where a joint moves a link, (n, nv).
         link: index of the link of C.
         other: index of the link of B; 0 for the world.
@@ -164,13 +166,13 @@ def _contact_rows(
     """
     C, column, nu, carried, nu_dot = np.empty(12), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     _place(joints[link], mount, C)
-    for j in range(J.shape[1]):
+    for j in range(len(twists)):
         sign = moves[link, j] - moves[other, j]
         if sign == 0:
             for i in range(len(rows)):
                 out[i, j] = 0.0
             continue
-        _seen(C, J[:, j], column)
+        _seen(C, twists[j], column)
         for i in range(len(rows)):
             out[i, j] = sign * column[rows[i]]
     _seen(C, links[other, :6], carried)
@@ -193,7 +195,7 @@ def _contact_rows(
 
 @part
 def _ball_rows(
-    joints: Array, links: Array, J: Array, moves: np.ndarray, link: int, numbers: Array, out: Array
+    joints: Array, links: Array, twists: Array, moves: np.ndarray, link: int, numbers: Array, out: Array
 ) -> None:  # fmt: skip
     """Rows of the velocity of a ball's lowest point against the world, Eᵀ(ṗ + ω × r): J v̇ = -drift (`contacts.point`).
 
@@ -202,7 +204,7 @@ def _ball_rows(
     Args:
         joints: placements of the links in the world, (n, 12).
         links: motions at the world's origin, (n, 12), of `link_terms`.
-        J: joint Jacobians, (6, nv).
+        twists: joint Jacobians, column by column, (nv, 6).
         moves: 1 where a joint moves a link, (n, nv).
         link: index of the ball's link.
         numbers: the centre on that link in m; r, to the lowest point in world axes, in m; Eᵀ by rows, (15,).
@@ -212,13 +214,13 @@ def _ball_rows(
     px, py, pz = _turn(at, numbers[0], numbers[1], numbers[2])
     px, py, pz = px + at[9], py + at[10], pz + at[11]
     x, y, z = px + numbers[3], py + numbers[4], pz + numbers[5]
-    for j in range(J.shape[1]):
+    for j in range(len(twists)):
         if moves[link, j] == 0:
             for i in range(3):
                 out[i, j] = 0.0
             continue
-        cx, cy, cz = _cross(J[3, j], J[4, j], J[5, j], x, y, z)
-        cx, cy, cz = cx + J[0, j], cy + J[1, j], cz + J[2, j]
+        cx, cy, cz = _cross(twists[j, 3], twists[j, 4], twists[j, 5], x, y, z)
+        cx, cy, cz = cx + twists[j, 0], cy + twists[j, 1], cz + twists[j, 2]
         for i in range(3):
             out[i, j] = axes[3 * i] * cx + axes[3 * i + 1] * cy + axes[3 * i + 2] * cz
     vx, vy, vz = _cross(motion[3], motion[4], motion[5], px, py, pz)
@@ -270,7 +272,7 @@ def _rotation_error(R: Array, reference: Array, out: Array) -> None:
 
 @part
 def _frame_rows(
-    joints: Array, links: Array, J: Array, moves: np.ndarray, link: int, first: int, size: int, numbers: Array,
+    joints: Array, links: Array, twists: Array, moves: np.ndarray, link: int, first: int, size: int, numbers: Array,
     rows: np.ndarray, out: Array, error: Array,
 ) -> None:  # fmt: skip
     """Rows of a task on a frame's position, orientation or both, in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
@@ -278,7 +280,7 @@ def _frame_rows(
     Args:
         joints: placements of the links in the world, (n, 12).
         links: motions at the world's origin, (n, 12), of `link_terms`.
-        J: joint Jacobians, (6, nv).
+        twists: joint Jacobians, column by column, (nv, 6).
         moves: 1 where a joint moves a link, (n, nv).
         link: index of the frame's link.
         first: first component of the frame's twist that the task is on: 0, or 3 for an orientation.
@@ -292,15 +294,15 @@ def _frame_rows(
     at = np.empty(12)
     _place(joints[link], numbers, at)
     px, py, pz = at[9], at[10], at[11]
-    for j in range(J.shape[1]):
+    for j in range(len(twists)):
         if moves[link, j] == 0:
             for i in range(len(rows)):
                 out[i, j] = 0.0
             continue
-        cx, cy, cz = _cross(J[3, j], J[4, j], J[5, j], px, py, pz)
+        cx, cy, cz = _cross(twists[j, 3], twists[j, 4], twists[j, 5], px, py, pz)
         for i in range(len(rows)):
             row = first + rows[i]
-            out[i, j] = J[row, j] + (cx if row == 0 else cy if row == 1 else cz if row == 2 else 0.0)
+            out[i, j] = twists[j, row] + (cx if row == 0 else cy if row == 1 else cz if row == 2 else 0.0)
     twist, drift, wanted = np.empty(6), np.empty(6), np.empty(6)
     motion = links[link]
     cx, cy, cz = _cross(motion[3], motion[4], motion[5], px, py, pz)
@@ -339,8 +341,8 @@ def _com_rows(
     right = out.shape[1] - 1
     for i in range(len(rows)):
         k = rows[i]
-        for j in range(per_mass.shape[1]):
-            out[i, j] = per_mass[k, j]
+        for j in range(len(per_mass)):
+            out[i, j] = per_mass[j, k]
         error[i] = numbers[6 + k] - com[k]
         asked = numbers[k] * error[i] + numbers[3 + k] * (numbers[9 + k] - com_velocity[k])
         out[i, right] = asked + numbers[12 + k] - com_drift[k]
@@ -376,62 +378,64 @@ def _joint_targets(
     return rest
 
 
-@compiled(
-    INDEX_ROWS, INDICES, VECTOR, ROWS, ROWS, ANY_MATRIX, SIGN_ROWS, VECTOR, VECTOR, VECTOR, ANY_MATRIX, ANY_MATRIX,
-    VECTOR, ANY_VECTOR, ANY_VECTOR, ROWS_OUT, VECTOR_OUT, VECTOR_OUT,
-)  # fmt: skip
-def fill_rows(
-    instructions: np.ndarray, places: np.ndarray, numbers: Array, joints: Array, links: Array, J: Array,
-    moves: np.ndarray, com: Array, com_velocity: Array, com_drift: Array, per_mass: Array, centroidal: Array,
-    drift: Array, q: Array, v: Array, out: Array, minus_target: Array, errors: Array,
-) -> float:  # fmt: skip
+@compiled(TABLE, VECTOR, VECTOR, VECTOR_OUT)
+def fill_rows(table: np.ndarray, q: Array, v: Array, errors: Array) -> float:
     """The rows of all contacts and tasks of a program, by instructions (`core.program.rows`).
 
     Args:
-        instructions: kind, first row in `out`, number of rows, link, other link, first component, size, and where its
-            part of `places`, `numbers` and `errors` begins, (k, 10).
-        places: rows that masks select, and indices of joints.
-        numbers: constants, gains and references, as the functions above take them.
-        joints: placements of the links in the world, (n, 12).
-        links: motions at the world's origin, (n, 12), of `link_terms`.
-        J: joint Jacobians, (6, nv).
-        moves: 1 where a joint moves a link, (n, nv).
-        com: position of the centre of mass, (3,) in m.
-        com_velocity: its velocity, (3,) in m/s.
-        com_drift: its acceleration at v̇ = 0, (3,) in m/s².
-        per_mass: its Jacobian in the first three rows, (6, nv).
-        centroidal: A_G, (6, nv).
-        drift: rate of the momentum about the centre of mass at v̇ = 0, (6,) in N and N·m.
+        table: the number of instructions k, of places, of numbers, of links n, of rows and of columns of `out`; and,
+            in this order,
+            instructions: kind, first row in `out`, number of rows, link, other link, first component, size, and where
+                its part of `places`, `numbers` and `errors` begins, (k, 10).
+            places: rows that masks select, and indices of joints.
+            numbers: constants, gains and references, as the functions above take them.
+            joints: placements of the links in the world, (n, 12).
+            links: motions at the world's origin, (n, 12), of `link_terms`.
+            twists: joint Jacobians, column by column, (nv, 6).
+            moves: 1 where a joint moves a link, (n, nv).
+            com: position of the centre of mass, (3,) in m.
+            com_velocity: its velocity, (3,) in m/s.
+            com_drift: its acceleration at v̇ = 0, (3,) in m/s².
+            per_mass: its Jacobian in the first three columns, (nv, 6).
+            centroidal: A_Gᵀ, (nv, 6).
+            drift: rate of the momentum about the centre of mass at v̇ = 0, (6,) in N and N·m.
+            out: rows of the program, with the right-hand sides in the last column; columns beyond nv stay.
+            minus_target: for the negative targets of single accelerations, (columns of `out`,).
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        out: rows of the program, with the right-hand sides in the last column; columns beyond nv stay.
-        minus_target: for the negative targets of single accelerations.
         errors: for the task errors.
 
     Returns:
         The cost that no acceleration avoids, of the tasks on single accelerations.
     """
-    rest, last = 0.0, out.shape[1] - 1
-    for k in range(len(instructions)):
-        step = instructions[k]
+    n, nv, columns = table[3], len(v), table[5]
+    instructions, places = indices(table[6], 10 * table[0]), indices(table[7], table[1])
+    numbers, joints, links = vector(table[8], table[2]), matrix(table[9], n, 12), matrix(table[10], n, 12)
+    twists, moves = matrix(table[11], nv, 6), signs(table[12], n, nv)
+    com, com_velocity, com_drift = vector(table[13], 3), vector(table[14], 3), vector(table[15], 3)
+    per_mass, centroidal, drift = matrix(table[16], nv, 6), matrix(table[17], nv, 6), vector(table[18], 6)
+    block, minus_target = matrix(table[19], table[4], columns), vector(table[20], columns)
+    rest = 0.0
+    for k in range(table[0]):
+        step = instructions[10 * k :]
         kind, row, count, link, other, first, size = step[0], step[1], step[2], step[3], step[4], step[5], step[6]
         rows, own = places[step[7] : step[7] + count], numbers[step[8] :]
-        to, error = out[row : row + count], errors[step[9] :]
+        to, error = block[row : row + count], errors[step[9] :]
         if kind == FRAME:
-            _frame_rows(joints, links, J, moves, link, first, size, own, rows, to, error)
+            _frame_rows(joints, links, twists, moves, link, first, size, own, rows, to, error)
         elif kind == COM:
             _com_rows(com, com_velocity, com_drift, per_mass, own, rows, to, error)
         elif kind == JOINTS:
             rest += _joint_targets(q, v, own, places[step[7] :], size, minus_target, error)
         elif kind == SURFACE:
-            _contact_rows(joints, links, J, moves, link, other, own, rows, to)
+            _contact_rows(joints, links, twists, moves, link, other, own, rows, to)
         elif kind == BALL:
-            _ball_rows(joints, links, J, moves, link, own, to)
+            _ball_rows(joints, links, twists, moves, link, own, to)
         elif kind == MOMENTUM:
             for i in range(6):
-                for j in range(centroidal.shape[1]):
-                    to[i, j] = centroidal[i, j]
-                to[i, last] = -drift[i]
+                for j in range(nv):
+                    to[i, j] = centroidal[j, i]
+                to[i, columns - 1] = -drift[i]
     return rest
 
 

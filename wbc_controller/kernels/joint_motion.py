@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.kernels.compiled import INDICES, NUMBER, ROWS, VECTOR, VECTOR_OUT, compiled, part
+from wbc_controller.kernels.compiled import TABLE, VECTOR, compiled, indices, matrix, part, vector
 from wbc_controller.records import Array
 
 
@@ -55,36 +55,32 @@ def _velocity_bound(speed: float, fastest: float, period: float, ahead: float) -
     return (fastest - speed) / ahead if speed > 0.0 else fastest / ahead - speed / period
 
 
-@compiled(
-    INDICES, INDICES, VECTOR, VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER,
-    VECTOR_OUT, VECTOR_OUT,
-)  # fmt: skip
-def acceleration_bounds(
-    q_index: np.ndarray, v_index: np.ndarray, q_all: Array, v_all: Array, limits: Array, fastest: Array, most: float,
-    period: float, ahead: float, slowing: float, stopping: float, return_time: float, rounding: float, lower: Array,
-    upper: Array,
-) -> None:  # fmt: skip
+@compiled(TABLE, VECTOR, VECTOR)
+def acceleration_bounds(table: np.ndarray, q_all: Array, v_all: Array) -> None:
     """Bounds of the joint accelerations from limits of position, velocity and acceleration.
 
     Args:
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v, and in the bounds, of each joint, (nj,).
+        table: the number of joints nj, and 1 where positions are limited, 1 where velocities are; and, in this order,
+            q_index: index in q of each joint, (nj,).
+            v_index: index in v, and in the bounds, of each joint, (nj,).
+            limits: upper position limits of q and of -q, (2, nj) in rad; (2, 0) where there are none.
+            fastest: largest speeds, (nj,) in rad/s; (0,) where there are none.
+            numbers: largest acceleration, rad/s²; time for which an acceleration is held, s; the same, or a longer
+                horizon of the position limits, and of the velocity limits, s; distance beyond its limit within which
+                a joint stops that braking with the largest acceleration does not stop, rad; time constant with which
+                a joint returns from beyond its limit, s; distance by which rounding may take it there, rad.
+            lower: for the lower bounds, by index in v, in rad/s².
+            upper: for the upper bounds, likewise.
         q_all: configuration, (nq,) in rad.
         v_all: generalized velocity, (nv,) in rad/s.
-        limits: upper position limits of q and of -q, (2, nj) in rad; (2, 0) where there are none.
-        fastest: largest speeds, (nj,) in rad/s; (0,) where there are none.
-        most: largest acceleration, rad/s².
-        period: time for which an acceleration is held, s.
-        ahead: the same, or a longer horizon of the position limits, s.
-        slowing: the same of the velocity limits, s.
-        stopping: distance beyond its limit within which a joint stops that braking with `most` does not stop, rad.
-        return_time: time constant with which a joint returns from beyond its limit, s.
-        rounding: distance by which rounding may take it there, rad.
-        lower: for the lower bounds, (nv,) in rad/s².
-        upper: for the upper bounds, (nv,) in rad/s².
     """
-    limited, slowed = limits.shape[1] > 0, len(fastest) > 0
-    for i in range(len(q_index)):
+    count, limited, slowed = table[0], table[1] > 0, table[2] > 0
+    q_index, v_index = indices(table[3], count), indices(table[4], count)
+    limits, fastest, numbers = matrix(table[5], 2, count), vector(table[6], count), vector(table[7], 7)
+    lower, upper = vector(table[8], len(v_all)), vector(table[9], len(v_all))
+    most, period, ahead, slowing = numbers[0], numbers[1], numbers[2], numbers[3]
+    stopping, return_time, rounding = numbers[4], numbers[5], numbers[6]
+    for i in range(count):
         column = v_index[i]
         q, v = q_all[q_index[i]], v_all[column]
         if not (q * 0.0 == 0.0 and v * 0.0 == 0.0):  # infinite or NaN: seen by the check for finite values

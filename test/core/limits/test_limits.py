@@ -7,6 +7,7 @@ import pytest
 from wbc_controller.core.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.core.limits.joint_motion import STOPPING
 from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.equations_of_motion import fill_dynamics
 from wbc_controller.records import Tuning
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
@@ -321,10 +322,12 @@ def torque_bounds(limit, before, v, period):
     n, available = len(v), limit.available(v)
     lower, upper, bias, each = np.empty(n), np.empty(n), np.empty(n), np.arange(n + 1)
     share = -1.0 if before is None else limit.rate * period
-    fill_dynamics(
-        each, each[:-1], np.ones(n), 0, 0, 1.0, np.zeros(0), np.zeros((n, n + 1)), lower, upper,
-        np.zeros((n, n)), np.zeros(n), v, *available, v if before is None else before, limit.effort_limits, share, bias,
+    bound = Bound(
+        n, 0, n, 0, n, 0, each, each[:-1], np.ones(n), np.zeros(0), np.zeros((n, n + 1)), lower, upper,
+        np.zeros((n, n)), np.ones(1),
     )  # fmt: skip
+    before = v if before is None else before
+    fill_dynamics(bound.table, np.zeros(n), v, *available, before, limit.effort_limits, share, bias)
     return lower, upper
 
 

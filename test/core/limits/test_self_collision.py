@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from changed_bounds import change_motion_bounds
 
 from wbc_controller.assembly.collision_model import build_collision_model
 from wbc_controller.assembly.limits import make_self_collision
@@ -493,13 +494,10 @@ class TwoArms:
         self.formulation.torque_limit = TorqueLimit(limits, 1.0e4)
 
     def brake(self, *joints):
-        fill = self.formulation.motion_limit.fill
-
-        def braked(places, q, v, period, lower, upper):
-            fill(places, q, v, period, lower, upper)
+        def braked(lower, upper):
             lower[list(joints)] = upper[list(joints)] = 0.0
 
-        self.formulation.motion_limit.fill = braked
+        change_motion_bounds(self.formulation, braked)
 
     def explain(self, before=None):
         return self.controller.explain(self.state, self.references, before)

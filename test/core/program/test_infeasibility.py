@@ -5,6 +5,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+from changed_bounds import change_motion_bounds
 from scipy.optimize import linprog
 
 from wbc_controller.core import whole_body_qp
@@ -115,13 +116,11 @@ def pulled_apart(robot, name):
 
 def crossed(robot, name):
     column = robot.model.v_index[robot.model.joints.index(ELBOW[name])]
-    fill = robot.controller.formulation.motion_limit.fill
 
-    def contradictory(places, q, v, period, lower, upper):
-        fill(places, q, v, period, lower, upper)
+    def contradictory(lower, upper):
         lower[column], upper[column] = 5.0, -5.0
 
-    robot.controller.formulation.motion_limit.fill = contradictory
+    change_motion_bounds(robot.controller.formulation, contradictory)
     return asked(robot), {f"motion:{ELBOW[name]}"}
 
 
@@ -158,11 +157,11 @@ def weak_and_braked(robot, name):
     weaken(robot, wrist, 0.2)
     column = robot.model.v_index[robot.model.joints.index(wrist)]
 
-    def braked(places, q, v, period, lower, upper):
-        lower[places[1]], upper[places[1]] = -20.0, 20.0
+    def braked(lower, upper):
+        lower[robot.model.v_index], upper[robot.model.v_index] = -20.0, 20.0
         lower[column], upper[column] = -500.0, -100.0
 
-    robot.controller.formulation.motion_limit.fill = braked
+    change_motion_bounds(robot.controller.formulation, braked)
     return asked(robot), {f"motion:{wrist}", f"torque:{wrist}"}
 
 

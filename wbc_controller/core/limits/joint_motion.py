@@ -6,6 +6,7 @@ import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.joint_motion import acceleration_bounds
 from wbc_controller.records import Array, Tuning
 
@@ -79,7 +80,7 @@ class JointMotionLimit:
         # As upper limits of q and of -q, (2, nj) or, where positions are not limited, (2, 0); and the speeds likewise.
         lower, upper = (np.zeros(0), np.zeros(0)) if position is None else position
         self._limits = np.stack([upper, -lower])
-        self._fastest = np.zeros(0) if velocity is None else velocity
+        self._fastest = np.zeros(0) if velocity is None else np.ascontiguousarray(velocity)
 
     @classmethod
     def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
@@ -118,27 +119,24 @@ class JointMotionLimit:
             period: time for which an acceleration is held, s.
         """
         lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
-        self.fill((each, each), np.ascontiguousarray(q), np.ascontiguousarray(v), period, lower, upper)
+        bound = self.bind(each, each, period, lower, upper)
+        acceleration_bounds(bound.table, np.ascontiguousarray(q), np.ascontiguousarray(v))
         return lower, upper
 
-    def fill(
-        self, places: tuple[np.ndarray, np.ndarray], q: Array, v: Array, period: float, lower: Array, upper: Array
-    ) -> None:
-        """Write the bounds of the joint accelerations in place.
+    def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> Bound:
+        """The limits, and where their bounds go, for `kernels.joint_motion.acceleration_bounds`.
 
         Args:
-            places: indices of the joints in q, and in v and the bounds, (nj,) each.
-            q: configuration, (nq,) in rad.
-            v: generalized velocity, (nv,) in rad/s.
+            q_index: index in q of each joint, (nj,).
+            v_index: index in v, and in the bounds, of each joint, (nj,).
             period: time for which an acceleration is held, s.
-            lower: for the lower bounds, (nv,) in rad/s².
-            upper: for the upper bounds, (nv,) in rad/s².
+            lower: for the lower bounds, by index in v, in rad/s².
+            upper: for the upper bounds, likewise.
         """
         ahead, slowing = max(period, self.horizon), max(period, min(self.horizon, SLOWING_TIME))
-        acceleration_bounds(
-            *places, q, v, self._limits, self._fastest, self.acceleration, period, ahead, slowing,
-            STOPPING, RETURN_TIME, _ROUNDING, lower, upper,
-        )  # fmt: skip
+        numbers = np.array([self.acceleration, period, ahead, slowing, STOPPING, RETURN_TIME, _ROUNDING])
+        sizes = len(q_index), self._limits.shape[1], len(self._fastest)
+        return Bound(*sizes, q_index, v_index, self._limits, self._fastest, numbers, lower, upper)
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
         """Bounds with which a joint still stops, where those of `bounds` cannot be met.

@@ -16,6 +16,7 @@ from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.core.tasks.task import MotionTask
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.frames import JOINTS
 from wbc_controller.records import Array, References
 
@@ -34,6 +35,7 @@ class _Plan:
         rows: what compiled code fills.
         counts: each task with rows, and their number.
         others: each task with rows that it fills itself, and views for its J and its right-hand side.
+        compiled: whether compiled code fills all rows and targets.
         metric: diagonal of W in the regularization of the forces, (nf,).
         single: each task on single components of v̇, and the indices of these components.
         minus_shares: for each task in `single`, the negative factor from its right-hand side to the target.
@@ -47,6 +49,7 @@ class _Plan:
     rows: Rows
     counts: list[tuple[str, int]]
     others: list[tuple[AccelerationTask, Array, Array]]
+    compiled: bool
     metric: Array
     single: list[tuple[AccelerationTask, np.ndarray | slice]]
     minus_shares: list[Array] = field(default_factory=list)
@@ -111,15 +114,19 @@ class LevelCost:
         self._layout: Layout | None = None  # of the last cycle, and what was laid out for it
         self._current: _Plan
 
-    def fill_rows(self, layout: Layout, dynamics: Dynamics, references: References) -> None:
-        """Fill the rows of the tasks on accelerations and, on the first level, those of the contacts.
+    def prepare(self, layout: Layout, dynamics: Dynamics, references: References) -> tuple[Bound, Array]:
+        """Take over references, weights and gains.
 
         Args:
             layout: of the active contacts.
             dynamics: the snapshot.
             references: task references and weights.
+
+        Returns:
+            How compiled code fills the rows of the tasks on accelerations and, on the first level, those of contacts;
+            and the memory for the task errors.
         """
-        wanted, weights = references.tasks, references.weights
+        weights = references.weights
         if weights != self._weights:
             self._weights = dict(weights)
             # Tasks with a NaN weight take part, so that the check for finite values finds it later.
@@ -130,29 +137,43 @@ class LevelCost:
         if layout is not self._layout:
             key = (layout.key, self._taking_part)
             if key not in self._plans:
-                self._plans[key] = self._plan(layout)
+                self._plans[key] = self._plan(layout, dynamics)
             self._layout, self._current = layout, self._plans[key]
         plan = self._current
         if plan.weights is not self._weights:
             self._weigh(plan)
+        self._errors = plan.rows.follow(references.tasks)
+        return plan.rows.bound, self._errors
+
+    def complete(self, dynamics: Dynamics, references: References, rest: float) -> None:
+        """Fill the rows that compiled code does not know.
+
+        Args:
+            dynamics: the snapshot.
+            references: task references and weights.
+            rest: what the compiled code has returned.
+        """
+        plan, wanted = self._current, references.tasks
         squares = plan.squares
-        squares.constant, self._errors = plan.rows.fill(dynamics, wanted)
+        squares.constant = rest
+        plan.level.cost.pose(squares)
+        if plan.compiled and not self._others:
+            return
         self._other_errors = {}
         for task, rows, right in plan.others:
             self._other_errors[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
-        for (task, columns), minus_share, rest in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
+        for (task, columns), minus_share, share in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
             if task.name in plan.rows.shares:
                 continue
             asked, self._other_errors[task.name] = task.right(dynamics, wanted[task.name])
             squares.minus_target[columns] = minus_share * asked
-            squares.constant += 0.5 * float((rest * asked).dot(asked))
-        plan.level.cost.pose(squares)
+            squares.constant += 0.5 * float((share * asked).dot(asked))
 
     def level_of(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
         """The level of one cycle, with the tasks on forces and torques and those with a tolerance.
 
         Args:
-            layout: with the equations of motion filled, for which `fill_rows` was called.
+            layout: with the equations of motion filled, whose rows are complete.
             dynamics: the snapshot.
             references: task references and weights.
         """
@@ -174,7 +195,7 @@ class LevelCost:
         """
         return self._current.rows.places, self._errors, self._other_errors
 
-    def _plan(self, layout: Layout) -> _Plan:
+    def _plan(self, layout: Layout, dynamics: Dynamics) -> _Plan:
         """Lay out the rows of the tasks with non-zero weight."""
         problem, nv, n, base = layout.problem, self._model.nv, layout.problem.n, self._base
         with_rows = [task for task in self._exact if task.name in self._taking_part]
@@ -203,19 +224,22 @@ class LevelCost:
         minus_target = np.zeros(n + 1)
         minus_target[-1] = 1.0
         cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
+        rows = Rows(
+            dynamics,
+            stack,
+            minus_target,
+            [(instruction, count + row) for instruction, row in contacts],
+            compiled,
+            end if base else None,
+        )
         return _Plan(
             level=Level(self._taking_part, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
             kept=stack[:end, :n],
             squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
-            rows=Rows(
-                stack,
-                minus_target,
-                [(instruction, count + row) for instruction, row in contacts],
-                compiled,
-                end if base else None,
-            ),
+            rows=rows,
             counts=counts,
             others=others,
+            compiled=not others and all(task.name in rows.shares for task in single),
             metric=layout.metric,
             single=[(task, as_slice(np.arange(nv)[task.columns])) for task in single],
         )

@@ -15,7 +15,11 @@ from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.equations_of_motion import fill_dynamics
+from wbc_controller.kernels.frames import fill_rows, link_terms
+from wbc_controller.kernels.joint_motion import acceleration_bounds
+from wbc_controller.kernels.program import fill_program
 from wbc_controller.records import Array, References, RobotState, Tuning
 
 
@@ -72,7 +76,8 @@ class Formulation:
         self._tuning: Tuning | None = None
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._active: tuple[dict[str, float], Layout] | None = None  # activations of the last cycle, and their layout
-        self._joints = model.q_index.astype(np.int64), model.v_index.astype(np.int64)
+        self._tabled: tuple[object, object, object] = (None, None, None)  # of what `_tables` was made
+        self._tables: Bound
         levels = sorted({task.level for task in tasks})
         self._costs = [
             LevelCost(
@@ -85,6 +90,7 @@ class Formulation:
             )
             for level in levels
         ]
+        self._lower = self._costs[1:]
 
     @cached_property
     def has_priorities(self) -> bool:
@@ -95,7 +101,8 @@ class Formulation:
         """Columns, rows and arrays of the problem for one set of active contacts."""
         if names not in self._layouts:
             contacts = [self.contacts[name] for name in names]
-            self._layouts[names] = Layout(self.model, contacts, self.row_limits, self._costs[0].rows)
+            self._layouts[names] = layout = Layout(self.model, contacts, self.row_limits, self._costs[0].rows)
+            layout.bind(self.dynamics)
         return self._layouts[names]
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
@@ -111,19 +118,47 @@ class Formulation:
         """
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
-        dynamics = self.dynamics
-        dynamics.update(state.q, state.v)
+        dynamics, first = self.dynamics, self._costs[0]
+        dynamics.compute(state.q, state.v)
         layout = self._layout_of(references.contacts)
-        for cost in self._costs:
-            cost.fill_rows(layout, dynamics, references)
-        self._fill_contacts(layout, references)
-        self._fill_equations_of_motion(layout, references, tau_before)
+        rows, errors = first.prepare(layout, dynamics, references)
+        self._bound_forces(layout, references)
+        limit, q, v = self.torque_limit, state.q, state.v
+        available = limit.available(v if limit.curve is None else self.model.actuation.speeds(v))
+        before, share = (available[0], -1.0) if tau_before is None else (tau_before, limit.rate * self.period)
+        bias = layout.torque_bias = np.empty(len(before))
+        tables = self._tables_of(layout, rows)
+        if layout.compiled:
+            rest = fill_program(
+                tables.table, q, v, self.bias(references), *available, before, limit.effort_limits, share, errors, bias
+            )
+        else:
+            link_terms(dynamics.bound.table, v)
+            rest = fill_rows(rows.table, q, v, errors)
+            self._fill_contacts(layout, references)
+            h = self.bias(references)
+            fill_dynamics(layout.bound.table, h, v, *available, before, limit.effort_limits, share, bias)
+            acceleration_bounds(layout.motion.table, q, v)
+        first.complete(dynamics, references, rest)
+        for cost in self._lower:
+            rows, errors = cost.prepare(layout, dynamics, references)
+            cost.complete(dynamics, references, fill_rows(rows.table, q, v, errors))
         layout.levels = [cost.level_of(layout, dynamics, references) for cost in self._costs]
-        bounds = layout.problem.x_lower, layout.problem.x_upper
-        self.motion_limit.fill(self._joints, dynamics.q, dynamics.v, self.period, *bounds)
         if self.row_limits:
             self._fill_row_limits(layout)
         return layout
+
+    def _tables_of(self, layout: Layout, rows: Bound) -> Bound:
+        """What `kernels.program.fill_program` works on for a layout and its rows, with the limits in force."""
+        known = self._tabled
+        if layout is not known[0] or rows is not known[1] or self.motion_limit is not known[2]:
+            self._tabled = layout, rows, self.motion_limit
+            bounds = layout.problem.x_lower, layout.problem.x_upper
+            q_index, v_index = (each.astype(np.int64) for each in (self.model.q_index, self.model.v_index))
+            layout.motion = self.motion_limit.bind(q_index, v_index, self.period, *bounds)
+            parts = self.dynamics.bound, rows, layout.bound, layout.motion
+            self._tables = Bound(*(part.table for part in parts))
+        return self._tables
 
     def _layout_of(self, activations: Mapping[str, float]) -> Layout:
         """The layout of the active contacts, with the bounds of their forces."""
@@ -150,18 +185,6 @@ class Formulation:
         """Task errors of each level in the last cycle (`LevelCost.errors`)."""
         return [cost.errors for cost in self._costs]
 
-    def _fill_equations_of_motion(self, layout: Layout, references: References, tau_before: Array | None) -> None:
-        dynamics, limit = self.dynamics, self.torque_limit
-        lower, upper = limit.available(
-            self.model.actuation.speeds(dynamics.v) if limit.curve is not None else dynamics.v
-        )
-        share = limit.rate * self.period if tau_before is not None else -1.0
-        bias = layout.torque_bias = np.empty(len(lower))
-        fill_dynamics(
-            *layout.dynamics_rows, dynamics.M_rows, self.bias(references), dynamics.v, lower, upper,
-            lower if tau_before is None else tau_before, limit.effort_limits, share, bias,
-        )  # fmt: skip
-
     def bias(self, references: References) -> Array:
         """Bias forces h less the generalized forces of what is known beside the model (equation (22); S4), (nv,)."""
         disturbance = references.disturbance
@@ -172,10 +195,8 @@ class Formulation:
             h -= self.dynamics.external_force(frame, wrench)
         return h
 
-    def _fill_contacts(self, layout: Layout, references: References) -> None:
-        dynamics = self.dynamics
-        for place in layout.by_themselves:
-            place.contact.fill(dynamics, place.J, place.acceleration)
+    def _bound_forces(self, layout: Layout, references: References) -> None:
+        """Fill the bounds of the contact forces."""
         for place in layout.places:
             contact = place.contact
             bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
@@ -183,8 +204,13 @@ class Formulation:
                 np.divide(bounds[0], FORCE_UNIT, out=place.lower)
                 np.divide(bounds[1], FORCE_UNIT, out=place.upper)
                 place.bounds = bounds
+
+    def _fill_contacts(self, layout: Layout, references: References) -> None:
+        """Fill what compiled code does not know of the contacts' motion."""
+        for place in layout.by_themselves:
+            place.contact.fill(self.dynamics, place.J, place.acceleration)
         if layout.anchored:
-            layout.contact_motion += pull(layout, dynamics, references.anchors)
+            layout.contact_motion += pull(layout, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         problem = layout.problem

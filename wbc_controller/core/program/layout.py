@@ -15,7 +15,9 @@ import numpy as np
 from wbc_controller.core.contacts import AnchoredContact, Contact
 from wbc_controller.core.limits import RowLimit
 from wbc_controller.core.program.problem import Level, QuadraticProgram
+from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.records import Array
 
 #: Forces in the problem are in units of 100 N (and 100 N·m), so that all decision variables have similar magnitudes.
@@ -81,6 +83,7 @@ class Layout:
     ) -> None:
         nv, na, free = model.nv, model.na, model.actuation.free
         coupling = model.actuation.C
+        self.actuation = model.actuation
         self.key = tuple(contact.name for contact in contacts)
         nf = sum(contact.size for contact in contacts)
         self.mechanism = slice(nf, nf + len(coupling) + free)
@@ -124,15 +127,22 @@ class Layout:
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
-        #: Where compiled code fills the rows of the equations of motion and of the torques directly below them.
-        self.dynamics_rows = (
-            *model.actuation.projection, free, self.mechanism.stop - free, FORCE_UNIT, self.damping,
-            problem.constraints, self.torque_lower, self.torque_upper,
-        )  # fmt: skip
         self.torque_bias = np.zeros(na)
+        #: Whether compiled code knows all of the contacts' motion.
+        self.compiled = not self.by_themselves and not self.anchored
+        self.motion: Bound
+        self.bound: Bound
         self.levels: list[Level] = []
         self.labels = self._labels(model)
         self._named: dict[int, Sequence[str]] = {limit.start: () for limit in self.limits}
+
+    def bind(self, dynamics: Dynamics) -> None:
+        """Tell compiled code where the rows of the equations of motion are, and of what they are made."""
+        projection, rows = self.actuation.projection, self.problem.constraints
+        free, na = self.actuation.free, len(self.torque_lower)
+        sizes = len(projection[2]), free, na, len(self.damping), len(rows), self.mechanism.stop - free
+        bounds = self.torque_lower, self.torque_upper
+        self.bound = Bound(*sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]))
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
         n = self.problem.n

@@ -189,10 +189,10 @@ class QuadraticProgram:
 
     def residuals(self, x: Array) -> Residuals:
         """Residuals of the constraints at x."""
-        found = Residuals.of(self)
-        found.value[: self.n] = x
-        found.measured(*kernel.residuals(self.constraints, self.bounds, found.value, found.equalities, found.room))
-        return found
+        count = self.bounds.shape[1]
+        found = np.zeros(4 * count + len(self.b))
+        found[: self.n] = x
+        return Residuals(found, count, *kernel.residuals(self.constraints, self.bounds, found))
 
     def rows(self, places: np.ndarray) -> Array:
         """Rows of [I; C], (k, n)."""
@@ -206,35 +206,52 @@ class QuadraticProgram:
         return self.residuals(x).violation
 
 
-@dataclass(slots=True)
 class Residuals:
     """Residuals of the constraints at a point x.
 
     Attributes:
-        value: x, then C x, (n + m_in,).
-        equalities: |A x - b|, (m_eq,).
-        room: distance of x and C x from their lower and upper bounds, (2, n + m_in); negative where violated.
+        found: x and C x; the multipliers of their bounds, where a solver has found them; the distances of x and C x
+            from their lower and upper bounds; and |A x - b|, all one after the other, (4 (n + m_in) + m_eq,).
         least_room: the smallest value of `room`.
         violation: largest violation of a constraint, 0 where all hold; NaN if x or the problem contains NaN.
     """
 
-    value: Array
-    equalities: Array
-    room: Array
-    least_room: float = math.nan
-    violation: float = math.nan
+    __slots__ = ("_count", "found", "least_room", "violation")
 
-    @classmethod
-    def of(cls, problem: QuadraticProgram) -> Residuals:
-        """Arrays for the residuals of a problem, not filled."""
-        count = problem.bounds.shape[1]
-        return cls(np.empty(count), np.empty(len(problem.b)), np.empty((2, count)))
+    def __init__(self, found: Array, count: int, least_room: float, off: float) -> None:
+        """Store what was found.
 
-    def measured(self, least_room: float, off: float) -> None:
-        """Take the smallest room, and the largest of `equalities`."""
+        Args:
+            found: as above.
+            count: n + m_in.
+            least_room: the smallest room.
+            off: the largest of `equalities`.
+        """
+        self.found = found
+        self._count = count
         self.least_room = least_room
         # max loses a NaN
         self.violation = max(0.0, -least_room, off) if least_room == least_room and off == off else math.nan
+
+    @property
+    def value(self) -> Array:
+        """x, then C x, (n + m_in,)."""
+        return self.found[: self._count]
+
+    @property
+    def multipliers(self) -> Array:
+        """Of the bounds of x and the rows of C, (n + m_in,)."""
+        return self.found[self._count : 2 * self._count]
+
+    @property
+    def room(self) -> Array:
+        """Distance of x and C x from their lower and upper bounds, (2, n + m_in); negative where violated."""
+        return self.found[2 * self._count : 4 * self._count].reshape(2, self._count)
+
+    @property
+    def equalities(self) -> Array:
+        """|A x - b|, (m_eq,)."""
+        return self.found[4 * self._count :]
 
 
 @dataclass(frozen=True, slots=True)

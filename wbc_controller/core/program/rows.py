@@ -9,7 +9,8 @@ import numpy as np
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.task import MotionTask
-from wbc_controller.kernels.frames import JOINTS, MOMENTUM, fill_rows
+from wbc_controller.kernels.compiled import Bound
+from wbc_controller.kernels.frames import JOINTS, MOMENTUM
 from wbc_controller.records import Array, Reference
 
 
@@ -55,11 +56,13 @@ class Rows:
 
     Attributes:
         places: name of each task, and where its error is among all of them.
+        bound: the instructions and arrays for `kernels.frames.fill_rows`.
         shares: of each task on single accelerations, by name, two factors for each (`kernels.frames`), (2 size,).
     """
 
     def __init__(
         self,
+        dynamics: Dynamics,
         out: Array,
         minus_target: Array,
         contacts: Iterable[tuple[Instruction, int]] = (),
@@ -69,13 +72,13 @@ class Rows:
         """Lay out the instructions.
 
         Args:
+            dynamics: the snapshot, whose arrays the rows are made of.
             out: the block, (k, n + 1).
             minus_target: for the negative targets of single accelerations, (n + 1,).
             contacts: their instructions, each with its first row in the block.
             tasks: likewise; a task on single accelerations has no row.
             momentum: first row of the rate of the momentum; None where the block has none.
         """
-        self._out, self._minus_target = out, minus_target
         self.places: list[tuple[str, slice]] = []
         self.shares: dict[str, Array] = {}
         steps: list[tuple[int, ...]] = []
@@ -113,22 +116,19 @@ class Rows:
             self._followed.append(followed)
             if step.kind == JOINTS:
                 self.shares[task.name] = followed.shares
-        self._told = (
+        told = (
             np.array(steps, dtype=np.int64).reshape(-1, 10),
             np.concatenate([np.zeros(0, dtype=np.int64), *places]).astype(np.int64),
             values,
         )
+        sizes = *map(len, told), len(dynamics.links), *out.shape
+        self.bound = Bound(*sizes, *told, *dynamics.terms, out, minus_target)
 
-    def fill(self, dynamics: Dynamics, wanted: Mapping[str, Reference]) -> tuple[float, Array]:
-        """Fill the rows for one state.
+    def follow(self, wanted: Mapping[str, Reference]) -> Array:
+        """Take over references and gains; gives the memory for the errors of all tasks, one after the other.
 
         Args:
-            dynamics: the snapshot.
             wanted: the references by task.
-
-        Returns:
-            The cost that no acceleration avoids, of tasks on single accelerations; and the errors of all tasks, one
-            after the other, as a new array.
         """
         for followed in self._followed:
             reference, task = wanted[followed.name], followed.task
@@ -136,8 +136,4 @@ class Rows:
                 followed.follow(reference)
             if task.stiffness is not followed.stiffness or task.damping is not followed.damping:
                 followed.tune()
-        errors = np.empty(self._errors)
-        rest: float = fill_rows(
-            *self._told, *dynamics.terms, dynamics.q, dynamics.v, self._out, self._minus_target, errors
-        )
-        return rest, errors
+        return np.empty(self._errors)

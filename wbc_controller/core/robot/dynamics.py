@@ -9,6 +9,7 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.frames import link_terms
 from wbc_controller.records import Array
 
@@ -35,6 +36,7 @@ class Dynamics:
         joint_jacobians: columns of the joint twists at the world's origin, in world axes, (6, nv), linear rows first. A
             link's twist is the sum over the joints between base and link of their columns times their velocities.
         moves: 1 where a component of v moves a link, (links, nv); the first link is the world.
+        bound: these arrays for `kernels.frames.link_terms`.
         links: twist of each link at the world's origin, in world axes, and its spatial acceleration there at v̇ = 0,
             (links, 12).
         joints: placement of each link in the world, (links, 12): the columns of the rotation, then the translation.
@@ -67,18 +69,28 @@ class Dynamics:
         self.joints = placements(data)
         parts = [_table([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
-        gravity, mass = np.array(model.pinocchio.gravity.linear), float(pin.computeTotalMass(model.pinocchio))
-        self._terms_of: tuple[Any, ...] = (self.joints, *parts, roots, gravity, mass, self.com, self.centroidal_matrix)
-        self._motions: tuple[Any, ...] = (self.links, self._per_mass, self.com_velocity, self.com_drift, self.centroidal_drift)
-        #: What the rows of tasks and contacts are made of (`kernels.frames.fill_rows`).
+        gravity = np.array([*model.pinocchio.gravity.linear, pin.computeTotalMass(model.pinocchio)])
+        made = self.links, self._per_mass.T, self.com_velocity, self.com_drift, self.centroidal_drift
+        self.bound = Bound(len(self.links), len(roots), self.joints, *parts, roots, gravity, self.com, data.Ag.T, *made)
+        #: What the rows of tasks and contacts are made of, as `kernels.frames.fill_rows` takes it.
         self.terms = (
-            self.joints, self.links, self.joint_jacobians, self.moves, self.com, self.com_velocity, self.com_drift,
-            self._per_mass, self.centroidal_matrix, self.centroidal_drift,
+            self.joints, self.links, data.J.T, self.moves, self.com, self.com_velocity, self.com_drift,
+            self._per_mass.T, data.Ag.T, self.centroidal_drift,
         )  # fmt: skip
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
         """Compute all terms at a new state.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+        """
+        self.compute(q, v)
+        link_terms(self.bound.table, v)
+
+    def compute(self, q: Array, v: Array) -> None:
+        """Compute M, h and what else Pinocchio does at a new state; `kernels.frames.link_terms` completes the terms.
 
         Args:
             q: configuration, (nq,).
@@ -94,7 +106,6 @@ class Dynamics:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
             self.h[self.model.passive.v_index] -= self.model.passive.torques(q, v)
-        link_terms(*self._terms_of, v, *self._motions)
 
     def place(self, geometry: pin.GeometryModel, placements: pin.GeometryData) -> None:
         """Compute the placements of shapes that are fixed to the links."""

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
-from wbc_controller.core.program.problem import QuadraticProgram, Residuals
+from wbc_controller.core.program.problem import QuadraticProgram, Residuals, Squares
 from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.kernels import active_set as kernel
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.records import Array
 
 #: Largest violation of a constraint, in the problem's units; the same as DAQP's tolerance.
@@ -56,6 +57,9 @@ class ActiveSet:
         self._n, self._m = n, equalities
         self.side = np.zeros(n + inequalities, dtype=np.int8)
         self._active = self.side.nonzero()[0]
+        self._bound_of: tuple[object, object, object] = (None, None, None)
+        self._bound: Bound
+        self._space = 4 * len(self.side) + equalities  # for what the compiled code finds
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
@@ -78,16 +82,18 @@ class ActiveSet:
         squares = problem.cost.squares
         if squares is None or len(squares.stack) > self._n:
             return self._full(problem)
-        found, multipliers = Residuals.of(problem), np.empty(len(self.side))
+        known = self._bound_of
+        if squares is not known[0] or squares.inverse is not known[1] or problem is not known[2]:
+            self._bound_of = squares, squares.inverse, problem
+            self._bound = bind(squares, problem)
+        count, found = len(self.side), np.empty(self._space)
         solved, cost, least, off = kernel.condensed(
-            squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
-            found.value, found.equalities, found.room, multipliers,
-        )  # fmt: skip
+            self._bound.table, squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST, found
+        )
         if not solved:
             return None
-        found.measured(least, off)
-        return Answer(found.value[: self._n], "optimal", 1, multipliers, found, cost)
+        residuals = Residuals(found, count, least, off)
+        return Answer(found[: self._n], "optimal", 1, residuals.multipliers, residuals, cost)
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
@@ -113,3 +119,12 @@ class ActiveSet:
         # xᵀHx = -gᵀx - bᵀy - wᵀλ, the stationarity condition times xᵀ; and right is [-g; b; w].
         cost = problem.cost.constant - 0.5 * float(right @ answer)
         return Answer(answer[:n], "optimal", 1, multipliers, residuals, cost)
+
+
+def bind(squares: Squares, problem: QuadraticProgram) -> Bound:
+    """The arrays of a cost and of a problem, for `kernels.active_set.condensed`."""
+    rows, equalities = problem.constraints, len(problem.b)
+    return Bound(
+        problem.n, len(squares.slack), len(squares.stack), squares.first, equalities, len(rows) - equalities,
+        squares.stack, squares.slack, squares.inverse, squares.minus_target, rows, problem.bounds,
+    )  # fmt: skip

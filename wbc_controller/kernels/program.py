@@ -1,0 +1,49 @@
+"""All that depends on the state in a quadratic program, in one call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, VECTOR_OUT, as_part, compiled, indices
+from wbc_controller.kernels.equations_of_motion import fill_dynamics
+from wbc_controller.kernels.frames import fill_rows, link_terms
+from wbc_controller.kernels.joint_motion import acceleration_bounds
+from wbc_controller.records import Array
+
+_link_terms, _fill_rows = as_part(link_terms), as_part(fill_rows)
+_fill_dynamics, _acceleration_bounds = as_part(fill_dynamics), as_part(acceleration_bounds)
+#: More than any table has.
+_SIZE = 32
+
+
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT, VECTOR_OUT)
+def fill_program(
+    tables: np.ndarray, q: Array, v: Array, h: Array, available_lower: Array, available_upper: Array, before: Array,
+    limits: Array, share: float, errors: Array, bias: Array,
+) -> float:  # fmt: skip
+    """The motion of links, rows of contacts and tasks, equations of motion, and bounds of torques and accelerations.
+
+    It is `frames.link_terms`, `frames.fill_rows`, `equations_of_motion.fill_dynamics` and
+    `joint_motion.acceleration_bounds`, which say what the arguments are, one after the other.
+
+    Args:
+        tables: their tables, in this order.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        h: bias forces, (nv,).
+        available_lower: (na,) in N·m.
+        available_upper: (na,) in N·m.
+        before: τ_before, (na,) in N·m.
+        limits: τ_max, (na,) in N·m.
+        share: rate Δt; below 0 the change of the torques is not bounded.
+        errors: for the task errors.
+        bias: for the constant part of the torques, (na,) in N·m.
+
+    Returns:
+        The cost that no acceleration avoids, of the tasks on single accelerations.
+    """
+    _link_terms(indices(tables[0], _SIZE), v)
+    rest = _fill_rows(indices(tables[1], _SIZE), q, v, errors)
+    _fill_dynamics(indices(tables[2], _SIZE), h, v, available_lower, available_upper, before, limits, share, bias)
+    _acceleration_bounds(indices(tables[3], _SIZE), q, v)
+    return rest
