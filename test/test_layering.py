@@ -27,13 +27,17 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mechanics": ((), ("numpy", "scipy", "pinocchio")),
     "kernels": ((), ("numpy", "numba")),
     "core/arrays": ((), ("numpy", "scipy")),
+    "core/tunable": ((), ()),
     "core/robot": (("core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
-    "core/contacts": (("core/robot", "kernels"), ("numpy", "scipy", "pinocchio")),
+    "core/contacts": (("core/robot", "core/tunable", "kernels"), ("numpy", "scipy", "pinocchio")),
     "core/limits": (("core/robot", "kernels"), ("numpy", "pinocchio", "coal")),
-    "core/tasks": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "pinocchio")),
+    "core/tasks": (
+        ("core/robot", "core/contacts", "core/arrays", "core/tunable", "kernels"),
+        ("numpy", "pinocchio"),
+    ),
     "core/references": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "pinocchio")),
     "core/program": (
-        ("core/robot", "core/contacts", "core/limits", "core/tasks", "core/arrays", "kernels"),
+        ("core/robot", "core/contacts", "core/limits", "core/tasks", "core/arrays", "core/tunable", "kernels"),
         ("numpy", "scipy"),
     ),
     "core/solvers": (

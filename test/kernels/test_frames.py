@@ -36,6 +36,7 @@ def moved(robot, seed):
 
 def fill(block, dynamics, wanted):
     """Fill rows; gives the cost that no acceleration avoids, and the errors."""
+    block.tune()
     errors = block.follow(wanted)
     return kernel.fill_rows(block.bound.table, dynamics.q, dynamics.v, errors), errors
 

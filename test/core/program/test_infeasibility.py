@@ -144,7 +144,7 @@ def slippery(robot, name):
         slides = (np.abs(contact.cone[:, :2]).max(axis=1) == 1.0) & (contact.cone[:, 2] < 0.0)
         normal[slides] = -0.05 / 2.0**0.5
     robot.controller.formulation._layouts.clear()
-    robot.controller.formulation._active = None
+    robot.controller.formulation._ready = None
     robot.controller.forget()
     push = np.array([0.0, 0.1 * weight(robot), 0.0, 0.0, 0.0, 0.0])
     references = replace(robot.references(), external_wrenches={robot.model.base_link: push})

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
+from wbc_controller.core.tunable import Tunable
 from wbc_controller.records import Array, frozen
 
 
@@ -159,6 +160,9 @@ class UnilateralContact(AnchoredContact):
     """
 
     normal = 2
+    min_normal_force: Tunable[float] = Tunable()
+    max_normal_force: Tunable[float] = Tunable()
+    max_yaw_moment: Tunable[float] = Tunable()
 
     def __init__(
         self,

@@ -12,6 +12,7 @@ from wbc_controller.core.contacts.mount import Mount, hinge_of, opening
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tunable import Tunable
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
@@ -29,6 +30,9 @@ class FixedContact(AnchoredContact):
         max_force: largest force along each axis, N.
         max_moment: largest moment about each axis, N·m.
     """
+
+    max_force: Tunable[float] = Tunable()
+    max_moment: Tunable[float] = Tunable()
 
     def __init__(
         self,

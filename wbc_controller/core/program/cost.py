@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,12 +17,25 @@ from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.core.tasks.task import MotionTask
-from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.frames import JOINTS
 from wbc_controller.records import Array, References
 
 #: Length that scales rates of angular momentum to those of linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
+
+
+class Errors(NamedTuple):
+    """Task errors of one level, which later cycles do not change.
+
+    Attributes:
+        places: name of each task whose error is in `values`, and where.
+        values: their errors, one after the other.
+        others: errors of other tasks.
+    """
+
+    places: Sequence[tuple[str, slice]]
+    values: Array
+    others: dict[str, Array]
 
 
 @dataclass(slots=True)
@@ -87,8 +101,6 @@ class LevelCost:
         """
         own = [task for task in tasks if task.level == level]
         self.level = level
-        self._errors = np.zeros(0)
-        self._other_errors: dict[str, Array] = {}
         exact = [task for task in own if isinstance(task, AccelerationTask) and task.tolerance is None]
         # Tasks on single components of v̇ only add to the diagonal of H, unless a lower level needs them as rows, or
         # another task already uses the same components.
@@ -111,71 +123,83 @@ class LevelCost:
         self._weights: dict[str, float] = {}
         self._taking_part: tuple[str, ...] = ()
         self._plans: dict[tuple[tuple[str, ...], tuple[str, ...]], _Plan] = {}
-        self._layout: Layout | None = None  # of the last cycle, and what was laid out for it
-        self._current: _Plan
+        self._current: _Plan  # of the last cycle
 
-    def prepare(self, layout: Layout, dynamics: Dynamics, references: References) -> tuple[Bound, Array]:
-        """Take over references, weights and gains.
+    def prepare(self, layout: Layout, dynamics: Dynamics, weights: Mapping[str, float]) -> Rows:
+        """Take over weights and gains.
 
         Args:
             layout: of the active contacts.
             dynamics: the snapshot.
-            references: task references and weights.
+            weights: of the tasks.
 
         Returns:
-            How compiled code fills the rows of the tasks on accelerations and, on the first level, those of contacts;
-            and the memory for the task errors.
+            How compiled code fills the rows of the tasks on accelerations and, on the first level, those of contacts.
         """
-        weights = references.weights
         if weights != self._weights:
             self._weights = dict(weights)
             # Tasks with a NaN weight take part, so that the check for finite values finds it later.
             self._taking_part = tuple(
                 task.name for task in (*self._exact, *self._single) if not weights.get(task.name, 0.0) <= 0.0
             )
-            self._layout = None
-        if layout is not self._layout:
-            key = (layout.key, self._taking_part)
-            if key not in self._plans:
-                self._plans[key] = self._plan(layout, dynamics)
-            self._layout, self._current = layout, self._plans[key]
-        plan = self._current
+        key = (layout.key, self._taking_part)
+        if key not in self._plans:
+            self._plans[key] = self._plan(layout, dynamics)
+        plan = self._current = self._plans[key]
         if plan.weights is not self._weights:
             self._weigh(plan)
-        self._errors = plan.rows.follow(references.tasks)
-        return plan.rows.bound, self._errors
+        plan.rows.tune()
+        return plan.rows
 
-    def complete(self, dynamics: Dynamics, references: References, rest: float) -> None:
-        """Fill the rows that compiled code does not know.
+    @property
+    def compiled(self) -> bool:
+        """Whether compiled code fills all of the level."""
+        return self._last and not self._others and self._current.compiled
+
+    @property
+    def rows_of(self) -> Rows:
+        """How compiled code fills the rows of the last `prepare`."""
+        return self._current.rows
+
+    @property
+    def posed(self) -> Level:
+        """The level of the last `prepare`, without tasks on forces and torques and those with a tolerance."""
+        return self._current.level
+
+    def pose(self) -> Squares:
+        """Make the cost of the level the sum of its squares, and give them."""
+        self._current.level.cost.pose(self._current.squares)
+        return self._current.squares
+
+    def complete(self, dynamics: Dynamics, references: References, rest: float, errors: Array) -> Errors:
+        """Fill the rows and targets that compiled code does not know, and pose the cost.
 
         Args:
             dynamics: the snapshot.
             references: task references and weights.
             rest: what the compiled code has returned.
+            errors: and what it has found of the tasks.
         """
-        plan, wanted = self._current, references.tasks
-        squares = plan.squares
+        plan, wanted, squares = self._current, references.tasks, self.pose()
         squares.constant = rest
-        plan.level.cost.pose(squares)
-        if plan.compiled and not self._others:
-            return
-        self._other_errors = {}
+        others: dict[str, Array] = {}
         for task, rows, right in plan.others:
-            self._other_errors[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
+            others[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
         for (task, columns), minus_share, share in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
-            if task.name in plan.rows.shares:
-                continue
-            asked, self._other_errors[task.name] = task.right(dynamics, wanted[task.name])
-            squares.minus_target[columns] = minus_share * asked
-            squares.constant += 0.5 * float((share * asked).dot(asked))
+            if task.name not in plan.rows.shares:
+                asked, others[task.name] = task.right(dynamics, wanted[task.name])
+                squares.minus_target[columns] = minus_share * asked
+                squares.constant += 0.5 * float((share * asked).dot(asked))
+        return Errors(plan.rows.places, errors, others)
 
-    def level_of(self, layout: Layout, dynamics: Dynamics, references: References) -> Level:
+    def level_of(self, layout: Layout, dynamics: Dynamics, references: References, errors: Errors) -> Level:
         """The level of one cycle, with the tasks on forces and torques and those with a tolerance.
 
         Args:
             layout: with the equations of motion filled, whose rows are complete.
             dynamics: the snapshot.
             references: task references and weights.
+            errors: for those of the tasks with a tolerance.
         """
         plan = self._current
         if self._last and not self._others:
@@ -183,17 +207,8 @@ class LevelCost:
         level = replace(plan.level)
         if not self._last:
             level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
-        self._add_others(level, layout, dynamics, references)
+        self._add_others(level, layout, dynamics, references, errors.others)
         return level
-
-    @property
-    def errors(self) -> tuple[list[tuple[str, slice]], Array, dict[str, Array]]:
-        """Task errors of the acceleration tasks that took part in the last cycle, which later ones do not change.
-
-        Returns:
-            The name of each task and where its error is in the array; and the errors of others.
-        """
-        return self._current.rows.places, self._errors, self._other_errors
 
     def _plan(self, layout: Layout, dynamics: Dynamics) -> _Plan:
         """Lay out the rows of the tasks with non-zero weight."""
@@ -271,7 +286,14 @@ class LevelCost:
         squares.inverse = np.zeros(len(squares.inverse))
         squares.inverse[base:-1] = 1.0 / squares.diagonal
 
-    def _add_others(self, level: Level, layout: Layout, dynamics: Dynamics, references: References) -> None:
+    def _add_others(
+        self,
+        level: Level,
+        layout: Layout,
+        dynamics: Dynamics,
+        references: References,
+        errors: dict[str, Array],
+    ) -> None:
         """Add the tasks on forces and torques, and the tasks with a tolerance."""
         nv, n = self._model.nv, layout.problem.n
         for task in self._others:
@@ -280,7 +302,7 @@ class LevelCost:
                 continue
             reference = references.tasks[task.name]
             if isinstance(task, AccelerationTask):
-                J, right, self._other_errors[task.name] = task.equation(dynamics, reference)
+                J, right, errors[task.name] = task.equation(dynamics, reference)
                 rows = np.hstack([J, np.zeros((len(J), n - nv))])
             elif isinstance(task, EffortTask) and (equation := task.equation(layout, reference)) is not None:
                 rows, right = equation

@@ -4,23 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from wbc_controller.core.contacts import Contact
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.core.program.anchors import pull
-from wbc_controller.core.program.cost import LevelCost
-from wbc_controller.core.program.layout import FORCE_UNIT, Layout
+from wbc_controller.core.program.cost import Errors, LevelCost
+from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
+from wbc_controller.core.program.problem import Squares
+from wbc_controller.core.program.rows import Rows
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
+from wbc_controller.core.tunable import Tunable
 from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.equations_of_motion import fill_dynamics
 from wbc_controller.kernels.frames import fill_rows, link_terms
 from wbc_controller.kernels.joint_motion import acceleration_bounds
 from wbc_controller.kernels.program import fill_program
 from wbc_controller.records import Array, References, RobotState, Tuning
+
+_NO_OTHERS: dict[str, Array] = {}
+
+
+class _Ready(NamedTuple):
+    """What is laid out and weighed for all cycles in which nothing but state and references changes.
+
+    Attributes:
+        contacts: activations for which it was made.
+        weights: weights for which it was made.
+        limits: limits of joint motion and of torques for which it was made.
+        changes: how often gains and limits of tasks and contacts had been set (`Tunable`).
+        layout: of the active contacts.
+        rows: of the contacts and the first level's tasks.
+        motion: the bounds of joint accelerations, for compiled code.
+        tables: all that `kernels.program.fill_program` works on.
+        squares: the only level's cost, where compiled code fills all of it.
+        share: largest change of the torques, as a share of their limits.
+    """
+
+    contacts: dict[str, float]
+    weights: dict[str, float]
+    limits: tuple[JointMotionLimit, TorqueLimit]
+    changes: int
+    layout: Layout
+    rows: Rows
+    motion: Bound
+    tables: Bound
+    squares: Squares | None
+    share: float
 
 
 class Formulation:
@@ -36,6 +70,7 @@ class Formulation:
         motion_limit: bounds of the joint accelerations.
         row_limits: bounds of other combinations of v̇.
         period: time between cycles, s.
+        task_errors: task errors of each level in the last cycle.
     """
 
     def __init__(
@@ -73,11 +108,10 @@ class Formulation:
         self.row_limits = tuple(row_limits)
         self.period = period
         self.effort_tasks = tuple(task for task in tasks if isinstance(task, EffortTask))
+        self.task_errors: tuple[Errors, ...] = ()
         self._tuning: Tuning | None = None
         self._layouts: dict[tuple[str, ...], Layout] = {}
-        self._active: tuple[dict[str, float], Layout] | None = None  # activations of the last cycle, and their layout
-        self._tabled: tuple[object, object, object] = (None, None, None)  # of what `_tables` was made
-        self._tables: Bound
+        self._ready: _Ready | None = None
         levels = sorted({task.level for task in tasks})
         self._costs = [
             LevelCost(
@@ -90,7 +124,6 @@ class Formulation:
             )
             for level in levels
         ]
-        self._lower = self._costs[1:]
 
     @cached_property
     def has_priorities(self) -> bool:
@@ -116,56 +149,80 @@ class Formulation:
         Returns:
             The layout, whose `problem` is ready to be solved, inspected or dumped.
         """
-        if references.tuning is not None and references.tuning is not self._tuning:
-            self._tune(references.tuning)
-        dynamics, first = self.dynamics, self._costs[0]
-        dynamics.compute(state.q, state.v)
-        layout = self._layout_of(references.contacts)
-        rows, errors = first.prepare(layout, dynamics, references)
-        self._bound_forces(layout, references)
-        limit, q, v = self.torque_limit, state.q, state.v
-        available = limit.available(v if limit.curve is None else self.model.actuation.speeds(v))
-        before, share = (available[0], -1.0) if tau_before is None else (tau_before, limit.rate * self.period)
-        bias = layout.torque_bias = np.empty(len(before))
-        tables = self._tables_of(layout, rows)
+        tuning, dynamics, q, v = references.tuning, self.dynamics, state.q, state.v
+        if tuning is not None and tuning is not self._tuning:
+            self._tune(tuning)
+        dynamics.compute(q, v)
+        ready = self._ready
+        if (
+            ready is None
+            or references.contacts != ready.contacts
+            or references.weights != ready.weights
+            or ready.limits[0] is not self.motion_limit
+            or ready.limits[1] is not self.torque_limit
+            or ready.changes != Tunable.changes
+        ):
+            ready = self._ready = self._prepare(references)
+        layout, limit = ready.layout, self.torque_limit
+        errors, bias = ready.rows.follow(references.tasks), np.empty(len(layout.torque_lower))
+        layout.torque_bias = bias
+        lower, upper = limit.available(v if limit.curve is None else self.model.actuation.speeds(v))
+        before, share = (lower, -1.0) if tau_before is None else (tau_before, ready.share)
         if layout.compiled:
-            rest = fill_program(
-                tables.table, q, v, self.bias(references), *available, before, limit.effort_limits, share, errors, bias
-            )
+            h, table = self.bias(references), ready.tables.table
+            rest = fill_program(table, q, v, h, lower, upper, before, limit.effort_limits, share, errors, bias)
         else:
             link_terms(dynamics.bound.table, v)
-            rest = fill_rows(rows.table, q, v, errors)
+            rest = fill_rows(ready.rows.bound.table, q, v, errors)
             self._fill_contacts(layout, references)
             h = self.bias(references)
-            fill_dynamics(layout.bound.table, h, v, *available, before, limit.effort_limits, share, bias)
-            acceleration_bounds(layout.motion.table, q, v)
-        first.complete(dynamics, references, rest)
-        for cost in self._lower:
-            rows, errors = cost.prepare(layout, dynamics, references)
-            cost.complete(dynamics, references, fill_rows(rows.table, q, v, errors))
-        layout.levels = [cost.level_of(layout, dynamics, references) for cost in self._costs]
+            fill_dynamics(layout.bound.table, h, v, lower, upper, before, limit.effort_limits, share, bias)
+            acceleration_bounds(ready.motion.table, q, v)
+        if ready.squares is not None:
+            ready.squares.constant = rest
+            layout.problem.cost.formed = False
+            self.task_errors = (Errors(ready.rows.places, errors, _NO_OTHERS),)
+        else:
+            self._complete(layout, references, rest, errors)
         if self.row_limits:
             self._fill_row_limits(layout)
         return layout
 
-    def _tables_of(self, layout: Layout, rows: Bound) -> Bound:
-        """What `kernels.program.fill_program` works on for a layout and its rows, with the limits in force."""
-        known = self._tabled
-        if layout is not known[0] or rows is not known[1] or self.motion_limit is not known[2]:
-            self._tabled = layout, rows, self.motion_limit
-            bounds = layout.problem.x_lower, layout.problem.x_upper
+    def _prepare(self, references: References) -> _Ready:
+        """Lay out and weigh all that depends on activations, weights, gains and limits."""
+        activations, limits, known = references.contacts, (self.motion_limit, self.torque_limit), self._ready
+        changes = Tunable.changes
+        active = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
+        layout = self.layout(tuple(active))
+        for place in layout.places:
+            self._bound_force(place, activations)
+        rows, *_ = [cost.prepare(layout, self.dynamics, references.weights) for cost in self._costs]
+        if known is not None and known.layout is layout and known.rows is rows and known.limits == limits:
+            motion, tables = known.motion, known.tables
+        else:
             q_index, v_index = (each.astype(np.int64) for each in (self.model.q_index, self.model.v_index))
-            layout.motion = self.motion_limit.bind(q_index, v_index, self.period, *bounds)
-            parts = self.dynamics.bound, rows, layout.bound, layout.motion
-            self._tables = Bound(*(part.table for part in parts))
-        return self._tables
+            bounds = layout.problem.x_lower, layout.problem.x_upper
+            motion = self.motion_limit.bind(q_index, v_index, self.period, *bounds)
+            parts = self.dynamics.bound, rows.bound, layout.bound, motion
+            tables = Bound(*(part.table for part in parts))
+        squares, first = None, self._costs[0]
+        if len(self._costs) == 1 and first.compiled:  # only its numbers change from cycle to cycle
+            squares, layout.levels = first.pose(), [first.posed]
+        share = self.torque_limit.rate * self.period
+        weighed = dict(activations), dict(references.weights)
+        return _Ready(*weighed, limits, changes, layout, rows, motion, tables, squares, share)
 
-    def _layout_of(self, activations: Mapping[str, float]) -> Layout:
-        """The layout of the active contacts, with the bounds of their forces."""
-        if self._active is None or activations != self._active[0]:
-            active = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
-            self._active = dict(activations), self.layout(tuple(active))
-        return self._active[1]
+    def _complete(self, layout: Layout, references: References, rest: float, errors: Array) -> None:
+        """Fill what compiled code does not know of the tasks, and the levels below the first."""
+        dynamics, levels, found = self.dynamics, [], []
+        for cost in self._costs:
+            if cost is not self._costs[0]:
+                rows = cost.rows_of
+                errors = rows.follow(references.tasks)
+                rest = fill_rows(rows.bound.table, dynamics.q, dynamics.v, errors)
+            found.append(cost.complete(dynamics, references, rest, errors))
+            levels.append(cost.level_of(layout, dynamics, references, found[-1]))
+        layout.levels, self.task_errors = levels, tuple(found)
 
     def _tune(self, tuning: Tuning) -> None:
         """Apply new gains and limits."""
@@ -180,11 +237,6 @@ class Formulation:
         torque = self.torque_limit
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
-    @property
-    def task_errors(self) -> list[tuple[list[tuple[str, slice]], Array, dict[str, Array]]]:
-        """Task errors of each level in the last cycle (`LevelCost.errors`)."""
-        return [cost.errors for cost in self._costs]
-
     def bias(self, references: References) -> Array:
         """Bias forces h less the generalized forces of what is known beside the model (equation (22); S4), (nv,)."""
         disturbance = references.disturbance
@@ -195,20 +247,20 @@ class Formulation:
             h -= self.dynamics.external_force(frame, wrench)
         return h
 
-    def _bound_forces(self, layout: Layout, references: References) -> None:
-        """Fill the bounds of the contact forces."""
-        for place in layout.places:
-            contact = place.contact
-            bounds = contact.bounds(1.0 if contact.permanent else references.contacts[contact.name])
-            if bounds is not place.bounds:
-                np.divide(bounds[0], FORCE_UNIT, out=place.lower)
-                np.divide(bounds[1], FORCE_UNIT, out=place.upper)
-                place.bounds = bounds
+    def _bound_force(self, place: ContactPlace, activations: Mapping[str, float]) -> None:
+        """Fill the bounds of a contact's force."""
+        contact = place.contact
+        bounds = contact.bounds(1.0 if contact.permanent else activations[contact.name])
+        if bounds is not place.bounds:
+            np.divide(bounds[0], FORCE_UNIT, out=place.lower)
+            np.divide(bounds[1], FORCE_UNIT, out=place.upper)
+            place.bounds = bounds
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        """Fill what compiled code does not know of the contacts' motion."""
+        """Fill what compiled code does not know of contacts: some know alone what they depend on."""
         for place in layout.by_themselves:
             place.contact.fill(self.dynamics, place.J, place.acceleration)
+            self._bound_force(place, references.contacts)
         if layout.anchored:
             layout.contact_motion += pull(layout, self.dynamics, references.anchors)
 

@@ -18,16 +18,13 @@ class _Followed:
     """A task whose gains and reference are copied where compiled code reads them, when they change."""
 
     __slots__ = (
-        "_acceleration", "_gains", "_position", "_velocity",
-        "damping", "name", "reference", "shares", "stiffness", "task",
+        "_acceleration", "_gains", "_position", "_task", "_velocity", "name", "reference", "shares",
     )  # fmt: skip
 
     def __init__(self, task: MotionTask, numbers: Array) -> None:
         """Take views of the numbers after the task's constants."""
-        self.name, self.task = task.name, task
+        self.name, self._task = task.name, task
         self.reference: Reference | None = None
-        self.stiffness: Array | None = None
-        self.damping: Array | None = None
         size, length = task.size, task.form.size
         ends = np.cumsum([2 * size, length, size, size])
         gains, self._position, self._velocity, self._acceleration, self.shares = np.split(numbers, ends)
@@ -47,8 +44,7 @@ class _Followed:
 
     def tune(self) -> None:
         """Take over the gains."""
-        self.stiffness, self.damping = self.task.stiffness, self.task.damping
-        self._gains[0], self._gains[1] = self.stiffness, self.damping
+        self._gains[0], self._gains[1] = self._task.stiffness, self._task.damping
 
 
 class Rows:
@@ -125,15 +121,18 @@ class Rows:
         self.bound = Bound(*sizes, *told, *dynamics.terms, out, minus_target)
 
     def follow(self, wanted: Mapping[str, Reference]) -> Array:
-        """Take over references and gains; gives the memory for the errors of all tasks, one after the other.
+        """Take over references; gives the memory for the errors of all tasks, one after the other.
 
         Args:
             wanted: the references by task.
         """
         for followed in self._followed:
-            reference, task = wanted[followed.name], followed.task
+            reference = wanted[followed.name]
             if reference is not followed.reference:
                 followed.follow(reference)
-            if task.stiffness is not followed.stiffness or task.damping is not followed.damping:
-                followed.tune()
         return np.empty(self._errors)
+
+    def tune(self) -> None:
+        """Take over the gains of the tasks."""
+        for followed in self._followed:
+            followed.tune()

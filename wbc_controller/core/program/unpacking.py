@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.core.program.cost import Errors
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
 from wbc_controller.core.program.problem import Residuals
@@ -83,7 +84,7 @@ def unpack(
         if references.weights.get(task.name, 0.0) > 0.0:
             equation = task.equation(layout, references.tasks[task.name])
             if equation is not None:
-                errors.append(([], x, {task.name: equation[0] @ x - equation[1]}))
+                errors += (Errors((), x, {task.name: equation[0] @ x - equation[1]}),)
     return Solution(
         x[:nv],
         freeze(residuals.value[n : n + len(layout.torque_bias)] + layout.torque_bias),
@@ -116,7 +117,7 @@ def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
     }
 
 
-def _norms(parts: Sequence[tuple[list[tuple[str, slice]], Array, dict[str, Array]]]) -> dict[str, float]:
+def _norms(parts: Sequence[Errors]) -> dict[str, float]:
     """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
     errors: dict[str, Array] = {}
     for places, values, others in parts:

@@ -11,6 +11,7 @@ import numpy as np
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.form import ReferenceForm
+from wbc_controller.core.tunable import Tunable
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.kernels.frames import feedback
 from wbc_controller.records import Array, Reference, frozen
@@ -250,6 +251,8 @@ class MotionTask(AccelerationTask):
     """
 
     gain_names = ("stiffness", "damping")
+    stiffness: Tunable[Array] = Tunable()
+    damping: Tunable[Array] = Tunable()
 
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
