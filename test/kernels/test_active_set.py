@@ -10,6 +10,7 @@ from quadratic_programs import squares_problem
 
 from wbc_controller.core.program.problem import Residuals
 from wbc_controller.core.solvers import make_solver
+from wbc_controller.core.solvers.active_set import work_arrays
 from wbc_controller.kernels import active_set as kernel
 
 FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
@@ -21,6 +22,7 @@ def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     returned = kernel.condensed(
         squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
         problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, precise, largest,
+        *work_arrays(problem, squares, 0), 0, 0,
         found.value, found.equalities, found.room, multipliers,
     )  # fmt: skip
     return returned, found, multipliers

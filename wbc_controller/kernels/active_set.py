@@ -20,6 +20,11 @@ from wbc_controller.kernels.compiled import (
 )
 from wbc_controller.records import Array
 
+#: What `condensed` has found.
+NOT_FOUND, SOLVED, NOTHING_FREE = 0, 1, 2
+#: A row counts as one that depends on those above it below this share of its square, in the metric of the cost.
+DEPENDENT = 1.0e-13
+
 
 @part
 def _eliminate(head: Array, first: int, N: Array) -> bool:
@@ -78,20 +83,38 @@ def _gram(transposed: Array, inverse: Array, K: Array) -> None:
 
 
 @part
-def _factored(K: Array) -> bool:
-    """K = UᵀU by Cholesky in its upper triangle; False if not definite."""
-    m = len(K)
+def _factored(K: Array, hard: int, rank: int) -> int:
+    """K = UᵀU by Cholesky in its upper triangle; -1 if not definite.
+
+    Where one of the first `hard` rows depends on those above it, its entry of U is infinite, so that it takes no part:
+    its unknown becomes 0.
+
+    Returns:
+        How many of the first `rank` rows are independent.
+    """
+    m, independent = len(K), 0
+    least = np.empty(hard)
+    for i in range(hard):
+        least[i] = DEPENDENT * K[i, i]
     for i in range(m):
-        if not K[i, i] > 0.0:  # NaN too
-            return False
-        root = math.sqrt(K[i, i])
+        if i < hard and K[i, i] <= least[i]:  # not for NaN
+            root = math.inf
+        elif K[i, i] > 0.0:  # NaN too
+            root = math.sqrt(K[i, i])
+            if i < rank:
+                independent += 1
+        else:
+            return -1
         for j in range(i, m):
             K[i, j] /= root
+        if root == math.inf:
+            K[i, i] = root
+            continue
         for k in range(i + 1, m):
             share = K[i, k]
             for j in range(k, m):
                 K[k, j] -= share * K[i, j]
-    return True
+    return independent
 
 
 @part
@@ -180,25 +203,41 @@ def residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array)
     return _residuals(rows, bounds, value, off, room)
 
 
+@part
+def _condense(whole: Array, first: int, N: Array, out: Array) -> None:
+    """A row in terms of z: out = whole[first:] - whole[:first] N."""
+    width = len(out)
+    for j in range(width):
+        out[j] = whole[first + j]
+    for k in range(first):
+        share = whole[k]
+        for j in range(width):
+            out[j] -= share * N[k, j]
+
+
 @compiled(
     ROWS, VECTOR, INTEGER, VECTOR, VECTOR, NUMBER, ROWS, ROWS, INDICES, SIGNS, NUMBER, NUMBER, NUMBER,
-    VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT,
+    ROWS_OUT, ROWS_OUT, INTEGER, INTEGER, VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT,
 )  # fmt: skip
 def condensed(
     stack: Array, slack: Array, first: int, inverse: Array, minus_target: Array, constant: float,
     rows: Array, bounds: Array, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
-    largest: float, value: Array, off: Array, room: Array, multipliers: Array,
-) -> tuple[bool, float, float, float]:  # fmt: skip
+    largest: float, N: Array, above: Array, count: int, kept: int, value: Array, off: Array, room: Array,
+    multipliers: Array,
+) -> tuple[int, float, float, float]:  # fmt: skip
     """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
 
     With the base accelerations eliminated by the last equality constraints, x_k = s - N z,
 
         z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t.
 
-    The right-hand sides are one more column of B, for which z has -1 and minus_target 1.
+    The right-hand sides are one more column of B, for which z has -1 and minus_target 1. Rows of B that depend on those
+    above them take no part; as their residuals are checked like all others, the solution is the minimizer even so.
+
+    Of several levels of strict priority each is solved by a call, with the same `N` and `above`.
 
     Args:
-        stack: [R, r] and below it [A, b], (k + m_eq, n + 1).
+        stack: [R, r] in its first rows, (≥ k, n + 1).
         slack: 1 / w of the rows R, (k,).
         first: number of columns that the last rows of A determine.
         inverse: d⁻¹, (n + 1,).
@@ -211,44 +250,49 @@ def condensed(
         feasible: largest violation of a constraint.
         precise: largest |A x - b| for which p is not refined by its own residual.
         largest: largest norm of p: beyond it the system is nearly singular.
+        N: for N and s, (first, n + 1 - first).
+        above: for the equality constraints in terms of z, and below them the rows that higher levels keep, with room
+            for those that this one adds, (≥ m_eq - first, n + 1 - first).
+        count: number of rows in `above`; 0 for the first level, which fills `N` and `above`.
+        kept: number of rows of R, from the first on, that are added to `above` with their values at the solution.
         value: for [x; C x], (n + m_in,).
         off: for |A x - b|, (m_eq,).
         room: for the distances from the bounds, (2, n + m_in).
-        multipliers: for those of the active constraints; zeros, (n + m_in,).
+        multipliers: for those of the active constraints, where a higher level has not set them; zeros, (n + m_in,).
 
     Returns:
-        Whether this is the minimizer, the cost, the smallest room, and the largest |A x - b|.
+        `SOLVED`, or `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
+        `NOT_FOUND`; the cost, the smallest room, and the largest |A x - b|.
     """
-    n, count = stack.shape[1] - 1, len(stack) - first
-    m, width, end = count + len(active), n + 1 - first, len(off)
-    N = np.empty((first, width))
-    if first and not _eliminate(stack[count:], first, N):
-        return False, 0.0, 0.0, 0.0
+    n, end = stack.shape[1] - 1, len(off)
+    own, soft, width = end - first, len(slack), n + 1 - first
+    if count == 0:
+        if first and not _eliminate(rows[own:end], first, N):
+            return NOT_FOUND, 0.0, 0.0, 0.0
+        for i in range(own):
+            _condense(rows[i], first, N, above[i])
+        top = own
+    else:
+        top = count
+    hard = top + len(active)
+    m = hard + soft
     B = np.zeros((m, width))  # of z and the right-hand sides
-    for i in range(m):
-        if i < count:
-            whole = stack[i]
+    for i in range(top):
+        for j in range(width):
+            B[i, j] = above[i, j]
+    for i in range(len(active)):
+        place, row = active[i], B[top + i]
+        bound = bounds[1 if sides[place] > 0 else 0, place]
+        if place >= n:
+            _condense(rows[end + place - n], first, N, row)
+        elif place < first:
             for j in range(width):
-                B[i, j] = whole[first + j]
+                row[j] = -N[place, j]
         else:
-            place = active[i - count]
-            bound = bounds[1 if sides[place] > 0 else 0, place]
-            if place < n:
-                if place < first:
-                    for j in range(width):
-                        B[i, j] = -N[place, j]
-                else:
-                    B[i, place - first] = 1.0
-                B[i, width - 1] += bound
-                continue
-            whole = rows[end + place - n]
-            for j in range(width - 1):
-                B[i, j] = whole[first + j]
-            B[i, width - 1] = bound
-        for k in range(first):
-            share = whole[k]
-            for j in range(width):
-                B[i, j] -= share * N[k, j]
+            row[place - first] = 1.0
+        row[width - 1] += bound
+    for i in range(soft):
+        _condense(stack[i], first, N, B[hard + i])
     transposed = B.T.copy()
     weights, offset = inverse[first:], minus_target[first:]
     p = np.zeros(m)
@@ -258,17 +302,20 @@ def condensed(
     beta = p.copy()
     K = np.zeros((m, m))
     _gram(transposed, weights, K)
-    for i in range(len(slack)):
-        K[i, i] += slack[i]
-    if not _factored(K):
-        return False, 0.0, 0.0, 0.0
+    for i in range(soft):
+        K[hard + i, hard + i] += slack[i]
+    independent = _factored(K, hard, top)
+    if independent < 0:
+        return NOT_FOUND, 0.0, 0.0, 0.0
+    if count and independent >= width - 1:
+        return NOTHING_FREE, 0.0, 0.0, 0.0
     _solve_factored(K, p)
     size = 0.0
     for i in range(m):
         size += p[i] * p[i]
     if not size <= largest * largest:
-        return False, 0.0, 0.0, 0.0
-    z, change = -offset, p.copy()
+        return NOT_FOUND, 0.0, 0.0, 0.0
+    z, change, apart = -offset, p.copy(), np.empty(top - own)
     for refinement in range(3):
         _move(z, change, B, weights)
         _products(N, z, value[:first])
@@ -277,23 +324,36 @@ def condensed(
         for j in range(width - 1):  # what copies a slice takes seconds to compile
             value[first + j] = z[j]
         least, most = _residuals(rows, bounds, value, off, room)
-        if most <= precise or refinement == 2:
+        _products(B[own:top], z, apart)
+        lost = 0.0  # of the rows that higher levels keep
+        for i in range(len(apart)):
+            if not abs(apart[i]) <= lost:
+                lost = abs(apart[i])
+        if (most <= precise and lost <= precise) or refinement == 2:
             break
         # The rounding of z, not of p, is what d⁻¹ magnifies: z is moved on, not computed anew.
         _products(B, z, change)  # B z - β, as the last entry of z is -1
         for i in range(m):
-            change[i] = -change[i] - (slack[i] * p[i] if i < len(slack) else 0.0)
+            change[i] = -change[i] - (slack[i - hard] * p[i] if i >= hard else 0.0)
         _solve_factored(K, change)
         for i in range(m):
             p[i] += change[i]
+    if not (most <= feasible and -least <= feasible and lost <= feasible):
+        return NOT_FOUND, 0.0, least, most
     cost = 0.0
     for i in range(m):
         cost += p[i] * beta[i]
-    if not (most <= feasible and -least <= feasible):
-        return False, 0.0, least, most
     for i in range(len(active)):
-        if sides[active[i]] * p[count + i] > 0.0:
-            return False, 0.0, least, most
-        multipliers[active[i]] = -p[count + i]
+        if sides[active[i]] * p[top + i] > 0.0:
+            return NOT_FOUND, 0.0, least, most
+    for i in range(len(active)):
+        if multipliers[active[i]] == 0.0:
+            multipliers[active[i]] = -p[top + i]
+    for i in range(kept):
+        there, reached = above[top + i], 0.0
+        for j in range(width - 1):
+            there[j] = B[hard + i, j]
+            reached += there[j] * z[j]
+        there[width - 1] = reached
     # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
-    return True, constant + 0.5 * cost, least, most
+    return SOLVED, constant + 0.5 * cost, least, most

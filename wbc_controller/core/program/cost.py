@@ -26,7 +26,6 @@ class _Plan:
     Attributes:
         level: the level, whose cost is set in every cycle.
         squares: the squares that make up the cost.
-        kept: view of the rows of tasks.
         rows: each task with rows, and views for its J and its right-hand side.
         metric: diagonal of W in the regularization of the forces, (nf,).
         momentum: views for the rows of the momentum rate and their right-hand side; None for a fixed base.
@@ -38,7 +37,6 @@ class _Plan:
 
     level: Level
     squares: Squares
-    kept: Array
     rows: list[tuple[AccelerationTask, Array, Array]]
     metric: Array
     momentum: tuple[Array, Array] | None
@@ -138,11 +136,9 @@ class LevelCost:
             squares.minus_target[columns] = minus_share * asked
             squares.constant += 0.5 * float((rest * asked).dot(asked))
         plan.level.cost.pose(squares)
-        if self._last and not self._others:
-            return plan.level  # only its cost changes from cycle to cycle
+        if not self._others:
+            return plan.level  # only its cost and the values of its rows change from cycle to cycle
         level = replace(plan.level)
-        if not self._last:
-            level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
         self._add_others(level, layout, dynamics, references)
         return level
 
@@ -163,9 +159,9 @@ class LevelCost:
         minus_target = np.zeros(n + 1)
         minus_target[-1] = 1.0
         cost = problem.cost if self._first else Quadratic(np.zeros((n, n)), np.zeros(n))
+        kept = stack[: 0 if self._last else end, :n]
         return _Plan(
-            level=Level(self._taking_part, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
-            kept=stack[:end, :n],
+            level=Level(self._taking_part, cost, kept, np.zeros((0, n)), np.zeros(0), np.zeros(0)),
             squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
             rows=rows,
             metric=layout.metric,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
-from wbc_controller.core.program.problem import QuadraticProgram, Residuals
+from wbc_controller.core.program.problem import QuadraticProgram, Residuals, Squares
 from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.kernels import active_set as kernel
 from wbc_controller.records import Array
@@ -19,6 +19,18 @@ _FEASIBLE = 1.0e-8
 _PRECISE = 1.0e-11
 #: Largest norm of a solution before its linear system counts as nearly singular; 1e3 is usual.
 _LARGEST = 1.0e8
+
+
+def work_arrays(problem: QuadraticProgram, squares: Squares, kept: int) -> tuple[Array, Array]:
+    """The arrays `N` and `above` of `kernels.active_set.condensed`, not filled.
+
+    Args:
+        problem: the problem.
+        squares: the cost of its first level.
+        kept: number of rows that all levels keep together.
+    """
+    width = problem.n + 1 - squares.first
+    return np.empty((squares.first, width)), np.empty((len(problem.b) - squares.first + kept, width))
 
 
 class ActiveSet:
@@ -45,7 +57,7 @@ class ActiveSet:
 
     where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
     and is positive definite. Where weights differ much it loses digits, which two steps of iterative refinement bring
-    back.
+    back. For a level of strict priority (`hierarchy`), B also has the rows that the levels above keep.
 
     Attributes:
         side: of each bound of x and row of C, 1 if it is active at its upper bound, -1 at the lower one, else 0.
@@ -56,6 +68,7 @@ class ActiveSet:
         self._n, self._m = n, equalities
         self.side = np.zeros(n + inequalities, dtype=np.int8)
         self._active = self.side.nonzero()[0]
+        self._work: tuple[Array, Array] | None = None
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
@@ -78,16 +91,39 @@ class ActiveSet:
         squares = problem.cost.squares
         if squares is None or len(squares.stack) > self._n:
             return self._full(problem)
+        if self._work is None:
+            self._work = work_arrays(problem, squares, 0)
         found, multipliers = Residuals.of(problem), np.zeros(len(self.side))
-        solved, cost, least, off = kernel.condensed(
-            squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
-            found.value, found.equalities, found.room, multipliers,
-        )  # fmt: skip
-        if not solved:
+        outcome, cost, least, off = self.condensed(problem, squares, *self._work, 0, 0, found, multipliers)
+        if outcome != kernel.SOLVED:
             return None
         found.measured(least, off)
         return Answer(found.value[: self._n], "optimal", 1, multipliers, found, cost)
+
+    def condensed(
+        self, problem: QuadraticProgram, squares: Squares, N: Array, above: Array, count: int, kept: int,
+        found: Residuals, multipliers: Array,
+    ) -> tuple[int, float, float, float]:  # fmt: skip
+        """Solve the condensed system of a problem with a cost, which need not be its own (`kernels.active_set`).
+
+        Args:
+            problem: whose constraints apply.
+            squares: the cost.
+            N: from `work_arrays`.
+            above: from `work_arrays`.
+            count: number of rows in `above`, 0 for the first level.
+            kept: number of rows of the cost that are added to `above`.
+            found: to be filled.
+            multipliers: to be filled.
+
+        Returns:
+            What came of it, the cost, the smallest room, and the largest |A x - b|.
+        """
+        return kernel.condensed(
+            squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
+            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST, N, above,
+            count, kept, found.value, found.equalities, found.room, multipliers,
+        )  # fmt: skip
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
