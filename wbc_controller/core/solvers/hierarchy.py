@@ -123,7 +123,7 @@ class Hierarchy:
             costs.append(level.cost.squares)
         if len(problem.b) >= problem.n:
             return None
-        if not self._active_sets:
+        if len(self._active_sets) != len(levels):
             self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
         N, above = work_arrays(problem, costs[0], sum(len(level.kept) for level in levels))
         found, multipliers = Residuals.of(problem), np.zeros(problem.bounds.shape[1])
