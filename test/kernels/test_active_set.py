@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from quadratic_programs import squares_problem
 
-from wbc_controller.core.program.problem import Residuals
+from wbc_controller.core.program.problem import Quadratic, Residuals
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.core.solvers.active_set import work_arrays
 from wbc_controller.kernels import active_set as kernel
@@ -19,13 +19,18 @@ FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
 def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     """What the kernel returns, and what it fills."""
     squares, found, multipliers = problem.cost.squares, Residuals.of(problem), np.zeros(len(sides))
-    returned = kernel.condensed(
+    outcome, *returned = one_level(
+        problem, squares, sides, work_arrays(problem, squares, 0), 0, 0, found, multipliers, largest, precise
+    )
+    return (outcome == kernel.SOLVED, *returned), found, multipliers
+
+
+def one_level(problem, squares, sides, work, count, kept, found, multipliers, largest=LARGEST, precise=PRECISE):
+    return kernel.condensed(
         squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, precise, largest,
-        *work_arrays(problem, squares, 0), 0, 0,
+        problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, precise, largest, *work, count, kept,
         found.value, found.equalities, found.room, multipliers,
     )  # fmt: skip
-    return returned, found, multipliers
 
 
 def plainly_condensed(problem, sides):
@@ -117,6 +122,87 @@ def test_digits_that_weights_cost_are_refined_back():
     free = np.linalg.svd(problem.A)[2][len(problem.b) :]
     gradient = problem.H @ x + problem.g
     assert np.abs(free @ gradient).max() <= 1e-9 * np.abs(gradient).max()
+
+
+def plain_level(problem, squares, sides, kept, x_above):
+    """x, the multipliers and the cost of one level, from the whole system in the least-squares sense."""
+    cost, active, n = Quadratic(np.zeros((problem.n, problem.n)), np.zeros(problem.n)), sides.nonzero()[0], problem.n
+    cost.pose(squares)
+    E = np.vstack([problem.A, kept, problem.rows(active)])
+    e = np.concatenate([problem.b, kept @ x_above, problem.bounds[(sides[active] > 0).astype(int), active]])
+    K = np.block([[cost.H, E.T], [E, np.zeros((len(E), len(E)))]])
+    found = np.linalg.lstsq(K, np.concatenate([-cost.g, e]), rcond=1e-13)[0]
+    multipliers = np.zeros(len(sides))
+    multipliers[active] = found[n + len(E) - len(active) :]
+    return found[:n], multipliers, cost.value(found[:n])
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(2, 4),
+    first=st.integers(0, 4),
+    bound=st.integers(0, 2),
+    dependent=st.booleans(),
+)
+def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, first, bound, dependent):
+    rng = np.random.default_rng(seed)
+    problem = squares_problem(rng, equalities=first + 2, rows=3, first=first)
+    n, sides = problem.n, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    costs = [problem.cost.squares]
+    costs += [squares_problem(rng, n=n, rows=2 + i, first=first).cost.squares for i in range(count - 1)]
+    if dependent:  # on an equality constraint, and on a row of the level above
+        costs[0].stack[2, :-1] = 2.0 * problem.A[0]
+        costs[1].stack[0, :-1] = costs[0].stack[1, :-1]
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    free, _, _ = plain_level(problem, costs[0], sides, np.zeros((0, n)), np.zeros(n))
+    problem.upper[:bound] = (problem.C @ free)[:bound] - 0.1
+    found, multipliers, expected = Residuals.of(problem), np.zeros(len(sides)), np.zeros(len(sides))
+    work, rows = work_arrays(problem, costs[0], sum(len(squares.slack) for squares in costs)), 0
+    x, kept = free, np.zeros((0, n))
+    for squares in costs:
+        sides[n : n + bound] = rng.random(bound) < (0.5 if rows else 1.0)
+        x, own, cost = plain_level(problem, squares, sides, kept, x)
+        outcome, found_cost, least, _ = one_level(
+            problem, squares, sides, work, rows, len(squares.slack), found, multipliers
+        )
+        right_set = (own >= 0.0).all() and problem.violation(x) <= FEASIBLE
+        assert outcome == (kernel.SOLVED if right_set else kernel.NOT_FOUND)
+        if not right_set:
+            return
+        expected = np.where(expected == 0.0, own, expected)
+        assert least == found.room.min()
+        np.testing.assert_allclose(found.value[:n], x, rtol=0.0, atol=1e-8 * max(1.0, float(np.abs(x).max())))
+        np.testing.assert_allclose(multipliers, expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
+        assert found_cost == pytest.approx(cost, rel=1e-6)
+        kept = np.vstack([kept, squares.stack[: len(squares.slack), :-1]])
+        rows = (rows or len(problem.b) - first) + len(squares.slack)
+
+
+def test_below_rows_that_decide_everything_nothing_is_free():
+    rng = np.random.default_rng(3)
+    problem = squares_problem(rng, rows=30)
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    own, found, multipliers = len(problem.b) - squares.first, Residuals.of(problem), np.zeros(len(sides))
+    left = problem.n - len(problem.b)
+    for kept, expected in ((left - 1, kernel.SOLVED), (left, kernel.NOTHING_FREE), (left + 5, kernel.NOTHING_FREE)):
+        work = work_arrays(problem, squares, kept)
+        assert one_level(problem, squares, sides, work, 0, kept, found, multipliers)[0] == kernel.SOLVED
+        assert one_level(problem, squares, sides, work, own + kept, 0, found, multipliers)[0] == expected
+
+
+def test_a_level_that_loses_what_one_above_keeps_is_no_solution():
+    problem = squares_problem(np.random.default_rng(3))
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    squares.stack[1] = squares.stack[0]
+    work, found, multipliers = work_arrays(problem, squares, 2), Residuals.of(problem), np.zeros(len(sides))
+    rows = len(work[1])
+    assert one_level(problem, squares, sides, work, 0, 2, found, multipliers)[0] == kernel.SOLVED
+    assert one_level(problem, squares, sides, work, rows, 0, found, multipliers)[0] == kernel.SOLVED
+    work[1][-1, -1] += 1.0e-6  # the same row at two values
+    assert one_level(problem, squares, sides, work, rows, 0, found, multipliers)[0] == kernel.NOT_FOUND
 
 
 @pytest.mark.parametrize("place", ["stack", "minus_target", "slack", "inverse"])

@@ -23,7 +23,7 @@ from wbc_controller.records import Array
 #: What `condensed` has found.
 NOT_FOUND, SOLVED, NOTHING_FREE = 0, 1, 2
 #: A row counts as one that depends on those above it below this share of its square, in the metric of the cost.
-DEPENDENT = 1.0e-13
+DEPENDENT = 1.0e-12
 
 
 @part
