@@ -25,11 +25,14 @@ def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     return (outcome == kernel.SOLVED, *returned), found, multipliers
 
 
-def one_level(problem, squares, sides, work, count, kept, found, multipliers, largest=LARGEST, precise=PRECISE):
+def one_level(
+    problem, squares, sides, work, count, kept, found, multipliers, largest=LARGEST, precise=PRECISE, other=None
+):
+    other = np.zeros(len(sides), dtype=np.int8) if other is None else other
     return kernel.condensed(
         squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
         problem.constraints, problem.bounds, sides.nonzero()[0], sides, FEASIBLE, precise, largest, *work, count, kept,
-        found.value, found.equalities, found.room, multipliers,
+        found.value, found.equalities, found.room, multipliers, other,
     )  # fmt: skip
 
 
@@ -163,13 +166,16 @@ def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, fi
     for squares in costs:
         sides[n : n + bound] = rng.random(bound) < (0.5 if rows else 1.0)
         x, own, cost = plain_level(problem, squares, sides, kept, x)
+        other = np.zeros(len(sides), dtype=np.int8)
         outcome, found_cost, least, _ = one_level(
-            problem, squares, sides, work, rows, len(squares.slack), found, multipliers
+            problem, squares, sides, work, rows, len(squares.slack), found, multipliers, other=other
         )
-        right_set = (own >= 0.0).all() and problem.violation(x) <= FEASIBLE
-        assert outcome == (kernel.SOLVED if right_set else kernel.NOT_FOUND)
-        if not right_set:
+        if (own < 0.0).any() or problem.violation(x) > FEASIBLE:
+            assert outcome == kernel.WRONG_SET
+            violated = np.concatenate([x, problem.C @ x]) > problem.bounds[1] + FEASIBLE
+            np.testing.assert_array_equal(other, violated | (own > 0.0))
             return
+        assert outcome == kernel.SOLVED
         expected = np.where(expected == 0.0, own, expected)
         assert least == found.room.min()
         np.testing.assert_allclose(found.value[:n], x, rtol=0.0, atol=1e-8 * max(1.0, float(np.abs(x).max())))

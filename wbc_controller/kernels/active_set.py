@@ -13,6 +13,7 @@ from wbc_controller.kernels.compiled import (
     ROWS,
     ROWS_OUT,
     SIGNS,
+    SIGNS_OUT,
     VECTOR,
     VECTOR_OUT,
     compiled,
@@ -21,7 +22,7 @@ from wbc_controller.kernels.compiled import (
 from wbc_controller.records import Array
 
 #: What `condensed` has found.
-NOT_FOUND, SOLVED, NOTHING_FREE = 0, 1, 2
+NOT_FOUND, SOLVED, NOTHING_FREE, WRONG_SET = 0, 1, 2, 3
 #: A row counts as one that depends on those above it below this share of its square, in the metric of the cost.
 DEPENDENT = 1.0e-12
 
@@ -217,13 +218,13 @@ def _condense(whole: Array, first: int, N: Array, out: Array) -> None:
 
 @compiled(
     ROWS, VECTOR, INTEGER, VECTOR, VECTOR, NUMBER, ROWS, ROWS, INDICES, SIGNS, NUMBER, NUMBER, NUMBER,
-    ROWS_OUT, ROWS_OUT, INTEGER, INTEGER, VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT,
+    ROWS_OUT, ROWS_OUT, INTEGER, INTEGER, VECTOR_OUT, VECTOR_OUT, ROWS_OUT, VECTOR_OUT, SIGNS_OUT,
 )  # fmt: skip
 def condensed(
     stack: Array, slack: Array, first: int, inverse: Array, minus_target: Array, constant: float,
     rows: Array, bounds: Array, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
     largest: float, N: Array, above: Array, count: int, kept: int, value: Array, off: Array, room: Array,
-    multipliers: Array,
+    multipliers: Array, other: np.ndarray,
 ) -> tuple[int, float, float, float]:  # fmt: skip
     """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
 
@@ -259,9 +260,11 @@ def condensed(
         off: for |A x - b|, (m_eq,).
         room: for the distances from the bounds, (2, n + m_in).
         multipliers: for those of the active constraints, where a higher level has not set them; zeros, (n + m_in,).
+        other: for the sides to be tried next if the active set is wrong: without constraints whose multiplier has the
+            wrong sign, and with those that are violated, (n + m_in,).
 
     Returns:
-        `SOLVED`, or `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
+        `SOLVED`, `WRONG_SET`, `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
         `NOT_FOUND`; the cost, the smallest room, and the largest |A x - b|.
     """
     n, end = stack.shape[1] - 1, len(off)
@@ -338,14 +341,22 @@ def condensed(
         _solve_factored(K, change)
         for i in range(m):
             p[i] += change[i]
-    if not (most <= feasible and -least <= feasible and lost <= feasible):
+    if not (most <= feasible and lost <= feasible and least == least):
         return NOT_FOUND, 0.0, least, most
+    right = -least <= feasible
+    for i in range(len(active)):
+        if sides[active[i]] * p[top + i] > 0.0:
+            right = False
+    if not right:
+        for i in range(len(sides)):
+            other[i] = -1 if room[0, i] < -feasible else 1 if room[1, i] < -feasible else 0
+        for i in range(len(active)):
+            if not sides[active[i]] * p[top + i] > 0.0:
+                other[active[i]] = sides[active[i]]
+        return WRONG_SET, 0.0, least, most
     cost = 0.0
     for i in range(m):
         cost += p[i] * beta[i]
-    for i in range(len(active)):
-        if sides[active[i]] * p[top + i] > 0.0:
-            return NOT_FOUND, 0.0, least, most
     for i in range(len(active)):
         if multipliers[active[i]] == 0.0:
             multipliers[active[i]] = -p[top + i]

@@ -317,19 +317,22 @@ def moving(robot, count):
 
 
 def test_what_a_hierarchy_remembers_gives_the_same_bits(robot_with):
-    """From every cycle on: of active sets that are right, that are wrong, and that are not tried."""
+    """From every cycle on: of active sets that are right, that are followed, that are wrong, and that are not tried."""
     robot, other = (robot_with(left_hand=1, posture=2) for _ in range(2))
-    searched = 0
+    met = set()
     for references in moving(robot, 60):
         memory = robot.controller.memory()
         solution = robot.controller.solve(robot.state(), references)
-        searched += solution.iterations > len(solution.levels)
         other.controller.recall(memory)
         again = other.controller.solve(robot.state(), references)
         assert again.v_dot.tobytes() == solution.v_dot.tobytes()
         assert again.levels == solution.levels
         assert again.binding == solution.binding
-    assert 0 < searched < 30
+        after = dict(robot.controller.memory()["hierarchies"])[tuple(robot.controller.contacts)]
+        for was in (before for _, before in memory["hierarchies"]):
+            right = "at once" if solution.iterations == len(solution.levels) else "followed"
+            met.add("not tried" if was["rest"] else "wrong" if after["misses"] else right)
+    assert met == {"at once", "followed", "wrong", "not tried"}
 
 
 def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeypatch):
@@ -337,7 +340,7 @@ def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeyp
     problem = squares_problem(rng)
     only = Level(("0",), problem.cost, np.zeros((0, problem.n)), np.zeros((0, problem.n)), np.zeros(0), np.zeros(0))
     solving, tried = hierarchy(), []
-    monkeypatch.setattr(ActiveSet, "condensed", lambda *_: (tried.append(len(memories)), (0, 0.0, 0.0, 0.0))[1])
+    monkeypatch.setattr(ActiveSet, "condensed", lambda *_: (tried.append(len(memories)), (0, 1, 0.0, 0.0, 0.0))[1])
     memories = []
     for _ in range(60):
         assert solving.solve(problem, [only]).x is not None

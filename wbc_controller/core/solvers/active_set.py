@@ -66,14 +66,13 @@ class ActiveSet:
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         """Start with an empty active set."""
         self._n, self._m = n, equalities
-        self.side = np.zeros(n + inequalities, dtype=np.int8)
-        self._active = self.side.nonzero()[0]
+        self._take(np.zeros(n + inequalities, dtype=np.int8))
+        self._other = np.zeros(n + inequalities, dtype=np.int8)
         self._work: tuple[Array, Array] | None = None
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
-        self.side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
-        self._active = self.side.nonzero()[0]
+        self._take((multipliers > 0.0).astype(np.int8) - (multipliers < 0.0))
 
     def memory(self) -> dict[str, Any]:
         """What it remembers: the active set."""
@@ -81,8 +80,11 @@ class ActiveSet:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
-        self.side = np.array(memory["side"], dtype=np.int8)
-        self._active = self.side.nonzero()[0]
+        self._take(np.array(memory["side"], dtype=np.int8))
+
+    def _take(self, side: np.ndarray) -> None:
+        self.side = side
+        self._active = side.nonzero()[0]
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
@@ -94,7 +96,7 @@ class ActiveSet:
         if self._work is None:
             self._work = work_arrays(problem, squares, 0)
         found, multipliers = Residuals.of(problem), np.zeros(len(self.side))
-        outcome, cost, least, off = self.condensed(problem, squares, *self._work, 0, 0, found, multipliers)
+        outcome, _, cost, least, off = self.condensed(problem, squares, *self._work, 0, 0, found, multipliers, 1)
         if outcome != kernel.SOLVED:
             return None
         found.measured(least, off)
@@ -102,9 +104,13 @@ class ActiveSet:
 
     def condensed(
         self, problem: QuadraticProgram, squares: Squares, N: Array, above: Array, count: int, kept: int,
-        found: Residuals, multipliers: Array,
-    ) -> tuple[int, float, float, float]:  # fmt: skip
+        found: Residuals, multipliers: Array, tries: int,
+    ) -> tuple[int, int, float, float, float]:  # fmt: skip
         """Solve the condensed system of a problem with a cost, which need not be its own (`kernels.active_set`).
+
+        Where the active set is wrong, that of the violated constraints and of the multipliers with the right sign may
+        be tried next, which is a primal-dual active set method (Hintermüller, Ito, Kunisch, "The primal-dual active set
+        strategy as a semismooth Newton method", SIAM J. Optim. 13, 2002). It need not end, but mostly does at once.
 
         Args:
             problem: whose constraints apply.
@@ -115,15 +121,22 @@ class ActiveSet:
             kept: number of rows of the cost that are added to `above`.
             found: to be filled.
             multipliers: to be filled.
+            tries: the most active sets that are tried.
 
         Returns:
-            What came of it, the cost, the smallest room, and the largest |A x - b|.
+            What came of the last one, its number, the cost, the smallest room, and the largest |A x - b|.
         """
-        return kernel.condensed(
-            squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
-            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST, N, above,
-            count, kept, found.value, found.equalities, found.room, multipliers,
-        )  # fmt: skip
+        number = 0
+        while True:
+            number += 1
+            outcome, cost, least, off = kernel.condensed(
+                squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
+                problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST, N, above,
+                count, kept, found.value, found.equalities, found.room, multipliers, self._other,
+            )  # fmt: skip
+            if outcome != kernel.WRONG_SET or number == tries:
+                return outcome, number, cost, least, off
+            self._take(self._other.copy())
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""

@@ -21,6 +21,8 @@ _RANK = 1.0e-9
 _ROOM = 1.0e-7
 #: Largest violation of the equalities by their own least-squares solution, in the problem's units.
 _CONSISTENT = 1.0e-6
+#: The most active sets that are tried for a level: the last one, and what follows from it. More hardly ever succeed.
+_TRIES = 4
 #: The most problems in a row that are not tried with the active sets of the last one, after these have failed often.
 _LONGEST_REST = 15
 
@@ -39,9 +41,9 @@ class Hierarchy:
     its rows with a tolerance become inequality constraints, widened by the slack s.
 
     Before that, all levels are tried with their active sets of the last problem, as in `ActiveSet`: where these are
-    still right, each level is one linear system, without null space and without search. What the rows of the levels
-    above have reached are equality constraints of this system. This takes costs that are squares: no tolerances, and no
-    tasks on forces or torques.
+    still right, or nearly, a level is one linear system or a few, without null space and without search. What the rows
+    of the levels above have reached are equality constraints of it. This takes costs that are squares: no tolerances,
+    and no tasks on forces or torques.
 
     Attributes:
         reports: a report of each level that was solved in the last call.
@@ -112,7 +114,7 @@ class Hierarchy:
         return self._search(problem, levels)
 
     def _guess(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer | None:
-        """Solve with the active sets of the last problem; None where they are not those of this one, or not tried."""
+        """Solve, beginning with the active sets of the last problem; None where this fails, or is not tried."""
         if self._rest:
             self._rest -= 1
             return None
@@ -127,13 +129,13 @@ class Hierarchy:
             self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
         N, above = work_arrays(problem, costs[0], sum(len(level.kept) for level in levels))
         found, multipliers = Residuals.of(problem), np.zeros(problem.bounds.shape[1])
-        count, reports = 0, []
+        count, iterations, reports = 0, 0, []
         for level, squares, active_set in zip(levels, costs, self._active_sets, strict=True):
             if not level.tasks and level is not levels[-1]:
                 continue
             started = self._timer()
-            outcome, cost, least, off = active_set.condensed(
-                problem, squares, N, above, count, len(level.kept), found, multipliers
+            outcome, number, cost, least, off = active_set.condensed(
+                problem, squares, N, above, count, len(level.kept), found, multipliers, _TRIES
             )
             if outcome == kernel.NOTHING_FREE:
                 break
@@ -143,10 +145,11 @@ class Hierarchy:
                 return None
             found.measured(least, off)
             count = (count or len(problem.b) - squares.first) + len(level.kept)
-            reports.append(LevelReport(level.tasks, cost, 1, self._timer() - started))
+            iterations += number
+            reports.append(LevelReport(level.tasks, cost, number, self._timer() - started))
         self._misses = 0
         self.reports = tuple(reports)
-        return Answer(found.value[: problem.n], "optimal", len(reports), multipliers, found)
+        return Answer(found.value[: problem.n], "optimal", iterations, multipliers, found)
 
     def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
         """Solve each level in the null space of those above, and learn the active sets."""
