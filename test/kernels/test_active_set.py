@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from quadratic_programs import squares_problem
 
-from wbc_controller.core.program.problem import Residuals
+from wbc_controller.core.program.problem import Quadratic, Residuals
 from wbc_controller.core.solvers import make_solver
-from wbc_controller.core.solvers.active_set import bind
+from wbc_controller.core.solvers.active_set import bind, work_memory
 from wbc_controller.kernels import active_set as kernel
 
 FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
@@ -18,13 +18,24 @@ FEASIBLE, PRECISE, LARGEST = 1.0e-8, 1.0e-11, 1.0e8
 
 def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     """What the kernel returns, and what it fills."""
-    squares, count = problem.cost.squares, len(sides)
-    found = np.full(4 * count + len(problem.b), np.nan)
-    returned = kernel.condensed(
-        bind(squares, problem).table, squares.constant, sides.nonzero()[0], sides, FEASIBLE, precise, largest, found
-    )
-    residuals = Residuals(found, count, *returned[2:])
-    return returned, residuals, residuals.multipliers
+    squares, found = problem.cost.squares, memory(problem)
+    work = work_memory(problem, squares, 0)
+    outcome, *returned = one_level(problem, squares, sides, work, 0, 0, found, largest, precise)
+    residuals = Residuals(found, len(sides), *returned[1:])
+    return (outcome == kernel.SOLVED, *returned), residuals, residuals.multipliers
+
+
+def memory(problem):
+    """For what the kernel finds."""
+    return np.full(4 * problem.bounds.shape[1] + len(problem.b), np.nan)
+
+
+def one_level(problem, squares, sides, work, count, kept, found, largest=LARGEST, precise=PRECISE, other=None):
+    other = np.zeros(len(sides), dtype=np.int8) if other is None else other
+    return kernel.condensed(
+        bind(squares, problem).table, squares.constant, sides.nonzero()[0], sides, FEASIBLE, precise, largest,
+        work, count, kept, found, other,
+    )  # fmt: skip
 
 
 def plainly_condensed(problem, sides):
@@ -116,6 +127,91 @@ def test_digits_that_weights_cost_are_refined_back():
     free = np.linalg.svd(problem.A)[2][len(problem.b) :]
     gradient = problem.H @ x + problem.g
     assert np.abs(free @ gradient).max() <= 1e-9 * np.abs(gradient).max()
+
+
+def plain_level(problem, squares, sides, kept, x_above):
+    """x, the multipliers and the cost of one level, from the whole system in the least-squares sense."""
+    cost, active, n = Quadratic(np.zeros((problem.n, problem.n)), np.zeros(problem.n)), sides.nonzero()[0], problem.n
+    cost.pose(squares)
+    E = np.vstack([problem.A, kept, problem.rows(active)])
+    e = np.concatenate([problem.b, kept @ x_above, problem.bounds[(sides[active] > 0).astype(int), active]])
+    K = np.block([[cost.H, E.T], [E, np.zeros((len(E), len(E)))]])
+    found = np.linalg.lstsq(K, np.concatenate([-cost.g, e]), rcond=1e-13)[0]
+    multipliers = np.zeros(len(sides))
+    multipliers[active] = found[n + len(E) - len(active) :]
+    return found[:n], multipliers, cost.value(found[:n])
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(2, 4),
+    first=st.integers(0, 4),
+    bound=st.integers(0, 2),
+    dependent=st.booleans(),
+)
+def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, first, bound, dependent):
+    rng = np.random.default_rng(seed)
+    problem = squares_problem(rng, equalities=first + 2, rows=3, first=first)
+    n, sides = problem.n, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    costs = [problem.cost.squares]
+    costs += [squares_problem(rng, n=n, rows=2 + i, first=first).cost.squares for i in range(count - 1)]
+    if dependent:  # on an equality constraint, and on a row of the level above
+        costs[0].stack[2, :-1] = 2.0 * problem.A[0]
+        costs[1].stack[0, :-1] = costs[0].stack[1, :-1]
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    free, _, _ = plain_level(problem, costs[0], sides, np.zeros((0, n)), np.zeros(n))
+    problem.upper[:bound] = (problem.C @ free)[:bound] - 0.1
+    found, expected = memory(problem), np.zeros(len(sides))
+    work, rows = work_memory(problem, costs[0], sum(len(squares.slack) for squares in costs)), 0
+    x, kept = free, np.zeros((0, n))
+    for squares in costs:
+        sides[n : n + bound] = rng.random(bound) < (0.5 if rows else 1.0)
+        x, own, cost = plain_level(problem, squares, sides, kept, x)
+        other = np.zeros(len(sides), dtype=np.int8)
+        outcome, found_cost, least, _ = one_level(
+            problem, squares, sides, work, rows, len(squares.slack), found, other=other
+        )
+        if (own < 0.0).any() or problem.violation(x) > FEASIBLE:
+            assert outcome == kernel.WRONG_SET
+            violated = np.concatenate([x, problem.C @ x]) > problem.bounds[1] + FEASIBLE
+            np.testing.assert_array_equal(other, violated | (own > 0.0))
+            return
+        assert outcome == kernel.SOLVED
+        expected = np.where(expected == 0.0, own, expected)
+        multipliers = found[len(sides) : 2 * len(sides)]
+        assert least == found[2 * len(sides) : 4 * len(sides)].min()
+        np.testing.assert_allclose(found[:n], x, rtol=0.0, atol=1e-8 * max(1.0, float(np.abs(x).max())))
+        np.testing.assert_allclose(multipliers, expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
+        assert found_cost == pytest.approx(cost, rel=1e-6)
+        kept = np.vstack([kept, squares.stack[: len(squares.slack), :-1]])
+        rows = (rows or len(problem.b) - first) + len(squares.slack)
+
+
+def test_below_rows_that_decide_everything_nothing_is_free():
+    rng = np.random.default_rng(3)
+    problem = squares_problem(rng, rows=30)
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    own, found = len(problem.b) - squares.first, memory(problem)
+    left = problem.n - len(problem.b)
+    for kept, expected in ((left - 1, kernel.SOLVED), (left, kernel.NOTHING_FREE), (left + 5, kernel.NOTHING_FREE)):
+        work = work_memory(problem, squares, kept)
+        assert one_level(problem, squares, sides, work, 0, kept, found)[0] == kernel.SOLVED
+        assert one_level(problem, squares, sides, work, own + kept, 0, found)[0] == expected
+
+
+def test_a_level_that_loses_what_one_above_keeps_is_no_solution():
+    problem = squares_problem(np.random.default_rng(3))
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    squares.stack[1] = squares.stack[0]
+    work, found = work_memory(problem, squares, 2), memory(problem)
+    rows = len(problem.b) - squares.first + 2
+    assert one_level(problem, squares, sides, work, 0, 2, found)[0] == kernel.SOLVED
+    assert one_level(problem, squares, sides, work, rows, 0, found)[0] == kernel.SOLVED
+    work[-1] += 1.0e-6  # the same row at two values
+    assert one_level(problem, squares, sides, work, rows, 0, found)[0] == kernel.NOT_FOUND
 
 
 @pytest.mark.parametrize("place", ["stack", "minus_target", "slack", "inverse"])

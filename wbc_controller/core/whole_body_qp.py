@@ -138,8 +138,7 @@ class WholeBodyQP:
         """
         solvers = [(key, solver.memory()) for key, solver in self._solvers.items()]
         hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
-        inner = [remembered for _, levels in hierarchies for _, remembered in levels]
-        if any(remembered is None for remembered in (*(each for _, each in solvers), *inner)):
+        if any(remembered is None for _, remembered in (*solvers, *hierarchies)):
             return None
         return {"q": self.dynamics.q, "v": self.dynamics.v, "solvers": solvers, "hierarchies": hierarchies}
 
@@ -149,9 +148,9 @@ class WholeBodyQP:
         self.dynamics.update(memory["q"], memory["v"])
         for key, remembered in memory["solvers"]:
             self._solver_of(self.formulation.layout(tuple(key))).recall(remembered)
-        for key, levels in memory["hierarchies"]:
+        for key, remembered in memory["hierarchies"]:
             hierarchy = self._hierarchies[tuple(key)] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
-            hierarchy.recall(levels)
+            hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
         """The solver for one set of active contacts; each keeps its own warm start."""
@@ -166,8 +165,6 @@ class WholeBodyQP:
         if self.formulation.has_priorities:
             if layout.key not in self._hierarchies:
                 self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
-            if not layout.problem.is_finite:
-                return Answer(None, NOT_FINITE, 0), (), ()
             hierarchy = self._hierarchies[layout.key]
             answer = hierarchy.solve(layout.problem, layout.levels)
             return answer, hierarchy.reports, hierarchy.unsolved

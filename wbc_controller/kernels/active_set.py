@@ -12,9 +12,11 @@ import numpy as np
 
 from wbc_controller.kernels.compiled import (
     INDICES,
+    INTEGER,
     NUMBER,
     ROWS,
     SIGNS,
+    SIGNS_OUT,
     TABLE,
     VECTOR_OUT,
     compiled,
@@ -23,6 +25,11 @@ from wbc_controller.kernels.compiled import (
     vector,
 )
 from wbc_controller.records import Array
+
+#: What `condensed` has found.
+NOT_FOUND, SOLVED, NOTHING_FREE, WRONG_SET = 0, 1, 2, 3
+#: A row counts as one that depends on those above it below this share of its square, in the metric of the cost.
+DEPENDENT = 1.0e-12
 
 
 @part
@@ -133,9 +140,32 @@ def _gram(B: Array, weights: Array, scaled: Array, K: Array) -> None:
 
 
 @part
-def _factored(K: Array, inverse: Array) -> bool:
-    """K = UᵀU by Cholesky in its upper triangle, block by block of four, and 1 / Uᵢᵢ; False if not definite."""
+def _pivot(square: float, least: float) -> float:
+    """1 / Uᵢᵢ; 0 for a row that depends on those above it, NaN where the matrix is not definite."""
+    if square <= least:  # not for NaN
+        return 0.0
+    return 1.0 / math.sqrt(square) if square > 0.0 else math.nan
+
+
+@part
+def _factored(K: Array, hard: int, rank: int, least: Array, inverse: Array) -> int:
+    """K = UᵀU by Cholesky in its upper triangle, block by block of four; -1 if not definite.
+
+    Where one of the first `hard` rows depends on those above it, its unknown takes no part and becomes 0.
+
+    Args:
+        K: symmetric, (m, m); U comes in its place.
+        hard: number of rows that may depend on others.
+        rank: number of rows that are counted.
+        least: memory, (m,).
+        inverse: for 1 / Uᵢᵢ, 0 where a row takes no part, (m,).
+
+    Returns:
+        How many of the first `rank` rows are independent.
+    """
     m = len(K)
+    for i in range(m):
+        least[i] = DEPENDENT * K[i, i] if i < hard else -1.0
     for i in range(0, m, 4):
         for j in range(i, m, 4):
             r0, r1, r2, r3 = K[i, j : j + 4], K[i + 1, j : j + 4], K[i + 2, j : j + 4], K[i + 3, j : j + 4]
@@ -164,24 +194,15 @@ def _factored(K: Array, inverse: Array) -> bool:
                 a32 -= x3 * y2
                 a33 -= x3 * y3
             if j == i:
-                if not a00 > 0.0:  # NaN too
-                    return False
-                s0 = 1.0 / math.sqrt(a00)
+                s0 = _pivot(a00, least[i])
                 u01, u02, u03 = s0 * a01, s0 * a02, s0 * a03
-                a11 -= u01 * u01
-                if not a11 > 0.0:
-                    return False
-                s1 = 1.0 / math.sqrt(a11)
+                s1 = _pivot(a11 - u01 * u01, least[i + 1])
                 u12, u13 = s1 * (a12 - u01 * u02), s1 * (a13 - u01 * u03)
-                a22 -= u02 * u02 + u12 * u12
-                if not a22 > 0.0:
-                    return False
-                s2 = 1.0 / math.sqrt(a22)
+                s2 = _pivot(a22 - u02 * u02 - u12 * u12, least[i + 2])
                 u23 = s2 * (a23 - u02 * u03 - u12 * u13)
-                a33 -= u03 * u03 + u13 * u13 + u23 * u23
-                if not a33 > 0.0:
-                    return False
-                s3 = 1.0 / math.sqrt(a33)
+                s3 = _pivot(a33 - u03 * u03 - u13 * u13 - u23 * u23, least[i + 3])
+                if not (s0 >= 0.0 and s1 >= 0.0 and s2 >= 0.0 and s3 >= 0.0):
+                    return -1
                 inverse[i], inverse[i + 1], inverse[i + 2], inverse[i + 3] = s0, s1, s2, s3
                 r0[1], r0[2], r0[3], r1[2], r1[3], r2[3] = u01, u02, u03, u12, u13, u23
                 continue
@@ -199,7 +220,10 @@ def _factored(K: Array, inverse: Array) -> bool:
             r1[0], r1[1], r1[2], r1[3] = a10, a11, a12, a13
             r2[0], r2[1], r2[2], r2[3] = a20, a21, a22, a23
             r3[0], r3[1], r3[2], r3[3] = a30, a31, a32, a33
-    return True
+    independent = 0
+    for i in range(rank):
+        independent += inverse[i] > 0.0
+    return independent
 
 
 @part
@@ -324,23 +348,36 @@ def residuals(rows: Array, bounds: Array, found: Array) -> tuple[float, float]:
     return _residuals(rows, bounds, found[:total], found[4 * total :], room)
 
 
-@compiled(TABLE, NUMBER, INDICES, SIGNS, NUMBER, NUMBER, NUMBER, VECTOR_OUT)
+@part
+def _scatter(row: Array, B: Array, i: int) -> None:
+    """Row i of B, which is in blocks of four."""
+    block = B[i // 4, :, i % 4]
+    for j in range(len(row)):
+        block[j] = row[j]
+
+
+@compiled(
+    TABLE, NUMBER, INDICES, SIGNS, NUMBER, NUMBER, NUMBER, VECTOR_OUT, INTEGER, INTEGER, VECTOR_OUT, SIGNS_OUT
+)  # fmt: skip
 def condensed(
     table: np.ndarray, constant: float, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
-    largest: float, found: Array,
-) -> tuple[bool, float, float, float]:  # fmt: skip
+    largest: float, work: Array, count: int, kept: int, found: Array, other: np.ndarray,
+) -> tuple[int, float, float, float]:  # fmt: skip
     """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
 
     With the base accelerations eliminated by the last equality constraints, x_k = s - N z,
 
         z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t.
 
-    The right-hand sides are one more column of B, for which z has -1 and minus_target 1.
+    The right-hand sides are one more column of B, for which z has -1 and minus_target 1. Rows of B that depend on those
+    above them take no part; as their residuals are checked like all others, the solution is the minimizer even so.
+
+    Of several levels of strict priority each is solved by a call, with the same `work` and `found`.
 
     Args:
-        table: the number of columns n, of rows R (k), of all rows of `stack`, of columns that the last rows of A
-            determine, of rows of A (m_eq) and of C (m_in); and, in this order,
-            stack: [R, r] and below it [A, b], (k + m_eq, n + 1).
+        table: the number of columns n, of rows R (k), of columns that the last rows of A determine (first), of rows of
+            A (m_eq) and of C (m_in); and, in this order,
+            stack: [R, r] in its first rows, (≥ k, n + 1).
             slack: 1 / w of the rows R, (k,).
             inverse: d⁻¹, (n + 1,).
             minus_target: -t, (n + 1,).
@@ -352,63 +389,81 @@ def condensed(
         feasible: largest violation of a constraint.
         precise: largest residual of the condensed system's rows for which p is not refined.
         largest: largest norm of p: beyond it the system is nearly singular.
-        found: for [x; C x], for the multipliers of the active constraints, both (n + m_in,), for the distances from the
-            bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
+        work: N and s; the equality constraints in terms of z, and below them the rows that higher levels keep, with
+            room for those that this one adds, rows of n + 1 - first, one after the other.
+        count: number of these rows below N; 0 for the first level, which fills N and the equality constraints.
+        kept: number of rows of R, from the first on, that are added with their values at the solution.
+        found: for [x; C x], for the multipliers of the active constraints, where a higher level has not set them, both
+            (n + m_in,), for the distances from the bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
+        other: for the sides to be tried next if the active set is wrong: without constraints whose multiplier has the
+            wrong sign, and with those that are violated, (n + m_in,).
 
     Returns:
-        Whether this is the minimizer, the cost, the smallest room, and the largest |A x - b|.
+        `SOLVED`, `WRONG_SET`, `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
+        `NOT_FOUND`; the cost, the smallest room, and the largest |A x - b|.
     """
-    n, first, end, total = table[0], table[3], table[4], table[0] + table[5]
-    stack, slack = matrix(table[6], table[2], n + 1), vector(table[7], table[1])
-    inverse, minus_target = vector(table[8], n + 1), vector(table[9], n + 1)
-    rows, bounds = matrix(table[10], end + table[5], n + 1), matrix(table[11], 2, total)
+    n, soft, first, end, total = table[0], table[1], table[2], table[3], table[0] + table[4]
+    stack, slack = matrix(table[5], soft, n + 1), vector(table[6], soft)
+    inverse, minus_target = vector(table[7], n + 1), vector(table[8], n + 1)
+    rows, bounds = matrix(table[9], end + table[4], n + 1), matrix(table[10], 2, total)
     value, multipliers = found[:total], found[total : 2 * total]
     room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : 4 * total + end]
-    count = len(stack) - first
-    m, width = count + len(active), n + 1 - first
+    width, own = n + 1 - first, end - first
+    top = count if count else own
+    hard = top + len(active)
+    m = hard + soft
     blocks = (m + 3) // 4
     size = 4 * blocks
+    N, above = work[: first * width].reshape(first, width), work[first * width :]
+    above = above[: (len(above) // width) * width].reshape(len(above) // width, width)
     # One piece of memory for all.
-    memory = np.empty((first + 6 + size) * width + size * (size + 4) + first * first)
-    N, memory = memory[: first * width].reshape(first, width), memory[first * width :]
+    memory = np.empty((6 + size) * width + size * (size + 5) + first * first)
     B, memory = memory[: size * width].reshape(blocks, width, 4), memory[size * width :]
     K, memory = memory[: size * size].reshape(size, size), memory[size * size :]
     scaled, memory = memory[: 4 * width].reshape(width, 4), memory[4 * width :]
     H, memory = memory[: first * first].reshape(first, first), memory[first * first :]
     z, row, memory = memory[:width], memory[width : 2 * width], memory[2 * width :]
-    p, change, beta, diagonal = memory[:size], memory[size : 2 * size], memory[2 * size : 3 * size], memory[3 * size :]
-    if first and not _eliminate(stack[count:], first, H, N):
-        return False, 0.0, 0.0, 0.0
-    for i in range(size):
-        if i < count:
-            _reduced(stack[i], N, row)
-        elif i < m:
-            place = active[i - count]
-            bound = bounds[1 if sides[place] > 0 else 0, place]
-            if place >= n:
-                _reduced(rows[end + place - n], N, row)
-                row[width - 1] += bound
-            else:
-                for j in range(width):
-                    row[j] = -N[place, j] if place < first else 0.0
-                if place >= first:
-                    row[place - first] = 1.0
-                row[width - 1] += bound
+    p, change, beta = memory[:size], memory[size : 2 * size], memory[2 * size : 3 * size]
+    diagonal, least_squares = memory[3 * size : 4 * size], memory[4 * size :]
+    if count == 0:
+        if first and not _eliminate(rows[own:end], first, H, N):
+            return NOT_FOUND, 0.0, 0.0, 0.0
+        for i in range(own):
+            _reduced(rows[i], N, above[i])
+        for i in range(total):
+            multipliers[i] = 0.0
+    for i in range(top):
+        _scatter(above[i], B, i)
+    for i in range(len(active)):
+        place = active[i]
+        if place >= n:
+            _reduced(rows[end + place - n], N, row)
         else:
             for j in range(width):
-                row[j] = 0.0
-        block = B[i // 4, :, i % 4]
-        for j in range(width):
-            block[j] = row[j]
+                row[j] = -N[place, j] if place < first else 0.0
+            if place >= first:
+                row[place - first] = 1.0
+        row[width - 1] += bounds[1 if sides[place] > 0 else 0, place]
+        _scatter(row, B, top + i)
+    for i in range(soft):
+        _reduced(stack[i], N, row)
+        _scatter(row, B, hard + i)
+    for j in range(width):
+        row[j] = 0.0
+    for i in range(m, size):  # what fills the last block
+        _scatter(row, B, i)
     weights, offset = inverse[first:], minus_target[first:]
     _block_products(B, offset, p)
     _gram(B, weights, scaled, K)
-    for i in range(len(slack)):
-        K[i, i] += slack[i]
-    for i in range(m, size):  # what fills the last block
+    for i in range(soft):
+        K[hard + i, hard + i] += slack[i]
+    for i in range(m, size):
         K[i, i] = 1.0
-    if not _factored(K, diagonal):
-        return False, 0.0, 0.0, 0.0
+    independent = _factored(K, hard, top, least_squares, diagonal)
+    if independent < 0:
+        return NOT_FOUND, 0.0, 0.0, 0.0
+    if count and independent >= width - 1:
+        return NOTHING_FREE, 0.0, 0.0, 0.0
     for i in range(size):
         beta[i] = p[i]
     _solve_factored(K, diagonal, p)
@@ -416,38 +471,57 @@ def condensed(
     for i in range(m):
         norm += p[i] * p[i]
     if not norm <= largest * largest:
-        return False, 0.0, 0.0, 0.0
+        return NOT_FOUND, 0.0, 0.0, 0.0
     for j in range(width):
         z[j] = -offset[j]
     _move(z, p, B, weights)
-    for _ in range(2):
+    for refinement in range(3):
         # The rounding of z, not of p, is what d⁻¹ magnifies: z is moved on, not computed anew.
         _block_products(B, z, change)  # B z - β, as the last entry of z is -1
-        most = 0.0
+        worst = 0.0
         for i in range(size):
-            change[i] = -change[i] - (slack[i] * p[i] if i < len(slack) else 0.0)
-            most = max(most, abs(change[i]))
-        if most <= precise:
+            change[i] = -change[i] - (slack[i - hard] * p[i] if hard <= i < m else 0.0)
+            worst = max(worst, abs(change[i]))
+        if worst <= precise or refinement == 2:
             break
         _solve_factored(K, diagonal, change)
         for i in range(m):
             p[i] += change[i]
         _move(z, change, B, weights)
+    lost = 0.0  # of the rows that higher levels keep
+    for i in range(own, top):
+        if not abs(change[i]) <= lost:
+            lost = abs(change[i])
     for i in range(first):
         value[i] = -_product(N[i], z)
     for j in range(width - 1):  # what copies a slice takes seconds to compile
         value[first + j] = z[j]
     least, most = _residuals(rows, bounds, value, off, room)
+    if not (most <= feasible and lost <= feasible and least == least):
+        return NOT_FOUND, 0.0, least, most
+    right = -least <= feasible
+    for i in range(len(active)):
+        if sides[active[i]] * p[top + i] > 0.0:
+            right = False
+    if not right:
+        for i in range(total):
+            other[i] = -1 if room[0, i] < -feasible else 1 if room[1, i] < -feasible else 0
+        for i in range(len(active)):
+            if not sides[active[i]] * p[top + i] > 0.0:
+                other[active[i]] = sides[active[i]]
+        return WRONG_SET, 0.0, least, most
     cost = 0.0
     for i in range(m):
         cost += p[i] * beta[i]
-    if not (most <= feasible and -least <= feasible):
-        return False, 0.0, least, most
-    for i in range(len(multipliers)):
-        multipliers[i] = 0.0
     for i in range(len(active)):
-        if sides[active[i]] * p[count + i] > 0.0:
-            return False, 0.0, least, most
-        multipliers[active[i]] = -p[count + i]
+        if multipliers[active[i]] == 0.0:
+            multipliers[active[i]] = -p[top + i]
+    for i in range(kept):
+        there = above[top + i]
+        block, reached = B[(hard + i) // 4, :, (hard + i) % 4], 0.0
+        for j in range(width - 1):
+            there[j] = block[j]
+            reached += there[j] * z[j]
+        there[width - 1] = reached
     # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
-    return True, constant + 0.5 * cost, least, most
+    return SOLVED, constant + 0.5 * cost, least, most

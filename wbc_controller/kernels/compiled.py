@@ -39,6 +39,7 @@ SIGN_ROWS = types.Array(types.int8, 2, "C", readonly=True)
 #: Arrays that are written.
 VECTOR_OUT = types.Array(types.float64, 1, "C")
 ROWS_OUT = types.Array(types.float64, 2, "C")
+SIGNS_OUT = types.Array(types.int8, 1, "C")
 ANY_VECTOR_OUT = types.Array(types.float64, 1, "A")
 ANY_MATRIX_OUT = types.Array(types.float64, 2, "A")
 

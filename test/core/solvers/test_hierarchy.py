@@ -5,10 +5,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from quadratic_programs import squares_problem
 
 from wbc_controller.core.program.problem import Level, Quadratic, QuadraticProgram
+from wbc_controller.core.solvers import hierarchy as module
 from wbc_controller.core.solvers import make_solver
+from wbc_controller.core.solvers.active_set import ActiveSet
 from wbc_controller.core.solvers.hierarchy import Hierarchy
+from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.errors import ConfigurationError
 
 EPSILON = 1.0e-5  # of the size of the controller's own
@@ -233,6 +237,129 @@ def test_a_strict_task_gives_nothing_for_one_below(robot_with):
             assert all(report.iterations > 0 for report in solution.levels)
     assert results["strict"] < 1e-8
     assert results["weighted"] > 0.1
+
+
+def without_squares(level):
+    """The same level, whose cost is known by H and g alone: it is solved in the null space of those above."""
+    cost = level.cost
+    return replace(level, cost=Quadratic(cost.H.copy(), cost.g.copy(), cost.constant))
+
+
+def on_levels(robot, rng):
+    """The robot with its tasks on two to four levels by chance, mostly with the posture on the last one."""
+    count = int(rng.integers(2, 5))
+    level = {name: int(rng.integers(0, count)) for name in robot.settings.tasks}
+    if rng.random() < 0.7:
+        level["posture"] = max(level.values())
+    tasks = {name: task.model_copy(update={"level": level[name]}) for name, task in robot.settings.tasks.items()}
+    return robot.rebuilt(tasks)
+
+
+def both_ways(robot, rng, *, limited):
+    """Answers and reports of a random state, with the active sets of the same problem and in null spaces."""
+    robot = on_levels(robot, rng)
+    hands = {name: 1.0 for name in ("left_hand", "right_hand") if rng.random() < 0.5}
+    given = robot.near_stance(rng), robot.references(**hands)
+    if limited:
+        given = robot.random_problem(int(rng.integers(0, 1000)))
+    layout = robot.controller.formulation.build(*given)
+    if not limited:
+        layout.problem.bounds[:] = [[-np.inf], [np.inf]]
+    plain, fast = hierarchy(), hierarchy()
+    expected = plain.solve(layout.problem, [without_squares(each) for each in layout.levels])
+    for _ in range(2):  # the first time the active sets may have to be learnt
+        found = fast.solve(layout.problem, layout.levels)
+    return plain, expected, fast, found
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_without_limits_the_active_sets_give_the_answer_of_the_null_spaces_at_once(bench, robot):
+    rng, missed = np.random.default_rng(16), 0
+    for _ in range(40):
+        plain, expected, fast, found = both_ways(bench(robot), rng, limited=False)
+        if found.residuals is None:
+            missed += 1
+            continue
+        np.testing.assert_allclose(found.x, expected.x, atol=1e-7 * np.abs(expected.x).max())
+        assert not found.multipliers.any()
+        assert [report.tasks for report in fast.reports] == [report.tasks for report in plain.reports]
+        for one, other in zip(fast.reports, plain.reports, strict=True):
+            assert one.cost == pytest.approx(other.cost, rel=1e-6, abs=1e-9)
+    assert missed <= 1  # where a posture that is kept leaves only forces free
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_with_limits_the_active_sets_give_the_answer_of_the_null_spaces(bench, robot, monkeypatch):
+    monkeypatch.setattr(module, "_ROOM", 1.0e-11)  # by which the other way misses a limit, and its answer with it
+    rng, same = np.random.default_rng(17), 0
+    for _ in range(60):
+        plain, expected, fast, found = both_ways(bench(robot), rng, limited=True)
+        if found.x is None or plain.unsolved or found.residuals is None:
+            continue
+        same += 1
+        assert expected.multipliers.any()
+        size = np.abs(expected.multipliers).max()
+        np.testing.assert_allclose(found.x, expected.x, atol=1e-6 * np.abs(expected.x).max())
+        np.testing.assert_allclose(found.multipliers, expected.multipliers, atol=1e-5 * size)
+        assert [report.tasks for report in fast.reports] == [report.tasks for report in plain.reports]
+        for one, other in zip(fast.reports, plain.reports, strict=True):
+            assert one.cost == pytest.approx(other.cost, rel=1e-5, abs=1e-7)
+    assert same >= 25
+
+
+def moving(robot, count):
+    """A robot that is asked for more and more, on three levels, until limits bind and do not any more."""
+    references = robot.references(left_hand=10.0)
+    hand = references.tasks["left_hand"]
+    for i in range(count):
+        asked = hand.position + np.array([0.6 * np.sin(0.1 * i), 0.0, 0.1 * np.cos(0.1 * i), 0.0, 0.0, 0.0, 0.0])
+        yield replace(references, tasks={**references.tasks, "left_hand": replace(hand, position=asked)})
+
+
+def test_what_a_hierarchy_remembers_gives_the_same_bits(robot_with):
+    """From every cycle on: of active sets that are right, that are followed, that are wrong, and that are not tried."""
+    robot, other = (robot_with(left_hand=1, posture=2) for _ in range(2))
+    met = set()
+    for references in moving(robot, 60):
+        memory = robot.controller.memory()
+        solution = robot.controller.solve(robot.state(), references)
+        other.controller.recall(memory)
+        again = other.controller.solve(robot.state(), references)
+        assert again.v_dot.tobytes() == solution.v_dot.tobytes()
+        assert again.levels == solution.levels
+        assert again.binding == solution.binding
+        after = dict(robot.controller.memory()["hierarchies"])[tuple(robot.controller.contacts)]
+        for was in (before for _, before in memory["hierarchies"]):
+            right = "at once" if solution.iterations == len(solution.levels) else "followed"
+            met.add("not tried" if was["rest"] else "wrong" if after["misses"] else right)
+    assert met == {"at once", "followed", "wrong", "not tried"}
+
+
+def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeypatch):
+    rng = np.random.default_rng(18)
+    problem = squares_problem(rng)
+    only = Level(("0",), problem.cost, np.zeros((0, problem.n)), np.zeros((0, problem.n)), np.zeros(0), np.zeros(0))
+    solving, tried = hierarchy(), []
+    monkeypatch.setattr(ActiveSet, "condensed", lambda *_: (tried.append(len(memories)), (0, 1, 0.0, 0.0, 0.0))[1])
+    memories = []
+    for _ in range(60):
+        assert solving.solve(problem, [only]).x is not None
+        memories.append(solving.memory())
+    assert tried == [0, 1, 3, 7, 15, 31, 47]
+    monkeypatch.undo()
+    assert [solving.solve(problem, [only]).residuals is not None for _ in range(5)] == [False] * 3 + [True] * 2
+    assert solving.memory()["misses"] == 0
+
+
+@pytest.mark.parametrize("spoilt", ["constraints", "bounds"])
+def test_values_that_are_not_finite_are_named(robot_with, spoilt):
+    robot = robot_with(posture=1)
+    layout = robot.controller.formulation.build(robot.state(), robot.references())
+    solving = hierarchy()
+    assert solving.solve(layout.problem, layout.levels).residuals is not None
+    getattr(layout.problem, spoilt)[0, 3] = np.nan
+    answer = solving.solve(layout.problem, layout.levels)
+    assert (answer.x, answer.status, solving.reports) == (None, NOT_FINITE, ())
 
 
 def test_what_has_only_one_level_is_solved_once(bench):

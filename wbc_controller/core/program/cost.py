@@ -45,7 +45,6 @@ class _Plan:
     Attributes:
         level: the level, whose cost is set in every cycle.
         squares: the squares that make up the cost.
-        kept: view of the rows of tasks.
         rows: what compiled code fills.
         counts: each task with rows, and their number.
         others: each task with rows that it fills itself, and views for its J and its right-hand side.
@@ -59,7 +58,6 @@ class _Plan:
 
     level: Level
     squares: Squares
-    kept: Array
     rows: Rows
     counts: list[tuple[str, int]]
     others: list[tuple[AccelerationTask, Array, Array]]
@@ -202,11 +200,9 @@ class LevelCost:
             errors: for those of the tasks with a tolerance.
         """
         plan = self._current
-        if self._last and not self._others:
-            return plan.level  # only its cost changes from cycle to cycle
+        if not self._others:
+            return plan.level  # only its cost and the values of its rows change from cycle to cycle
         level = replace(plan.level)
-        if not self._last:
-            level.kept = plan.kept / np.sqrt(plan.squares.slack[: len(plan.kept), None])
         self._add_others(level, layout, dynamics, references, errors.others)
         return level
 
@@ -247,9 +243,9 @@ class LevelCost:
             compiled,
             end if base else None,
         )
+        kept = stack[: 0 if self._last else end, :n]
         return _Plan(
-            level=Level(self._taking_part, cost, np.zeros((0, n)), np.zeros((0, n)), np.zeros(0), np.zeros(0)),
-            kept=stack[:end, :n],
+            level=Level(self._taking_part, cost, kept, np.zeros((0, n)), np.zeros(0), np.zeros(0)),
             squares=Squares(stack, np.empty(count), base, np.empty(n - base), np.zeros(n + 1), minus_target),
             rows=rows,
             counts=counts,

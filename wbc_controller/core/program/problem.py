@@ -19,7 +19,7 @@ class Squares:
     So H = Rᵀ w R + diag(d), and g = -Rᵀ w r - d t.
 
     Attributes:
-        stack: [R, r] and below it the equality constraints, [A, b], (k + m_eq, n + 1).
+        stack: [R, r], and below it, for the first level, the equality constraints [A, b], (k + m_eq, n + 1).
         slack: 1 / w, (k,).
         first: number of leading columns without d and t (those of a floating base). As many of the last equality
             constraints determine these variables: that block is invertible.
@@ -284,8 +284,8 @@ class Level:
     Attributes:
         tasks: names of the tasks that take part in this cycle.
         cost: ½ xᵀHx + gᵀx + constant, the regularization included, so that H is positive definite.
-        kept: weighted rows of the tasks' least-squares problem, (r, n), whose values no lower level may change. Empty
-            if there is no lower level.
+        kept: rows of the tasks' least-squares problem, (r, n), whose values no lower level may change; if the cost is
+            squares, their first rows. Empty if there is no lower level.
         G: weighted rows of the tasks with a tolerance, (k, n).
         lower: lower bounds of G x + s, (k,).
         upper: upper bounds of G x + s, (k,).

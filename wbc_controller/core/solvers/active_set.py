@@ -46,7 +46,7 @@ class ActiveSet:
 
     where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
     and is positive definite. Where weights differ much it loses digits, which two steps of iterative refinement bring
-    back.
+    back. For a level of strict priority (`hierarchy`), B also has the rows that the levels above keep.
 
     Attributes:
         side: of each bound of x and row of C, 1 if it is active at its upper bound, -1 at the lower one, else 0.
@@ -55,16 +55,16 @@ class ActiveSet:
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         """Start with an empty active set."""
         self._n, self._m = n, equalities
-        self.side = np.zeros(n + inequalities, dtype=np.int8)
-        self._active = self.side.nonzero()[0]
+        self._take(np.zeros(n + inequalities, dtype=np.int8))
+        self._other = np.zeros(n + inequalities, dtype=np.int8)
+        self._work = np.zeros(0)
         self._bound_of: tuple[object, object, object] = (None, None, None)
         self._bound: Bound
-        self._space = 4 * len(self.side) + equalities  # for what the compiled code finds
+        self._space = 4 * (n + inequalities) + equalities  # for what the compiled code finds
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
-        self.side = (multipliers > 0.0).astype(np.int8) - (multipliers < 0.0)
-        self._active = self.side.nonzero()[0]
+        self._take((multipliers > 0.0).astype(np.int8) - (multipliers < 0.0))
 
     def memory(self) -> dict[str, Any]:
         """What it remembers: the active set."""
@@ -72,8 +72,11 @@ class ActiveSet:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
-        self.side = np.array(memory["side"], dtype=np.int8)
-        self._active = self.side.nonzero()[0]
+        self._take(np.array(memory["side"], dtype=np.int8))
+
+    def _take(self, side: np.ndarray) -> None:
+        self.side = side
+        self._active = side.nonzero()[0]
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
@@ -82,18 +85,50 @@ class ActiveSet:
         squares = problem.cost.squares
         if squares is None or len(squares.stack) > self._n:
             return self._full(problem)
+        if not len(self._work):
+            self._work = work_memory(problem, squares, 0)
+        found = np.empty(self._space)
+        outcome, _, cost, least, off = self.condensed(problem, squares, self._work, 0, 0, found, 1)
+        if outcome != kernel.SOLVED:
+            return None
+        residuals = Residuals(found, len(self.side), least, off)
+        return Answer(found[: self._n], "optimal", 1, residuals.multipliers, residuals, cost)
+
+    def condensed(
+        self, problem: QuadraticProgram, squares: Squares, work: Array, count: int, kept: int, found: Array, tries: int
+    ) -> tuple[int, int, float, float, float]:
+        """Solve the condensed system of a problem with a cost, which need not be its own (`kernels.active_set`).
+
+        Where the active set is wrong, that of the violated constraints and of the multipliers with the right sign may
+        be tried next, which is a primal-dual active set method (Hintermüller, Ito, Kunisch, "The primal-dual active set
+        strategy as a semismooth Newton method", SIAM J. Optim. 13, 2002). It need not end, but mostly does at once.
+
+        Args:
+            problem: whose constraints apply.
+            squares: the cost.
+            work: from `work_memory`.
+            count: number of rows in it below those of the first level's elimination; 0 for the first level.
+            kept: number of rows of the cost that are added to them.
+            found: to be filled, as `Residuals` has it.
+            tries: the most active sets that are tried.
+
+        Returns:
+            What came of the last one, its number, the cost, the smallest room, and the largest |A x - b|.
+        """
         known = self._bound_of
         if squares is not known[0] or squares.inverse is not known[1] or problem is not known[2]:
             self._bound_of = squares, squares.inverse, problem
             self._bound = bind(squares, problem)
-        count, found = len(self.side), np.empty(self._space)
-        solved, cost, least, off = kernel.condensed(
-            self._bound.table, squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST, found
-        )
-        if not solved:
-            return None
-        residuals = Residuals(found, count, least, off)
-        return Answer(found[: self._n], "optimal", 1, residuals.multipliers, residuals, cost)
+        number = 0
+        while True:
+            number += 1
+            outcome, cost, least, off = kernel.condensed(
+                self._bound.table, squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
+                work, count, kept, found, self._other,
+            )  # fmt: skip
+            if outcome != kernel.WRONG_SET or number == tries:
+                return outcome, number, cost, least, off
+            self._take(self._other.copy())
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
@@ -125,6 +160,17 @@ def bind(squares: Squares, problem: QuadraticProgram) -> Bound:
     """The arrays of a cost and of a problem, for `kernels.active_set.condensed`."""
     rows, equalities = problem.constraints, len(problem.b)
     return Bound(
-        problem.n, len(squares.slack), len(squares.stack), squares.first, equalities, len(rows) - equalities,
+        problem.n, len(squares.slack), squares.first, equalities, len(rows) - equalities,
         squares.stack, squares.slack, squares.inverse, squares.minus_target, rows, problem.bounds,
     )  # fmt: skip
+
+
+def work_memory(problem: QuadraticProgram, squares: Squares, kept: int) -> Array:
+    """What `kernels.active_set.condensed` works on from level to level, not filled.
+
+    Args:
+        problem: the problem.
+        squares: the cost of its first level.
+        kept: number of rows that all levels keep together.
+    """
+    return np.empty((len(problem.b) + kept) * (problem.n + 1 - squares.first))

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from wbc_controller.core.program.problem import Level, QuadraticProgram
+from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals, Squares
 from wbc_controller.core.solvers import Answer, Solver
+from wbc_controller.core.solvers.active_set import ActiveSet, work_memory
+from wbc_controller.core.solvers.solver import NOT_FINITE
+from wbc_controller.kernels import active_set as kernel
 from wbc_controller.records import Array, LevelReport
 
 #: Rows count as linearly dependent below this share of the largest.
@@ -18,6 +21,10 @@ _RANK = 1.0e-9
 _ROOM = 1.0e-7
 #: Largest violation of the equalities by their own least-squares solution, in the problem's units.
 _CONSISTENT = 1.0e-6
+#: The most active sets that are tried for a level: the last one, and what follows from it. More hardly ever succeed.
+_TRIES = 4
+#: The most problems in a row that are not tried with the active sets of the last one, after these have failed often.
+_LONGEST_REST = 15
 
 
 class Hierarchy:
@@ -32,6 +39,11 @@ class Hierarchy:
 
     subject to the inequality constraints of the problem. After that N is reduced to the null space of its rows too, and
     its rows with a tolerance become inequality constraints, widened by the slack s.
+
+    Before that, all levels are tried with their active sets of the last problem, as in `ActiveSet`: where these are
+    still right, or nearly, a level is one linear system or a few, without null space and without search. What the rows
+    of the levels above have reached are equality constraints of it. This takes costs that are squares: no tolerances,
+    and no tasks on forces or torques.
 
     Attributes:
         reports: a report of each level that was solved in the last call.
@@ -51,18 +63,36 @@ class Hierarchy:
         self._make_solver = make_solver
         self._timer = timer
         self._solvers: dict[tuple[int, int, int], Solver] = {}
+        self._active_sets: list[ActiveSet] = []
+        self._misses, self._rest = 0, 0
 
-    def memory(self) -> list[tuple[tuple[int, int, int], dict[str, Any] | None]]:
-        """What the solver of each level remembers, by its index and the size of its problem, as in `Solver.memory`."""
-        return [(size, solver.memory()) for size, solver in self._solvers.items()]
+    def memory(self) -> dict[str, Any] | None:
+        """All that the next solution depends on.
 
-    def recall(self, memory: Sequence[tuple[Sequence[int], Mapping[str, Any]]]) -> None:
+        Returns:
+            The active set of each level, how often they were wrong in a row, and for how many problems they are not
+            tried; and what the solver of each level remembers, by its index and the size of its problem. None where a
+            solver keeps its warm start to itself (`Solver.memory`).
+        """
+        solvers = [(size, solver.memory()) for size, solver in self._solvers.items()]
+        if any(remembered is None for _, remembered in solvers):
+            return None
+        active_sets = [active_set.memory() for active_set in self._active_sets]
+        return {"solvers": solvers, "active_sets": active_sets, "misses": self._misses, "rest": self._rest}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
         self._solvers.clear()
-        for (index, n, inequalities), remembered in memory:
+        for (index, n, inequalities), remembered in memory["solvers"]:
             solver = self._make_solver(QuadraticProgram.empty(n, 0, inequalities))
             solver.recall(remembered)
             self._solvers[index, n, inequalities] = solver
+        self._active_sets.clear()
+        for remembered in memory["active_sets"]:
+            active_set = ActiveSet(len(remembered["side"]), 0, 0)
+            active_set.recall(remembered)
+            self._active_sets.append(active_set)
+        self._misses, self._rest = memory["misses"], memory["rest"]
 
     def solve(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
         """Solve all levels.
@@ -76,6 +106,54 @@ class Hierarchy:
             level in which it is binding. If the first level has no solution, x is None, as from a solver.
         """
         self.reports, self.unsolved = (), ()
+        answer = self._guess(problem, levels)
+        if answer is not None:
+            return answer
+        if not problem.is_finite:
+            return Answer(None, NOT_FINITE, 0)
+        return self._search(problem, levels)
+
+    def _guess(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer | None:
+        """Solve, beginning with the active sets of the last problem; None where this fails, or is not tried."""
+        if self._rest:
+            self._rest -= 1
+            return None
+        costs: list[Squares] = []
+        for level in levels:
+            if level.cost.squares is None or len(level.G):
+                return None
+            costs.append(level.cost.squares)
+        if len(problem.b) >= problem.n:
+            return None
+        if len(self._active_sets) != len(levels):
+            self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
+        work = work_memory(problem, costs[0], sum(len(level.kept) for level in levels))
+        bounds = problem.bounds.shape[1]
+        found = np.empty(4 * bounds + len(problem.b))
+        count, iterations, reports = 0, 0, []
+        for level, squares, active_set in zip(levels, costs, self._active_sets, strict=True):
+            if not level.tasks and level is not levels[-1]:
+                continue
+            started = self._timer()
+            outcome, number, cost, least, off = active_set.condensed(
+                problem, squares, work, count, len(level.kept), found, _TRIES
+            )
+            if outcome == kernel.NOTHING_FREE:
+                break
+            if outcome != kernel.SOLVED:
+                self._misses += 1
+                self._rest = min(2 ** (self._misses - 1) - 1, _LONGEST_REST)
+                return None
+            residuals = Residuals(found, bounds, least, off)
+            count = (count or len(problem.b) - squares.first) + len(level.kept)
+            iterations += number
+            reports.append(LevelReport(level.tasks, cost, number, self._timer() - started))
+        self._misses = 0
+        self.reports = tuple(reports)
+        return Answer(found[: problem.n], "optimal", iterations, residuals.multipliers, residuals)
+
+    def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
+        """Solve each level in the null space of those above, and learn the active sets."""
         n = problem.n
         x, free = _solution_and_null_space(problem.A, problem.b)
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
@@ -85,6 +163,7 @@ class Hierarchy:
         upper = np.concatenate([problem.x_upper, problem.upper])
         multipliers = np.zeros(len(rows))
         iterations = 0
+        self._active_sets = [ActiveSet(n, len(problem.b), len(problem.upper)) for _ in levels]
         for index, level in enumerate(levels):
             last = index == len(levels) - 1
             if not (level.tasks or last) or free.shape[1] + len(level.G) == 0:
@@ -105,6 +184,7 @@ class Hierarchy:
             x = x + free @ z
             # The reduced problem has no bounds on its variables; its first rows are the bounds and rows of the problem.
             costs = answer.multipliers[len(reduced.g) :][: len(multipliers)]
+            self._active_sets[index].learn(costs)
             multipliers = np.where(multipliers == 0.0, costs, multipliers)
             value = level.G @ x
             rows = np.vstack([rows, level.G])
