@@ -1,13 +1,28 @@
-"""Held against the same equations in NumPy."""
+"""Held against the same equations in NumPy, and against Pinocchio."""
+
+import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import supervision as kernel
+from wbc_controller.kernels.supervision import (
+    ABSURD,
+    BASE_REPEATS,
+    BASE_STILL,
+    GAP,
+    JOINTS_REPEAT,
+    JOINTS_STILL,
+    JUMPED,
+    MEMORY,
+    STUCK,
+    UNTOLD,
+)
 
-N = 12
+N, NV = 12, 18
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -19,31 +34,256 @@ def test_values_at_their_limits_are_within_and_what_is_not_finite_never_is(value
     assert kernel.within(values[::-1], np.ones(N)) == (abs(value) <= 1.0)
 
 
-@settings(deadline=None)
-@given(seed=seeds, spoilt=st.sampled_from([0.0, np.nan, np.inf]), size=st.sampled_from([0.3, 1.0, 1.2]))
-def test_torques_are_usable_up_to_a_share_of_their_limits_beyond_what_is_available(seed, spoilt, size):
-    rng = np.random.default_rng(seed)
-    limits, ends = rng.uniform(1.0, 20.0, N), rng.uniform(-size, size, N)
-    lower, upper, tau = -limits, 0.9 * limits, ends * limits
-    tau[3] += spoilt
-    expected = ((tau >= lower - 0.05 * limits) & (tau <= upper + 0.05 * limits)).all()
-    assert kernel.usable(tau, lower, upper, limits, 0.05) == expected
+class Watched:
+    """Two states of a free flyer with joints in any order and a follower, and what is remembered."""
+
+    def __init__(self, seed, *, floating=True):
+        rng = self.rng = np.random.default_rng(seed)
+        self.floating, self.nv = floating, NV if floating else N
+        first = 6 if floating else 0
+        self.v_index = first + rng.permutation(N)[:11]
+        self.q_index = self.v_index + (1 if floating else 0)
+        self.before, self.q = (self.configuration(rng.normal(size=self.nv)) for _ in range(2))
+        self.v_before, self.v = rng.normal(size=(2, self.nv))
+        self.dt, self.magnitude = 0.004, 100.0
+        self.limits = np.full((3, self.nv), np.inf)
+        self.mismatch, self.untold = rng.normal(size=(2, self.nv))
+        self.some_untold = True
+
+    def configuration(self, motion):
+        if not self.floating:
+            return motion
+        turn = pin.SE3ToXYZQUAT(pin.exp6(pin.Motion(motion[:6])))
+        return np.concatenate([turn, motion[6:]])
+
+    def change(self):
+        """As Pinocchio has it."""
+        joints = self.q[-N:] - self.before[-N:]
+        if not self.floating:
+            return joints
+        model = pin.Model()
+        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+        return np.concatenate([pin.difference(model, self.before[:7], self.q[:7]), joints])
+
+    def compare(self):
+        return kernel.compared(
+            self.before, self.v_before, self.q, self.v, self.dt, self.floating, self.q_index, self.v_index,
+            self.magnitude, self.limits, self.mismatch, self.untold, self.some_untold,
+        )  # fmt: skip
+
+    def expect(self):
+        """What NumPy makes of it: what is found, mismatches, and what is untold."""
+        fastest, tolerance, motionless = self.limits
+        x, u = self.mismatch, self.untold
+        if not (np.abs(self.q) <= self.magnitude).all() or not (np.abs(self.v) <= fastest).all():
+            return ABSURD, x, u
+        moves = self.v.any() or self.v_before.any() or self.some_untold or (x**2).sum() > 1e-12
+        if not moves and self.q.tobytes() == self.before.tobytes():
+            return 0, x, u
+        change, told = self.change(), 0.5 * self.dt * (self.v_before + self.v)
+        known, keep = 0.0 <= self.dt <= GAP, 1.0 - self.dt / MEMORY
+        reach = abs(self.dt) * fastest
+        x = keep * x + (change - told) if known else change - np.clip(change, -reach, reach)
+        found = 0
+        if not (np.abs(x) <= tolerance).all():
+            found, u = found | JUMPED, np.zeros(self.nv)
+        if change[self.v_index].all():
+            u = np.zeros(self.nv)
+        else:
+            found |= JOINTS_STILL | (UNTOLD if known or self.some_untold else 0)
+            if known:
+                u = np.where(change == 0.0, keep * u + told, 0.0)
+                found |= 0 if (np.abs(u) <= motionless).all() else STUCK
+            found |= JOINTS_REPEAT if self.repeats(self.q_index, self.v_index) else 0
+        if self.floating and self.q[0] == self.before[0]:
+            found |= BASE_STILL | (BASE_REPEATS if self.repeats(slice(7), slice(6)) else 0)
+        return found, x, u
+
+    def repeats(self, q, v):
+        same = self.q[q].tobytes() == self.before[q].tobytes()
+        return same and self.v[v].tobytes() == self.v_before[v].tobytes()
+
+    def check(self):
+        found, mismatch, untold = self.expect()
+        assert self.compare() == found
+        np.testing.assert_allclose(self.mismatch, mismatch, rtol=1e-9, atol=1e-11)
+        joints = slice(-N, None)  # where the base's change is zero is a matter of rounding
+        np.testing.assert_allclose(self.untold[joints], untold[joints], rtol=1e-9, atol=1e-11)
+        return found
 
 
-@settings(deadline=None)
-@given(seed=seeds, size=st.sampled_from([0.1, 1.0, 10.0]), spoilt=st.booleans())
-def test_the_mismatch_is_what_numpy_makes_of_the_same_equations(seed, size, spoilt):
-    rng = np.random.default_rng(seed)
-    change, before, v, found = rng.normal(size=(4, N))
-    change[rng.random(N) < 0.2] = 0.0
+BITS = [ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_STILL, JOINTS_REPEAT, BASE_STILL, BASE_REPEATS]
+
+
+@settings(deadline=None, max_examples=400)
+@given(
+    seed=seeds,
+    floating=st.booleans(),
+    dt=st.sampled_from([0.0, 0.004, 0.004, GAP, 0.06, -0.004]),
+    joints=st.sampled_from(["move", "move", "some", "still", "repeat"]),
+    base=st.sampled_from(["moves", "moves", "still", "repeats"]),
+    size=st.sampled_from([0.3, 2.0, np.inf]),
+    some_untold=st.booleans(),
+    spoilt=st.sampled_from([None] * 6 + ["q", "v"]),
+    value=st.sampled_from([np.nan, np.inf, -np.inf, 1e3, -1e3]),
+)
+def test_a_comparison_finds_what_numpy_and_pinocchio_find(
+    seed, floating, dt, joints, base, size, some_untold, spoilt, value
+):
+    case = Watched(seed, floating=floating)
+    case.dt, case.some_untold = dt, some_untold
+    case.limits = np.array([[100.0], [size], [size]]) * case.rng.uniform(1.0, 2.0, (3, case.nv))
+    if not some_untold:
+        case.untold[:] = 0.0
+    if joints in ("still", "repeat"):
+        case.q[-N:] = case.before[-N:]
+    elif joints == "some":
+        some = case.rng.random(N) < 0.3
+        case.q[-N:][some] = case.before[-N:][some]
+    if joints == "repeat":
+        case.v[-N:] = case.v_before[-N:]
+    if floating and base != "moves":
+        case.q[:7] = case.before[:7]
+    if floating and base == "repeats":
+        case.v[:6] = case.v_before[:6]
     if spoilt:
-        v[3] = np.nan
-    expected = 0.9 * found + (change - 0.5 * 0.02 * (before + v))
-    tolerance = np.full(N, 2.0 * size)
-    good, still = kernel.mismatch(change, before, v, 0.02, 0.9, found, tolerance)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
-    assert good == (np.abs(expected) <= tolerance).all()
-    assert still == np.count_nonzero(change == 0.0)
+        getattr(case, spoilt)[case.rng.integers(case.nv)] = value
+    case.check()
+
+
+@pytest.mark.parametrize("bit", BITS)
+def test_every_finding_occurs_among_such_cases(bit):
+    case = Watched(0)
+    case.limits[:] = 1e3
+    if bit == ABSURD:
+        case.v[4] = np.nan
+    if bit in (JUMPED, STUCK):
+        case.limits[1 if bit == JUMPED else 2] = 1e-6
+    if bit in (STUCK, UNTOLD, JOINTS_STILL, JOINTS_REPEAT):
+        case.q[-N:], case.v[-N:] = case.before[-N:], case.v_before[-N:]
+    if bit in (BASE_STILL, BASE_REPEATS):
+        case.q[:7], case.v[:6] = case.before[:7], case.v_before[:6]
+    assert case.check() & bit
+
+
+@pytest.mark.parametrize("what", ["nothing", "v", "v_before", "untold", "mismatch", "q", "sign"])
+def test_a_robot_rests_where_nothing_moves_and_nothing_is_left_to_be_compared(what):
+    case = Watched(1)
+    case.before[-1] = 0.0
+    case.q = case.before.copy()
+    for each in (case.v, case.v_before, case.mismatch, case.untold):
+        each[:] = 0.0
+    case.mismatch[4], case.some_untold = 1e-7, what == "untold"
+    if what in ("v", "v_before", "mismatch"):
+        getattr(case, what)[-1] = 1e-5
+    if what == "q":
+        case.q[-1] = 1e-9
+    if what == "sign":
+        case.q[-1] = -0.0
+    kept = case.mismatch.copy()
+    assert (case.check() == 0) == (what == "nothing")
+    assert np.array_equal(case.mismatch, kept) == (what == "nothing")
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    seed=seeds,
+    angle=st.one_of(
+        st.floats(0.0, 2.0 * math.pi),
+        st.sampled_from([0.0, 1e-16, 1e-12, 1e-9, 1e-8, 3e-8, 1e-6, 1e-4, 1.9e-4, 2e-4, 2.1e-4, 1e-3, 4.9e-3, 0.1]),
+        st.sampled_from([1e-12, 1e-9, 1e-6, 1e-3, 0.0]).map(lambda less: math.pi - less),
+    ),
+    flip=st.booleans(),
+    far=st.sampled_from([0.0, 1e-6, 0.01, 1.0, 1e3]),
+)
+def test_the_change_of_the_base_is_pinocchio_s_difference(seed, angle, flip, far):
+    case = Watched(seed)
+    axis = case.rng.normal(size=3)
+    motion = np.concatenate([far * case.rng.normal(size=3), angle * axis / np.linalg.norm(axis)])
+    moved = pin.XYZQUATToSE3(case.before[:7]) * pin.SE3(pin.exp3(motion[3:]), motion[:3])
+    case.q[:7] = pin.SE3ToXYZQUAT(moved)
+    if flip:
+        case.q[3:7] *= -1.0
+    case.v[:], case.v_before[:], case.mismatch[:], case.magnitude = 0.0, 0.0, 0.0, 1e5
+    assert case.compare() != ABSURD
+    expected = case.change()
+    close = {"rtol": 1e-9, "atol": 1e-12 * (1.0 + far)}
+    if not np.allclose(case.mismatch, expected, **close):  # half a turn: the other way round is as good
+        assert angle == pytest.approx(math.pi, abs=1e-6)
+        np.testing.assert_allclose(case.mismatch[3:6], -expected[3:6], rtol=1e-9, atol=1e-9)
+
+
+def test_where_a_quaternion_is_zero_the_change_is_not_a_number_and_fails():
+    for which in ("before", "q"):
+        case = Watched(2)
+        getattr(case, which)[3:7] = 0.0
+        assert np.isnan(case.change()).any()
+        assert case.compare() & JUMPED
+
+
+@settings(deadline=None)
+@given(seed=seeds, spoilt=st.sampled_from([0.0, np.nan]))
+def test_the_tilt_is_the_angle_between_the_vertical_before_and_after(seed, spoilt):
+    rng = np.random.default_rng(seed)
+    before, q = (pin.SE3ToXYZQUAT(pin.exp6(3.0 * rng.normal(size=6))) for _ in range(2))
+    vertical = [pin.XYZQUATToSE3(each).rotation[2] for each in (before, q)]
+    np.testing.assert_allclose(kernel.upward(before), vertical[0], atol=1e-12)
+    found = kernel.tilt(q, *kernel.upward(before))
+    assert math.cos(found) == pytest.approx(np.dot(*vertical), abs=1e-12)
+    assert kernel.tilt(before, *kernel.upward(before)) == pytest.approx(0.0, abs=1e-6)
+    q[4] += spoilt
+    assert (kernel.tilt(q, *vertical[0]) <= math.pi) == (spoilt == 0.0)
+
+
+@settings(deadline=None)
+@given(seed=seeds, size=st.sampled_from([0.3, 1.0, 1.01, 1.2]), spoilt=st.sampled_from([0.0, np.nan, np.inf, -np.inf]),
+       share=st.sampled_from([0.0, 0.4, 1.0]), kept=st.sampled_from([0.0, 0.7]))  # fmt: skip
+def test_the_command_of_a_solution_is_what_numpy_makes_of_it_where_its_torques_are_usable(
+    seed, size, spoilt, share, kept
+):
+    rng = np.random.default_rng(seed)
+    limits, rate = rng.uniform(1.0, 20.0, (2, N))
+    lower, upper, tau = -limits, 0.9 * limits, rng.uniform(-size, size, N) * limits
+    before = rng.uniform(-1.0, 1.0, N) * limits
+    tau[rng.integers(N)] += spoilt
+    q, v, v_dot = rng.normal(size=NV + 1), rng.normal(size=NV), rng.normal(size=NV)
+    v_index = rng.permutation(NV)[:7]
+    out = np.empty(N + 14)
+    usable = kernel.followed(
+        tau, v_dot, q, v, before, share, kept, lower, upper, limits, 0.05, rate, 0.1, v_index + 1, v_index, 0.002, out
+    )
+    assert usable == ((tau >= lower - 0.05 * limits) & (tau <= upper + 0.05 * limits)).all()
+    if usable:
+        wanted = kept * before + (1.0 - kept) * (share * tau)
+        expected = np.clip(np.clip(wanted, before - 0.1 * rate, before + 0.1 * rate), lower, upper)
+        np.testing.assert_allclose(out[:N], expected, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(out[N + 7 :], (v + 0.002 * v_dot)[v_index], rtol=1e-14)
+        np.testing.assert_allclose(out[N : N + 7], q[v_index + 1] + 0.002 * out[N + 7 :], rtol=1e-14)
+
+
+@pytest.mark.parametrize("place", [0, N - 1])
+@pytest.mark.parametrize(
+    ("tau", "usable"),
+    [(1.0, True), (-1.0, True), (1.01, True), (-1.01, True), (1.0101, False), (-1.0101, False), (np.nan, False)],
+)
+def test_torques_are_usable_up_to_a_solver_s_tolerance_beyond_their_limits(place, tau, usable):
+    wanted, ones, nothing = np.zeros(N), np.ones(N), np.zeros(0, dtype=np.int64)
+    wanted[place] = tau
+    sent = np.empty(N)
+    found = kernel.followed(
+        wanted, ones, ones, ones, ones, 1.0, 0.0, -ones, ones, ones, 0.01, 10.0 * ones, 1.0, nothing, nothing, 0.1, sent
+    )
+    assert found == usable
+    assert not usable or abs(sent[place]) == 1.0
+
+
+@pytest.mark.parametrize("which", [7, 8, 9])
+def test_where_what_is_available_is_not_a_number_nothing_is_usable(which):
+    ones, nothing = np.ones(N), np.zeros(0, dtype=np.int64)
+    given_values = [0.0 * ones, ones, ones, ones, ones, 1.0, 0.0, -ones, ones, ones.copy()]
+    assert kernel.followed(*given_values, 0.01, ones, 1.0, nothing, nothing, 0.1, np.empty(N))
+    given_values[which] = np.where(np.arange(N) == 5, np.nan, given_values[which])
+    assert not kernel.followed(*given_values, 0.01, ones, 1.0, nothing, nothing, 0.1, np.empty(N))
 
 
 @settings(deadline=None)
@@ -51,19 +291,7 @@ def test_the_mismatch_is_what_numpy_makes_of_the_same_equations(seed, size, spoi
 def test_torques_change_by_a_step_and_what_is_available_takes_precedence(seed):
     rng = np.random.default_rng(seed)
     tau, before, limits = 30.0 * rng.normal(size=(3, N))
-    tau[2], step, limits = np.nan, rng.uniform(0.0, 20.0, N), np.abs(limits)
-    out = np.empty(N)
-    kernel.limited(tau, before, step, -limits, limits, out)
+    tau[2], rate, limits = np.nan, rng.uniform(0.0, 20.0, N), np.abs(limits)
+    out, step = np.empty(N), 0.5 * rate
+    kernel.limited(tau, before, rate, 0.5, -limits, limits, out)
     np.testing.assert_array_equal(out, np.clip(np.clip(tau, before - step, before + step), -limits, limits))
-
-
-@settings(deadline=None)
-@given(seed=seeds)
-def test_what_is_ahead_is_the_end_of_a_period(seed):
-    rng = np.random.default_rng(seed)
-    q, v, v_dot = rng.normal(size=N + 1), rng.normal(size=N), rng.normal(size=N)
-    v_index = rng.permutation(N)[:7]
-    q_out, v_out = np.empty(7), np.empty(7)
-    kernel.ahead(q, v, v_dot, v_index + 1, v_index, 0.002, q_out, v_out)
-    np.testing.assert_allclose(v_out, (v + 0.002 * v_dot)[v_index], rtol=1e-14)
-    np.testing.assert_allclose(q_out, q[v_index + 1] + 0.002 * v_out, rtol=1e-14)

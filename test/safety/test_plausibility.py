@@ -14,9 +14,10 @@ from chains import MENAGERIE, menagerie
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.assembly.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.kernels.supervision import height
 from wbc_controller.records import Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
-from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, joint_speed_limits
+from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, _limbs, joint_speed_limits
 from wbc_controller.safety.supervisor import Supervisor
 
 PERIOD = 0.002
@@ -212,6 +213,40 @@ def test_tilt_and_height_are_counted_from_each_activation_anew(body):
             robot.step()
         assert robot.mode is Mode.ACTIVE
         again(robot)
+
+
+def random_robot(seed):
+    """A floating base with 12 joints of every kind that a URDF may give, on it and on each other."""
+    rng, model = np.random.default_rng(seed), pin.Model()
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    for i in range(12):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        kinds = (
+            pin.JointModelRX(), pin.JointModelRY(), pin.JointModelRZ(), pin.JointModelRevoluteUnaligned(axis),
+            pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ(), pin.JointModelPrismaticUnaligned(axis),
+        )  # fmt: skip
+        parent = model.addJoint(int(rng.integers(1, i + 2)), kinds[rng.integers(8)], pin.SE3.Random(), f"joint {i}")
+        model.addFrame(pin.Frame(f"end {i}", parent, 0, pin.SE3.Random(), pin.FrameType.BODY))
+    return model, rng
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_height_above_the_lowest_end_of_a_limb_is_that_of_forward_kinematics(seed):
+    model, rng = random_robot(seed)
+    data = model.createData()
+    q = np.concatenate([pin.SE3ToXYZQUAT(pin.exp6(2.0 * rng.normal(size=6))), rng.uniform(-4.0, 4.0, 12)])
+    pin.framesForwardKinematics(model, data, q)
+    ends = {frame.parentJoint: data.oMf[i].translation[2] for i, frame in enumerate(model.frames) if i > 0}
+    inner = set(model.parents)
+    lowest = min(z for joint, z in ends.items() if joint not in inner)
+    assert height(q, *_limbs(model)) == pytest.approx(q[2] - lowest, abs=1e-12)
+
+
+def test_a_base_without_limbs_is_above_nothing():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    assert height(pin.neutral(model), *_limbs(model)) == -np.inf
 
 
 def test_stairs_are_no_fall(body):

@@ -540,3 +540,29 @@ def test_no_torque_beyond_what_the_motors_have_at_their_speeds(robot_of):
     assert (rig.commands[-1].tau <= 0.3 * rig.model.effort_limits + 1e-9).all()
     rig.step(velocity=-12.0)  # the other way it brakes
     assert rig.mode is Mode.ACTIVE
+
+
+def test_where_the_speeds_are_not_known_the_motors_count_as_standing(robot_of):
+    na = robot_of("go2")[1].na
+    rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0))).bring("active")
+    for velocity in (None, np.nan, np.inf):
+        rig.step(velocity=velocity)
+        assert rig.mode is Mode.ACTIVE
+
+
+def test_without_a_state_a_command_does_not_say_where_it_leads(rig):
+    bench = rig().bring("active")
+    bench.state = None
+    command = bench.step()
+    assert bench.mode is Mode.ACTIVE
+    assert command.stamp == 0
+    np.testing.assert_array_equal(command.tau, bench.tau)
+    assert np.isnan([command.q_desired, command.v_desired]).all()
+    assert not any(part.flags.writeable for part in (command.tau, command.q_desired, command.v_desired))
+
+
+def test_while_the_torques_ramp_in_nothing_is_filtered(rig):
+    bench = rig(torque_filter=0.05, torque_rate=1e5)
+    bench.request("activate")
+    bench.step(count=20)
+    np.testing.assert_allclose(bench.commands[-1].tau, 0.4 * bench.tau, rtol=1e-6)

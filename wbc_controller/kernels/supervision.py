@@ -1,13 +1,17 @@
-"""What the supervisor computes in every cycle: plausible values and motion, usable torques, and the command."""
+"""What the supervisor computes in every cycle: how a state follows on the one before, and the command of a solution."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
     ANY_VECTOR,
+    FLAG,
     INDICES,
     NUMBER,
+    ROWS,
     VECTOR,
     VECTOR_OUT,
     compiled,
@@ -15,50 +19,43 @@ from wbc_controller.kernels.compiled import (
 )
 from wbc_controller.records import Array
 
+#: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
+#: within it, and the lag of a velocity filter adds up over it.
+MEMORY = 0.2
+#: Time between two states above which what happened between them is not known from their velocities, s.
+GAP = 0.05
+#: Σ of squares of mismatches, rad² and m², below which none is left.
+SETTLED = 1.0e-12
+#: What `compared` finds, as a sum; 0 where all values move, or rest, as the velocities say.
+ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_STILL, JOINTS_REPEAT, BASE_STILL, BASE_REPEATS = (1 << i for i in range(8))
 
-@compiled(ANY_VECTOR, VECTOR)
-def within(values: Array, limits: Array) -> bool:
-    """Whether all |values| are at most their limits, (n,) each; not if one is NaN."""
+
+@part
+def _within(values: Array, limits: Array) -> bool:
     for i in range(len(values)):
         if not abs(values[i]) <= limits[i]:
             return False
     return True
 
 
-@compiled(ANY_VECTOR, VECTOR, VECTOR, VECTOR, NUMBER)
-def usable(tau: Array, lower: Array, upper: Array, limits: Array, tolerance: float) -> bool:
-    """Whether all torques are within bounds but for a share of their limits, (na,) each in N·m; not if one is NaN."""
-    for i in range(len(tau)):
-        excess = tolerance * limits[i]
-        if not (tau[i] >= lower[i] - excess and tau[i] <= upper[i] + excess):
+@compiled(ANY_VECTOR, VECTOR)
+def within(values: Array, limits: Array) -> bool:
+    """Whether all |values| are at most their limits, (n,) each; not if one is NaN."""
+    return _within(values, limits)
+
+
+@part
+def _same(a: float, b: float) -> bool:
+    """Whether two numbers that are not NaN have the same bits."""
+    return a == b and math.copysign(1.0, a) == math.copysign(1.0, b)
+
+
+@part
+def _repeats(before: Array, now: Array, index: np.ndarray) -> bool:
+    for i in index:
+        if not _same(before[i], now[i]):
             return False
     return True
-
-
-@compiled(VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, NUMBER, VECTOR_OUT, VECTOR)
-def mismatch(
-    change: Array, v_before: Array, v: Array, dt: float, keep: float, found: Array, tolerance: Array
-) -> tuple[bool, int]:  # fmt: skip
-    """The change of a configuration less its integrated velocity, with a memory: x ← keep x + Δq - Δt (v₁ + v₂) / 2.
-
-    Args:
-        change: Δq, (nv,).
-        v_before: generalized velocity before, (nv,).
-        v: generalized velocity, (nv,).
-        dt: Δt, s.
-        keep: share of x that is kept.
-        found: x, (nv,), in place.
-        tolerance: largest |x|, (nv,).
-
-    Returns:
-        Whether all are within tolerance, and how many components of the change are zero.
-    """
-    good, still = True, 0
-    for i in range(len(change)):
-        found[i] = keep * found[i] + (change[i] - 0.5 * dt * (v_before[i] + v[i]))
-        good = good and abs(found[i]) <= tolerance[i]
-        still += change[i] == 0.0
-    return good, still
 
 
 @part
@@ -69,19 +66,269 @@ def _clipped(value: float, lower: float, upper: float) -> float:
     return upper if value > upper else value
 
 
-@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR_OUT)
-def limited(tau: Array, before: Array, step: Array, lower: Array, upper: Array, out: Array) -> None:
-    """Torques within a step of those before, and, last, within what is available, (na,) each in N·m."""
+@part
+def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@part
+def _base_change(before: Array, q: Array, change: Array) -> None:
+    """Logarithm of the base's placement relative to the one before, in the first 6 entries: as `pinocchio.difference`.
+
+    With the quaternion (ε, η) between them, the rotation is w = 2 atan2(|ε|, η) ε / |ε|, and of the translation p in
+    the axes before the linear part is p - w × p / 2 + β w × (w × p), β = (1 - ϑ/2 cot ϑ/2) / ϑ² with ϑ = |w|: (9.26) of
+    Blanco's tutorial on SE(3).
+    """
+    x0, y0, z0, w0 = -before[3], -before[4], -before[5], before[6]  # the inverse of the rotation before
+    x1, y1, z1, w1 = q[3], q[4], q[5], q[6]
+    x = w0 * x1 + x0 * w1 + y0 * z1 - z0 * y1
+    y = w0 * y1 + y0 * w1 + z0 * x1 - x0 * z1
+    z = w0 * z1 + z0 * w1 + x0 * y1 - y0 * x1
+    w = w0 * w1 - x0 * x1 - y0 * y1 - z0 * z1
+    if w < 0.0:  # the shorter way
+        x, y, z, w = -x, -y, -z, -w
+    sine = math.sqrt(x * x + y * y + z * z)
+    half = math.atan2(sine, w)
+    # The angle over the sine of its half; NaN where there is no rotation in the quaternions.
+    scale = 2.0 * half / math.sin(half) if sine > 1.0e-8 else 2.0 * w / w
+    turn = scale * x, scale * y, scale * z
+    squared = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
+    beta = 1.0 / squared - 0.25 * w / (sine * half) if half > 1.0e-4 else 1.0 / 12.0 + squared / 720.0
+    axis, moved = (x0, y0, z0), (q[0] - before[0], q[1] - before[1], q[2] - before[2])
+    twice = _cross(axis, moved)
+    twice = 2.0 * twice[0], 2.0 * twice[1], 2.0 * twice[2]
+    across = _cross(axis, twice)
+    p = (
+        moved[0] + w0 * twice[0] + across[0],
+        moved[1] + w0 * twice[1] + across[1],
+        moved[2] + w0 * twice[2] + across[2],
+    )
+    once = _cross(turn, p)
+    again = _cross(turn, once)
+    for i in range(3):
+        change[i] = p[i] - 0.5 * once[i] + beta * again[i]
+        change[3 + i] = turn[i]
+
+
+@part
+def _rests(before: Array, v_before: Array, q: Array, v: Array, mismatch: Array) -> bool:
+    """Whether nothing moves, by values and by velocities, and no mismatch is left."""
+    squares = 0.0
+    for i in range(len(v)):
+        if v[i] != 0.0 or v_before[i] != 0.0:
+            return False
+        squares += mismatch[i] * mismatch[i]
+    if not squares <= SETTLED:
+        return False
+    for i in range(len(q)):
+        if not _same(before[i], q[i]):
+            return False
+    return True
+
+
+@compiled(
+    ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, FLAG, INDICES, INDICES, NUMBER, ROWS, VECTOR_OUT,
+    VECTOR_OUT, FLAG,
+)  # fmt: skip
+def compared(
+    before: Array, v_before: Array, q: Array, v: Array, dt: float, floating: bool, q_index: np.ndarray,
+    v_index: np.ndarray, magnitude: float, limits: Array, mismatch: Array, untold: Array, some_untold: bool,
+) -> int:  # fmt: skip
+    """Compare a state with the one before it: what is remembered changes in place, unless the state is absurd or rests.
+
+    With the change of the configuration Δq, and the motion that the velocities tell, d = Δt (v₁ + v₂) / 2, the mismatch
+    is x ← (1 - Δt / T) x + Δq - d with T = `MEMORY`, and where a position stays, the motion untold is
+    u ← (1 - Δt / T) u + d, else 0. After a `GAP`, where d is not known, x is the part of Δq beyond what the largest
+    velocities lead to. A jump empties u.
+
+    Args:
+        before: configuration before, (nq,): of a base that floats in seven coordinates, or of none, and of joints with
+            one coordinate each.
+        v_before: generalized velocity before, (nv,).
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        dt: Δt, s.
+        floating: whether the base floats.
+        q_index: index in q of each joint that is measured, (nj,).
+        v_index: index in v of each, (nj,).
+        magnitude: largest |q|.
+        limits: largest |v|, |x| and |u|, (3, nv).
+        mismatch: x, (nv,), in place.
+        untold: u, (nv,), in place.
+        some_untold: whether u is not zero.
+
+    Returns:
+        The sum of what was found: whether the state is ``ABSURD``, and no more; x is ``JUMPED`` beyond its tolerance; u
+        is ``STUCK`` beyond its own; u is not zero (``UNTOLD``); some measured joint is still (``JOINTS_STILL``), or all
+        of their positions and velocities repeat bit for bit (``JOINTS_REPEAT``); the base's x is still
+        (``BASE_STILL``), or all of its values repeat (``BASE_REPEATS``).
+    """
+    for i in range(len(q)):
+        if not abs(q[i]) <= magnitude:
+            return ABSURD
+    fastest, tolerance, motionless = limits[0], limits[1], limits[2]
+    if not _within(v, fastest):
+        return ABSURD
+    if not some_untold and _rests(before, v_before, q, v, mismatch):
+        return 0
+    change = np.empty(len(v))
+    first, shift = 0, 0
+    if floating:
+        _base_change(before, q, change)
+        first, shift = 6, 1
+    for i in range(first, len(v)):
+        change[i] = q[i + shift] - before[i + shift]
+    known, keep = 0.0 <= dt <= GAP, 1.0 - dt / MEMORY
+    found = UNTOLD if some_untold else 0
+    jumped = False
+    for i in range(len(v)):
+        if known:
+            mismatch[i] = keep * mismatch[i] + (change[i] - 0.5 * dt * (v_before[i] + v[i]))
+        else:
+            reach = abs(dt) * fastest[i]
+            mismatch[i] = change[i] - _clipped(change[i], -reach, reach)
+        jumped = jumped or not abs(mismatch[i]) <= tolerance[i]
+    if jumped:
+        found |= JUMPED
+        untold[:] = 0.0
+    still = False
+    for i in v_index:
+        still = still or change[i] == 0.0
+    if not still:
+        found &= ~UNTOLD
+        untold[:] = 0.0
+    else:
+        found |= JOINTS_STILL
+        if known:
+            found |= UNTOLD
+            for i in range(len(v)):
+                told = 0.5 * dt * (v_before[i] + v[i])
+                untold[i] = keep * untold[i] + told if change[i] == 0.0 else 0.0
+                if not abs(untold[i]) <= motionless[i]:
+                    found |= STUCK
+        if _repeats(before, q, q_index) and _repeats(v_before, v, v_index):
+            found |= JOINTS_REPEAT
+    if floating and q[0] == before[0]:
+        found |= BASE_STILL
+        if _repeats(before, q, np.arange(7)) and _repeats(v_before, v, np.arange(6)):
+            found |= BASE_REPEATS
+    return found
+
+
+@part
+def _upward(q: Array) -> tuple[float, float, float]:
+    x, y, z, w = q[3], q[4], q[5], q[6]
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+
+
+@compiled(ANY_VECTOR)
+def upward(q: Array) -> tuple[float, float, float]:
+    """The world's z axis in the axes of a floating base, from a configuration, (nq,)."""
+    return _upward(q)
+
+
+@compiled(ANY_VECTOR, NUMBER, NUMBER, NUMBER)
+def tilt(q: Array, x: float, y: float, z: float) -> float:
+    """Angle between the world's z axis in the axes of a floating base, at a configuration, (nq,), and another, rad."""
+    a, b, c = _upward(q)
+    return math.acos(_clipped(a * x + b * y + c * z, -1.0, 1.0))
+
+
+@compiled(ANY_VECTOR, INDICES, ROWS, ROWS, INDICES, ROWS)
+def height(q: Array, parents: np.ndarray, placements: Array, axes: Array, links: np.ndarray, points: Array) -> float:
+    """Height of a floating base above the lowest of some points on other links, m; minus infinity where there are none.
+
+    Link 0 is the base's, and link i + 1 that of joint i; each is after the one that carries it. Only the last rows of
+    the rotation matrices are needed: the world's z axis in the axes of each link.
+
+    Args:
+        q: configuration, (nq,), with one coordinate of each joint.
+        parents: link that carries each joint, (n,).
+        placements: rotation matrix by rows and translation of each joint on that link, (n, 12).
+        axes: motion of each joint, (n, 6): direction in which it slides, or else about which it turns.
+        links: links of the points, (k,).
+        points: the points on them, (k, 3) in m.
+    """
+    up, z = np.empty((len(parents) + 1, 3)), np.zeros(len(parents) + 1)
+    up[0, 0], up[0, 1], up[0, 2] = _upward(q)
+    for i in range(len(parents)):
+        a, P, s = up[parents[i]], placements[i], axes[i]
+        b = (
+            a[0] * P[0] + a[1] * P[3] + a[2] * P[6],
+            a[0] * P[1] + a[1] * P[4] + a[2] * P[7],
+            a[0] * P[2] + a[1] * P[5] + a[2] * P[8],
+        )
+        z[i + 1] = z[parents[i]] + a[0] * P[9] + a[1] * P[10] + a[2] * P[11]
+        z[i + 1] += q[7 + i] * (b[0] * s[0] + b[1] * s[1] + b[2] * s[2])
+        turns = s[3] != 0.0 or s[4] != 0.0 or s[5] != 0.0
+        sine, cosine = (math.sin(q[7 + i]), math.cos(q[7 + i])) if turns else (0.0, 1.0)
+        along, across = b[0] * s[3] + b[1] * s[4] + b[2] * s[5], _cross(b, (s[3], s[4], s[5]))
+        for k in range(3):
+            up[i + 1, k] = cosine * b[k] + sine * across[k] + (1.0 - cosine) * along * s[3 + k]
+    lowest = np.inf
+    for j in range(len(links)):
+        a, p = up[links[j]], points[j]
+        lowest = min(lowest, z[links[j]] + a[0] * p[0] + a[1] * p[1] + a[2] * p[2])
+    return -lowest
+
+
+@part
+def _limited(tau: float, before: float, step: float, lower: float, upper: float) -> float:
+    return _clipped(_clipped(tau, before - step, before + step), lower, upper)
+
+
+@compiled(VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, VECTOR_OUT)
+def limited(tau: Array, before: Array, rate: Array, dt: float, lower: Array, upper: Array, out: Array) -> None:
+    """Torques by no more than rate Δt from those before, and, last, within what is available, (na,) each in N·m."""
     for i in range(len(tau)):
-        out[i] = _clipped(_clipped(tau[i], before[i] - step[i], before[i] + step[i]), lower[i], upper[i])
+        out[i] = _limited(tau[i], before[i], dt * rate[i], lower[i], upper[i])
 
 
-@compiled(ANY_VECTOR, ANY_VECTOR, VECTOR, INDICES, INDICES, NUMBER, VECTOR_OUT, VECTOR_OUT)
-def ahead(
-    q: Array, v: Array, v_dot: Array, q_index: np.ndarray, v_index: np.ndarray, period: float, q_out: Array,
-    v_out: Array,
-) -> None:  # fmt: skip
-    """Joint positions and velocities a period ahead, (nj,) each: v + T v̇, and q + T of that."""
-    for i in range(len(q_out)):
-        v_out[i] = v[v_index[i]] + period * v_dot[v_index[i]]
-        q_out[i] = q[q_index[i]] + period * v_out[i]
+@compiled(
+    ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR,
+    NUMBER, INDICES, INDICES, NUMBER, VECTOR_OUT,
+)  # fmt: skip
+def followed(
+    tau: Array, v_dot: Array, q: Array, v: Array, before: Array, share: float, kept: float, lower: Array,
+    upper: Array, limits: Array, tolerance: float, rate: Array, dt: float, q_index: np.ndarray, v_index: np.ndarray,
+    period: float, out: Array,
+) -> bool:  # fmt: skip
+    """The command that follows a solution, if its torques are usable: available but for a tolerance, and not NaN.
+
+    Args:
+        tau: torques of the solution, (na,) in N·m.
+        v_dot: its generalized acceleration v̇, (nv,).
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        before: torques sent before, (na,) in N·m.
+        share: share of the solution's torques that is sent.
+        kept: share of the torques before in those sent.
+        lower: least torques available, (na,) in N·m.
+        upper: largest, (na,) in N·m.
+        limits: effort limits, (na,) in N·m.
+        tolerance: share of an effort limit by which a torque may be beyond what is available; it is clipped.
+        rate: torque rate limit, (na,) in N·m/s.
+        dt: time for which that counts, s.
+        q_index: index in q of each joint, (nj,).
+        v_index: index in v of each, (nj,).
+        period: T, s.
+        out: the torques to be sent, (na,) in N·m, the joint positions a period ahead, q + T of the velocities, (nj,),
+            and the velocities then, v + T v̇, (nj,).
+
+    Returns:
+        Whether the torques are usable; where they are not, nothing that was written counts.
+    """
+    for i in range(len(tau)):
+        excess = tolerance * limits[i]
+        if not (tau[i] >= lower[i] - excess and tau[i] <= upper[i] + excess):
+            return False
+        wanted = share * tau[i]
+        if kept != 0.0:
+            wanted = kept * before[i] + (1.0 - kept) * wanted
+        out[i] = _limited(wanted, before[i], dt * rate[i], lower[i], upper[i])
+    na, nj = len(tau), len(v_index)
+    for i in range(nj):
+        ahead = v[v_index[i]] + period * v_dot[v_index[i]]
+        out[na + i] = q[q_index[i]] + period * ahead
+        out[na + nj + i] = ahead
+    return True

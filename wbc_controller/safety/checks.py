@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.kernels.supervision import usable
 from wbc_controller.records import Array, Fault
+
+#: Share of an effort limit by which a solver may exceed the available torque; the supervisor clips the excess.
+TORQUE_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,21 +116,23 @@ def stale_inputs(
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 
 
-def torques_usable(
-    tau: Array, available: tuple[Array, Array], limits: Array, actuators: Sequence[str], tolerance: float = 0.01
-) -> Fault | None:
-    """Check that torques are finite and available.
+def unusable_torques(
+    tau: Array,
+    available: tuple[Array, Array],
+    limits: Array,
+    actuators: Sequence[str],
+    tolerance: float = TORQUE_TOLERANCE,
+) -> Fault:
+    """Say which torques are not finite or not available.
 
     Args:
         tau: torques of the actuators, (na,) in N·m.
         available: lower and upper bounds of the torques available at the present speeds, both (na,) in N·m.
         limits: effort limits, (na,) in N·m.
         actuators: names, (na,).
-        tolerance: share of an effort limit by which a solver may exceed a bound; the supervisor clips the excess.
+        tolerance: share of an effort limit by which a solver may exceed a bound.
     """
     lower, upper = available
-    if usable(tau, lower, upper, limits, tolerance):
-        return None
     good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     bound = np.where(tau < 0.0, -lower, upper)
     worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(~good))]

@@ -13,18 +13,26 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.arrays import all_finite, all_true, largest, sum_of_squares
+from wbc_controller.core.arrays import all_finite, all_true, largest
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.supervision import mismatch, within
+from wbc_controller.kernels.supervision import (
+    ABSURD,
+    BASE_REPEATS,
+    BASE_STILL,
+    JOINTS_REPEAT,
+    JOINTS_STILL,
+    JUMPED,
+    STUCK,
+    UNTOLD,
+    compared,
+    height,
+    tilt,
+    upward,
+    within,
+)
+from wbc_controller.kernels.supervision import MEMORY as MEMORY  # exported with the checks that it belongs to
 from wbc_controller.records import Array, Fault, RobotState
 
-#: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
-#: within it, and the lag of a velocity filter adds up over it.
-MEMORY = 0.2
-#: Time between two states above which what happened between them is not known from their velocities, s.
-GAP = 0.05
-#: Σ of squares of mismatches, rad² and m², below which none is left.
-_SETTLED = 1.0e-12
 #: Speed times time below which values that repeat are those of a robot at rest, rad or m.
 REST = 1.0e-6
 #: Smallest velocity limit that counts, rad/s, and the one of joints without a limit: URDFs have zeros there.
@@ -76,25 +84,22 @@ class StateWatch:
     def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
         self.doubt: Fault | None = None
         self._limits = limits
-        self._pinocchio = model.pinocchio
-        self._joints = model.joints
         self._speed_limits = joint_speed_limits(model, limits.joint_speed)
         self._names = _names(model)
-        self._fastest = np.full(model.nv, np.inf)
-        self._tolerance = np.full(model.nv, np.inf)
-        self._stuck = np.full(model.nv, np.inf)
+        # Largest velocities, mismatches, and motions untold.
+        self._bounds = np.full((3, model.nv), np.inf)
+        self._fastest, self._tolerance, self._stuck = self._bounds
         self._fastest[model.v_index] = self._speed_limits
         self._tolerance[model.v_index] = limits.joint_mismatch
         self._stuck[model.v_index] = limits.frozen_motion
-        self._v_places = model.v_places
-        self._joint_values = _Group("the joint states", model.q_places, model.v_places)
+        self._joint_values = _Group("the joint states", model.v_places, limits.frozen_time)
         self._base_values = (
-            _Group("the base's pose and twist", slice(0, 7), slice(0, 6)) if model.floating_base else None
+            _Group("the base's pose and twist", slice(0, 6), limits.frozen_time) if model.floating_base else None
         )
         if model.floating_base:
             self._fastest[:3], self._fastest[3:6] = limits.base_speed, limits.base_turn
             self._tolerance[:3], self._tolerance[3:6] = limits.base_mismatch, limits.base_turn_mismatch
-        self._magnitudes = np.full(model.nq, limits.magnitude)
+        self._given = (model.floating_base, model.q_index, model.v_index, limits.magnitude, self._bounds)
         self._state: RobotState | None = None
         self._mismatch = np.zeros(model.nv)  # change of the positions less the integrated velocities, with MEMORY
         self._untold = np.zeros(model.nv)  # integrated velocities while the position stays, with MEMORY
@@ -105,13 +110,24 @@ class StateWatch:
         before = self._state
         if state is before:
             return self.doubt
-        self.doubt = self._absurd(state)
-        if self.doubt is None:  # an absurd one is not compared with
-            self._state = state
-            if before is not None:
-                self.doubt = self._motion(before, state)
-            else:
-                self._first(state)
+        if before is None:
+            found = 0 if self._absurd(state) is None else ABSURD
+        else:
+            dt = 1.0e-9 * (state.stamp - before.stamp)
+            found = compared(
+                before.q, before.v, state.q, state.v, dt, *self._given, self._mismatch, self._untold, self._some_untold
+            )
+        if found & ABSURD:  # it is not compared with
+            self.doubt = self._absurd(state)
+            return self.doubt
+        self._state = state
+        if found == 0:
+            self.doubt, self._some_untold = None, False
+            self._joint_values.since = state.stamp
+            if self._base_values is not None:
+                self._base_values.since = state.stamp
+        else:
+            self.doubt = self._judged(found, state)
         return self.doubt
 
     def damped(self, joint_velocity: Array) -> Array | None:
@@ -127,8 +143,6 @@ class StateWatch:
 
     def _absurd(self, state: RobotState) -> Fault | None:
         limits = self._limits
-        if within(state.q, self._magnitudes) and within(state.v, self._fastest):
-            return None
         magnitudes = np.abs(state.q)
         if not (largest(magnitudes) <= limits.magnitude):
             i = int(magnitudes.argmax())
@@ -136,78 +150,43 @@ class StateWatch:
                 f"the configuration's value {i} is {state.q[i]:.3g} (limit {limits.magnitude:g} rad or m, "
                 "safety.max_magnitude)"
             )
-        i = int((~(np.abs(state.v) <= self._fastest)).argmax())
+        good = np.abs(state.v) <= self._fastest
+        if all_true(good):
+            return None
+        i = int((~good).argmax())
         key = "max_joint_speed" if i in self._names.joints else "max_base_speed" if i < 3 else "max_base_turn"
         return _fault(
             f"{self._names.of(i)} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
             f"(limit {self._fastest[i]:.3g}, safety.{key})"
         )
 
-    def _first(self, state: RobotState) -> None:
-        for group in (self._joint_values, self._base_values):
-            if group is not None:
-                group.since = state.stamp
-
-    def _motion(self, before: RobotState, state: RobotState) -> Fault | None:
-        """Compare the change of the positions with the velocities."""
-        if self._rests(before, state):
-            return None
-        dt = 1.0e-9 * (state.stamp - before.stamp)
-        change = pin.difference(self._pinocchio, before.q, state.q)
-        known = 0.0 <= dt <= GAP
-        if known:
-            keep = 1.0 - dt / MEMORY
-            good, still = mismatch(change, before.v, state.v, dt, keep, self._mismatch, self._tolerance)
-        else:  # what was between is not known: no further than the largest velocities lead
-            reach = abs(dt) * self._fastest
-            self._mismatch = change - np.clip(change, -reach, reach)
-            good, still = within(self._mismatch, self._tolerance), 1
+    def _judged(self, found: int, state: RobotState) -> Fault | None:
+        """What follows from what a comparison has found; the first fault counts."""
+        self._some_untold = bool(found & UNTOLD)
         fault = None
-        if not good:
+        if found & JUMPED:
             fault = self._beyond(_JUMP, self._mismatch, self._tolerance)
-        if still == 0 or change[self._v_places].all():
+        elif found & STUCK:
+            fault = self._beyond(_STUCK, self._untold, self._stuck)
+            self._untold[:] = 0.0
+        if fault is not None:  # what has led to it is forgotten
+            self._mismatch[:] = 0.0
+        if not found & JOINTS_STILL:
             self._joint_values.since = state.stamp
-            if self._some_untold:
-                self._untold, self._some_untold = np.zeros(len(change)), False
-        else:
-            if known:
-                self._some_untold = True
-                told = (0.5 * dt) * (before.v + state.v)
-                self._untold = np.where(change == 0.0, keep * self._untold + told, 0.0)
-                fault = fault or self._beyond(_STUCK, self._untold, self._stuck)
-            fault = fault or self._joint_values.frozen(before, state, self._limits.frozen_time)
-        base = self._base_values
-        if base is not None:
-            if state.q.item(0) != before.q.item(0):
-                base.since = state.stamp
-            else:
-                fault = fault or base.frozen(before, state, self._limits.frozen_time)
+        elif fault is None:
+            fault = self._joint_values.still(state, bool(found & JOINTS_REPEAT))
+        if self._base_values is not None:
+            if not found & BASE_STILL:
+                self._base_values.since = state.stamp
+            elif fault is None:
+                fault = self._base_values.still(state, bool(found & BASE_REPEATS))
         return fault
 
-    def _rests(self, before: RobotState, state: RobotState) -> bool:
-        """Whether nothing moves, by values and by velocities, and nothing before is left to be compared."""
-        if (
-            state.v.item(0)
-            or state.v.any()
-            or before.v.any()
-            or self._some_untold
-            or sum_of_squares(self._mismatch) > _SETTLED
-        ):
-            return False
-        if state.q.tobytes() != before.q.tobytes():
-            return False
-        self._first(state)
-        return True
-
-    def _beyond(self, what: str, values: Array, limits: Array) -> Fault | None:
-        """Name the first value over its limit; what has led to it is forgotten."""
-        good = np.abs(values) <= limits
-        if all_true(good):
-            return None
-        i = int((~good).argmax())
+    def _beyond(self, what: str, values: Array, limits: Array) -> Fault:
+        """Name the first value over its limit."""
+        i = int((~(np.abs(values) <= limits)).argmax())
         key = "frozen_motion" if what is _STUCK else self._names.mismatch_key(i)
         sentence = what.format(name=self._names.of(i), value=values[i], unit="m" if key == "base_mismatch" else "rad")
-        self._mismatch, self._untold = np.zeros(len(values)), np.zeros(len(values))
         return _fault(f"{sentence} (limit {limits[i]:.3g}, safety.{key})")
 
 
@@ -220,24 +199,23 @@ class _Group:
 
     MEMORY = ("since",)
 
-    def __init__(self, what: str, q_places: np.ndarray | slice, v_places: np.ndarray | slice) -> None:
+    def __init__(self, what: str, v_places: np.ndarray | slice, limit: float) -> None:
         self.since = 0
         self._what = what
-        self._q_places, self._v_places = q_places, v_places
+        self._v_places = v_places
+        self._limit = limit
 
-    def frozen(self, before: RobotState, state: RobotState, limit: float) -> Fault | None:
+    def still(self, state: RobotState, repeats: bool) -> Fault | None:
         """Find values that repeat bit for bit although the robot moves: sensors that have died behind fresh stamps."""
-        q, v = self._q_places, self._v_places
-        repeats = state.q[q].tobytes() == before.q[q].tobytes() and state.v[v].tobytes() == before.v[v].tobytes()
         if not repeats or state.stamp < self.since:
             self.since = state.stamp
             return None
         lasted = 1.0e-9 * (state.stamp - self.since)
-        if lasted <= limit or not (largest(np.abs(state.v[v])) * lasted > REST):
+        if lasted <= self._limit or not (largest(np.abs(state.v[self._v_places])) * lasted > REST):
             return None
         return _fault(
             f"{self._what} have repeated for {1e3 * lasted:.0f} ms at velocities that are not zero "
-            f"(limit {1e3 * limit:.0f} ms, safety.frozen_time)"
+            f"(limit {1e3 * self._limit:.0f} ms, safety.frozen_time)"
         )
 
 
@@ -296,10 +274,8 @@ class FallWatch:
 
     def __init__(self, model: RobotModel, limits: FallLimits) -> None:
         self._limits = limits
-        self._pinocchio = model.pinocchio
-        self._data = model.pinocchio.createData()
         self._floating = model.floating_base
-        self._ends = _limb_ends(model.pinocchio) if model.floating_base else []
+        self._limbs = _limbs(model.pinocchio) if model.floating_base else ()
         self._upward: tuple[float, float, float] | None = None  # world z in the base's axes at the activation
         self._height = 0.0  # at the activation, m
         self._looked = -math.inf
@@ -318,35 +294,44 @@ class FallWatch:
         if not self._floating:
             return None
         limits = self._limits
-        x, y, z, w = state.q[3:7].tolist()
-        upward = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
         if self._upward is None:
-            self._upward, self._height, self._looked = upward, self._height_of(state), now
+            self._upward, self._height, self._looked = upward(state.q), self._height_of(state), now
             return None
-        a, b = upward, self._upward
-        tilt = math.acos(max(-1.0, min(1.0, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])))
-        if not (tilt <= limits.tilt):
+        tilted = tilt(state.q, *self._upward)
+        if not (tilted <= limits.tilt):
             return Fault(
                 "FALLEN",
-                f"the base is tilted by {tilt:.2f} rad from where it was at the activation (limit {limits.tilt:.2f} "
+                f"the base is tilted by {tilted:.2f} rad from where it was at the activation (limit {limits.tilt:.2f} "
                 "rad, safety.max_tilt)",
             )
         if limits.height > 0.0 and self._height >= LEAST_HEIGHT and not (0.0 <= now - self._looked < HEIGHT_PERIOD):
             self._looked = now
-            height = self._height_of(state)  # it costs some microseconds
-            if not (height >= limits.height * self._height):
+            high = self._height_of(state)
+            if not (high >= limits.height * self._height):
                 return Fault(
                     "FALLEN",
-                    f"the base is {height:.3f} m above the lowest limb (limit {limits.height:g} of the "
+                    f"the base is {high:.3f} m above the lowest limb (limit {limits.height:g} of the "
                     f"{self._height:.3f} m at the activation, safety.min_height)",
                 )
         return None
 
     def _height_of(self, state: RobotState) -> float:
-        pin.forwardKinematics(self._pinocchio, self._data, state.q)
-        placements = self._data.oMi
-        lowest = min((float(placements[joint].act(end)[2]) for joint, end in self._ends), default=math.inf)
-        return float(state.q[2]) - lowest
+        return height(state.q, *self._limbs)
+
+
+def _limbs(model: pin.Model) -> tuple[np.ndarray, Array, Array, np.ndarray, Array]:
+    """What `height` is given of a robot with a floating base, whose joint 1 is that base."""
+    joints = range(2, model.njoints)
+    parents = np.array([model.parents[joint] - 1 for joint in joints], dtype=np.int64)
+    placements, axes = np.zeros((len(joints), 12)), np.zeros((len(joints), 6))
+    for i, joint in enumerate(joints):
+        placement, data = model.jointPlacements[joint], model.joints[joint].createData()
+        model.joints[joint].calc(data, pin.neutral(model))
+        placements[i, :9], placements[i, 9:] = placement.rotation.ravel(), placement.translation
+        axes[i] = np.ravel(data.S)
+    ends = _limb_ends(model)
+    links = np.array([joint - 1 for joint, _ in ends], dtype=np.int64)
+    return parents, placements, axes, links, np.array([end for _, end in ends]).reshape(-1, 3)
 
 
 def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:

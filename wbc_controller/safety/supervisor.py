@@ -26,7 +26,7 @@ from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.references.trajectories import Ramp
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
-from wbc_controller.kernels.supervision import ahead, limited
+from wbc_controller.kernels.supervision import followed, limited
 from wbc_controller.records import (
     REQUESTS,
     Array,
@@ -38,7 +38,12 @@ from wbc_controller.records import (
     freeze,
     frozen,
 )
-from wbc_controller.safety.checks import no_solution_for_too_long, relaxed_for_too_long, torques_usable
+from wbc_controller.safety.checks import (
+    TORQUE_TOLERANCE,
+    no_solution_for_too_long,
+    relaxed_for_too_long,
+    unusable_torques,
+)
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
 
@@ -115,8 +120,11 @@ class Supervisor:
         self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._held = self._tau  # the torques at the start of holding
         self._taken_over = False  # whether the torques have reached the solution's since activation
-        self._q_index, self._v_index = model.q_places, model.v_places
-        self._nan = frozen(np.full(model.nj, np.nan))
+        self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
+        na, nj = model.na, model.nj
+        self._size = na + 2 * nj  # of a command
+        self._tau_part, self._q_part, self._v_part = slice(0, na), slice(na, na + nj), slice(na + nj, na + 2 * nj)
+        self._nowhere = frozen(np.full(model.nj, np.nan))
 
     @property
     def limits(self) -> SupervisorLimits:
@@ -126,11 +134,10 @@ class Supervisor:
     @limits.setter
     def limits(self, limits: SupervisorLimits) -> None:
         old, self._limits = self._limits, limits
-        self._rate = limits.torque_rate * self._model.effort_limits
-        self._period = limits.period
-        self._step = limits.period * self._rate  # of one period
-        self._allowed = self._step  # of this cycle
-        self._kept = 0.0  # share of the torques before in those of this cycle
+        self._period = self._passed = limits.period  # what passes until a command, s
+        self._rate = limits.torque_rate * self._model.effort_limits  # N·m/s
+        self._filter = limits.torque_filter
+        self._curve = limits.torque_speed
         # What takes time, or remembers, is made anew only where its own limits are other ones.
         if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # a delay is for good
             self._joint_damping = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
@@ -142,15 +149,16 @@ class Supervisor:
     @property
     def solving(self) -> bool:
         """Whether this cycle needs a solution."""
-        return self.mode in (Mode.ACTIVE, Mode.HOLDING)
+        return self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING
 
     def torques_before(self, now: float) -> Array | None:
         """The present torques, for the torque rate limit of the program; None while they ramp in or out.
 
         It stays None after a short ramp until the torques sent are within one rate step of the solution's.
         """
-        whole = self.mode is Mode.ACTIVE and self._taken_over and self._share.sample(now) >= 1.0
-        return self._tau if whole else None
+        if self.mode is Mode.ACTIVE and self._taken_over and self._share.sample(now) >= 1.0:
+            return self._tau
+        return None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
         """Take a user's request.
@@ -196,7 +204,7 @@ class Supervisor:
             return None
         self._enter(Mode.STOPPED, now, self.fault)
         self._tau = np.zeros(self._model.na)  # at once: there is no next cycle
-        return self._command(self._tau, self._effort_limits, None, None)
+        return self._command(self._tau, None, None)
 
     def _reset(self, now: float) -> None:
         if self.solving:
@@ -245,104 +253,73 @@ class Supervisor:
         Returns:
             The command; None where nothing is to be sent.
         """
-        tau: Array | None = None
         self._pass(now)
-        if joint_velocity is not None:
-            joint_velocity = self._trusted(joint_velocity)
         if self._watch is not None and state is not None:
             doubt = self._watch.look(state)
             problem = problem or doubt
-        available = self._available(joint_velocity)
-        solution = outcome if isinstance(outcome, Solution) else None
-        if self.solving:
-            if problem is None and state is not None and self._fall is not None:
+        if self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING:
+            if self._fall is not None and state is not None and problem is None:
                 problem = self._fall.look(now, state)
-            tau = self._solving(now, problem, outcome, state, joint_velocity, available)
-        if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
-            self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
-        if self.mode is Mode.INACTIVE and not self._tau.any():
-            return None
-        if self.mode is Mode.DAMPING:
-            tau = self._damping(joint_velocity)
-        if tau is None:  # in inactive, stopped and fault
-            tau = np.zeros(self._model.na)
-        return self._command(tau, available, state, solution if self.mode is Mode.ACTIVE else None)
-
-    def _trusted(self, joint_velocity: Array) -> Array | None:
-        """Joint velocities, (nj,), without those that are not plausible; None where one is not finite."""
-        if self._watch is not None:
-            return self._watch.damped(joint_velocity)
-        return joint_velocity if all_finite(joint_velocity) else None
+            if problem is not None:
+                self._enter(Mode.DAMPING, now, problem)
+            elif isinstance(outcome, Solution):
+                command = self._follow(now, outcome, state, joint_velocity)
+                if command is not None:
+                    return command
+            elif isinstance(outcome, Fault):
+                self._enter(Mode.DAMPING, now, outcome)
+            elif outcome is None:
+                self._hold(now, Fault("NO_SOLUTION", "no solution was computed"))
+            else:
+                self._hold(now, Fault("NO_SOLUTION", str(outcome), outcome.infeasibility))
+        return self._do_without(now, state, joint_velocity)
 
     def _pass(self, now: float) -> None:
-        """Let time pass: what may change until this command, and how long holding and relaxing have lasted."""
+        """Let time pass: what the torques change by depends on it, and how long holding and relaxing have lasted."""
         elapsed, self._stepped = now - self._stepped, now
         if not (elapsed >= 0.0):  # the clock went back: its times begin anew
             elapsed, self._since = 0.0, min(self._since, now)
         # A simulation may settle its torques before it begins: its time stands still from the activation on.
-        settling = self.mode is Mode.ACTIVE and now == self._activated
-        passed = self._period if settling else elapsed
-        self._allowed = self._step if passed >= self._period else passed * self._rate
-        self._kept = math.exp(-passed / self.limits.torque_filter) if self.limits.torque_filter > 0.0 else 0.0
+        settling = now == self._activated and self.mode is Mode.ACTIVE
+        self._passed = self._period if settling else elapsed
         if self.mode is Mode.HOLDING:
             self._held_time.spend(now, elapsed)
         if self._was_relaxed:
             self._relaxed_time.spend(now, elapsed)
             self._was_relaxed = False
 
-    def _solving(
-        self,
-        now: float,
-        problem: Fault | None,
-        outcome: Solution | NoSolution | Fault | None,
-        state: RobotState | None,
-        joint_velocity: Array | None,
-        available: tuple[Array, Array],
-    ) -> Array | None:
-        """Torques while active or holding; None on a change to another mode."""
-        if problem is not None:
-            self._enter(Mode.DAMPING, now, problem)
+    def _follow(
+        self, now: float, solution: Solution, state: RobotState | None, joint_velocity: Array | None
+    ) -> JointCommand | None:
+        """Make the command of a solution; None where it cannot be followed, and the mode is another one now."""
+        model, seen = self._model, state if state is not None else self._no_state
+        lower, upper = self._effort_limits if self._curve is None else self._available(joint_velocity)
+        share, kept = self._share.sample(now), 0.0
+        if self._filter > 0.0 and self._taken_over and share >= 1.0:
+            kept = math.exp(-self._passed / self._filter)
+        made = np.empty(self._size)
+        usable = followed(
+            solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept, lower, upper, model.effort_limits,
+            TORQUE_TOLERANCE, self._rate, min(self._passed, self._period), model.q_index, model.v_index, self._period,
+            made,
+        )  # fmt: skip
+        if not usable:
+            self._hold(now, unusable_torques(solution.tau, (lower, upper), model.effort_limits, model.actuators))
             return None
-        if isinstance(outcome, Solution):
-            unusable = torques_usable(outcome.tau, available, self._model.effort_limits, self._model.actuators)
-            if unusable is None:
-                fault = self._relaxing(now, outcome) if outcome.relaxed else None
-                if fault is None:
-                    return self._active(now, outcome.tau)
-                self._enter(Mode.DAMPING, now, fault)
-                return None
-            reason = unusable
-        elif isinstance(outcome, Fault):
-            self._enter(Mode.DAMPING, now, outcome)
+        fault = self._relaxing(now, solution) if solution.relaxed else None
+        if fault is not None:
+            self._enter(Mode.DAMPING, now, fault)
             return None
-        elif outcome is None:
-            reason = Fault("NO_SOLUTION", "no solution was computed")
-        else:
-            reason = Fault("NO_SOLUTION", str(outcome), outcome.infeasibility)
-        if self.mode is Mode.ACTIVE:
-            self._enter(Mode.HOLDING, now, reason)
-            self._held = self._tau
-        lasted, limits = now - self._since, self.limits
-        held = self._held_time.within(now, limits.hold_window)
-        if not (lasted <= limits.hold_time and held <= limits.hold_time):
-            if lasted <= limits.hold_time:
-                reason = no_solution_for_too_long(reason, held, limits.hold_time, limits.hold_window)
-            # Only the first failure of a series is explained: keep its explanation.
-            explained = self.fault is not None and self.fault.infeasibility is not None
-            self._enter(Mode.DAMPING, now, self.fault if explained else reason)
+        if self.mode is Mode.HOLDING:
+            self._enter(Mode.ACTIVE, now, None)  # the ramp continues: holding interrupts neither ramping in nor out
+        if share <= 0.0 and self._share.after <= 0.0:
+            self._enter(Mode.INACTIVE, now, None)
             return None
-        return self._holding(state, joint_velocity) + self._damping(joint_velocity)
-
-    def _holding(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
-        """The torques at the start of holding, (na,) in N·m, but for what drives a joint into its stop."""
-        model = self._model
-        if state is None or joint_velocity is None:
-            return self._held
-        soon = state.q[self._q_index] + _AHEAD * joint_velocity
-        held = model.actuation.at_joints(self._held)
-        driven = np.where(soon > model.position_upper, held > 0.0, (soon < model.position_lower) & (held < 0.0))
-        driven &= held * joint_velocity > 0.0
-        return model.actuation.from_joints(np.where(driven, 0.0, held)) if driven.any() else self._held
+        if share >= 1.0 and not self._taken_over:
+            self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
+        made.setflags(write=False)  # and so the parts
+        self._tau = made[self._tau_part]
+        return JointCommand(seen.stamp, self._tau, made[self._q_part], made[self._v_part])
 
     def _relaxing(self, now: float, solution: Solution) -> Fault | None:
         """Count the time with relaxed constraints."""
@@ -354,43 +331,72 @@ class Supervisor:
         self._was_relaxed = True
         return relaxed_for_too_long(tuple(self._relaxed), spent, limits.relax_time, limits.relax_window)
 
+    def _hold(self, now: float, reason: Fault) -> None:
+        """Hold the last torques, for want of a solution; damp where that has taken too long."""
+        if self.mode is Mode.ACTIVE:
+            self._enter(Mode.HOLDING, now, reason)
+            self._held = self._tau
+        lasted, limits = now - self._since, self.limits
+        held = self._held_time.within(now, limits.hold_window)
+        if lasted <= limits.hold_time and held <= limits.hold_time:
+            return
+        if lasted <= limits.hold_time:
+            reason = no_solution_for_too_long(reason, held, limits.hold_time, limits.hold_window)
+        # Only the first failure of a series is explained: keep its explanation.
+        explained = self.fault is not None and self.fault.infeasibility is not None
+        self._enter(Mode.DAMPING, now, self.fault if explained else reason)
+
+    def _do_without(self, now: float, state: RobotState | None, joint_velocity: Array | None) -> JointCommand | None:
+        """Make the command of a cycle that follows no solution; None where nothing is to be sent."""
+        if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
+            self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
+        if self.mode is Mode.INACTIVE and not self._tau.any():
+            return None
+        if joint_velocity is not None:
+            joint_velocity = self._trusted(joint_velocity)
+        if self.mode is Mode.HOLDING:
+            tau = self._holding(state, joint_velocity) + self._damping(joint_velocity)
+        elif self.mode is Mode.DAMPING:
+            tau = self._damping(joint_velocity)
+        else:
+            tau = np.zeros(len(self._tau))
+        return self._command(tau, state, joint_velocity)
+
+    def _trusted(self, joint_velocity: Array) -> Array | None:
+        """Joint velocities, (nj,), without those that are not plausible; None where one is not finite."""
+        if self._watch is not None:
+            return self._watch.damped(joint_velocity)
+        return joint_velocity if all_finite(joint_velocity) else None
+
+    def _holding(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
+        """The torques at the start of holding, (na,) in N·m, but for what drives a joint into its stop."""
+        model = self._model
+        if state is None or joint_velocity is None:
+            return self._held
+        soon = state.q[model.q_places] + _AHEAD * joint_velocity
+        held = model.actuation.at_joints(self._held)
+        driven = np.where(soon > model.position_upper, held > 0.0, (soon < model.position_lower) & (held < 0.0))
+        driven &= held * joint_velocity > 0.0
+        return model.actuation.from_joints(np.where(driven, 0.0, held)) if driven.any() else self._held
+
     def _damping(self, joint_velocity: Array | None) -> Array:
         """Torques that damp every joint, as far as the actuators can; zero where the velocities are not known."""
         if joint_velocity is None:
             return np.zeros(self._model.na)
         return -self._model.actuation.from_joints(self._joint_damping * joint_velocity)
 
-    def _active(self, now: float, tau: Array) -> Array | None:
-        if self.mode is Mode.HOLDING:
-            self._enter(Mode.ACTIVE, now, None)  # the ramp continues: holding interrupts neither ramping in nor out
-        share = self._share.sample(now)
-        if self._share.after <= 0.0 and share <= 0.0:
-            self._enter(Mode.INACTIVE, now, None)
-            return None
-        if share < 1.0:
-            return share * tau
-        if not self._taken_over:
-            self._taken_over = all_true(np.abs(tau - self._tau) <= self._step)
-            return tau
-        return tau if self._kept == 0.0 else self._kept * self._tau + (1.0 - self._kept) * tau
-
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
         """Lower and upper bounds of the torques, both (na,) in N·m: the effort limits where no speed lowers them."""
-        curve = self.limits.torque_speed
-        if curve is None or joint_velocity is None:
+        if self._curve is None or joint_velocity is None:
             return self._effort_limits
-        return curve.available(self._model.effort_limits, self._model.actuation.rates(joint_velocity))
+        trusted = self._trusted(joint_velocity)
+        if trusted is None:
+            return self._effort_limits
+        return self._curve.available(self._model.effort_limits, self._model.actuation.rates(trusted))
 
-    def _command(
-        self, tau: Array, available: tuple[Array, Array], state: RobotState | None, solution: Solution | None
-    ) -> JointCommand:
+    def _command(self, tau: Array, state: RobotState | None, joint_velocity: Array | None) -> JointCommand:
+        """Make a command that says nothing about where it leads."""
         sent = np.empty(len(tau))
-        limited(tau, self._tau, self._allowed, *available, sent)
+        limited(tau, self._tau, self._rate, min(self._passed, self._period), *self._available(joint_velocity), sent)
         self._tau = freeze(sent)
-        q_desired = v_desired = self._nan
-        if solution is not None and state is not None:
-            q_desired, v_desired = np.empty(self._model.nj), np.empty(self._model.nj)
-            places = self._model.q_index, self._model.v_index
-            ahead(state.q, state.v, solution.v_dot, *places, self._period, q_desired, v_desired)
-            freeze(q_desired), freeze(v_desired)
-        return JointCommand(state.stamp if state is not None else 0, sent, q_desired, v_desired)
+        return JointCommand(state.stamp if state is not None else 0, sent, self._nowhere, self._nowhere)
