@@ -89,7 +89,8 @@ class WholeBodyQP:
         self._solvers: dict[tuple[str, ...], Solver] = {}
         self._current: tuple[Layout, Solver] | None = None  # of the last cycle
         self._hierarchies: dict[tuple[str, ...], Hierarchy] = {}
-        if self.formulation.has_priorities and not self._solver_of(self.formulation.layout(())).for_levels:
+        self._priorities = formulation.has_priorities
+        if self._priorities and not self._solver_of(self.formulation.layout(())).for_levels:
             raise ConfigurationError(
                 f"solver.name = {solver!r} is not accurate enough for tasks with a level above 0 or with a tolerance; "
                 "take daqp, or quadprog through qpsolvers"
@@ -162,17 +163,18 @@ class WholeBodyQP:
 
     def _solve(self, layout: Layout) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...]]:
         """Solve one quadratic program, or one per level; also gives level reports and the lower levels that failed."""
-        if self.formulation.has_priorities:
+        if self._priorities:
             if layout.key not in self._hierarchies:
                 self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
             hierarchy = self._hierarchies[layout.key]
             answer = hierarchy.solve(layout.problem, layout.levels)
             return answer, hierarchy.reports, hierarchy.unsolved
-        started = self._timer()
+        started, level = self._timer(), layout.levels[0]
         answer = self._solver_of(layout).solve(layout.problem)
         if answer.x is None:
             return answer, (), ()
-        return answer, (self._report(layout.levels[0], answer.x, answer, started),), ()
+        cost = level.cost.value(answer.x) if answer.cost is None else answer.cost
+        return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
 
     def solve(
         self,
@@ -265,7 +267,6 @@ class WholeBodyQP:
         Raises:
             NoSolution: where a value of the problem is not finite.
         """
-        tolerance = self._solver_of(layout).tolerance
         answer, levels, unsolved = self._solve(layout)
         if answer.status == NOT_FINITE:
             raise NoSolution(
@@ -273,13 +274,14 @@ class WholeBodyQP:
                 "not solved",
                 layout.problem.copy(),
             )
+        tolerance = self._solver_of(layout).tolerance
         residuals = _usable(answer, layout.problem, tolerance)
-        relaxed: tuple[str, ...] = ()
-        if residuals is None:
-            iterations = answer.iterations
-            answer, levels, unsolved, relaxed = self._relax(layout, references, answer)
-            residuals = _usable(answer, layout.problem, tolerance)
-            answer.iterations += iterations
+        if residuals is not None:
+            return _Attempt(answer, residuals, levels, unsolved)
+        iterations = answer.iterations
+        answer, levels, unsolved, relaxed = self._relax(layout, references, answer)
+        residuals = _usable(answer, layout.problem, tolerance)
+        answer.iterations += iterations
         return _Attempt(answer, residuals, levels, (*relaxed, *unsolved))
 
     def _relax(
@@ -291,7 +293,7 @@ class WholeBodyQP:
             What `_solve` returns, and the names of the groups in which a bound is missed.
         """
         started, problem, level = self._timer(), layout.problem, layout.levels[0]
-        answer, priorities = failed, self.formulation.has_priorities
+        answer, priorities = failed, self._priorities
         infeasible = self._solver_name == "daqp" and failed.status == INFEASIBLE
         if not infeasible and not priorities:  # the solver may have failed on a feasible problem
             answer = solve_carefully(problem)

@@ -77,8 +77,10 @@ def unpack(
         relaxed: groups in which a bound is missed, and lower levels that failed.
         stages: time spent in each stage, in s.
     """
-    x = freeze(x)
-    nv, n = formulation.model.nv, len(x)
+    nv, n, bias = formulation.model.nv, len(x), layout.torque_bias
+    tau = residuals.found[n : n + len(bias)] + bias
+    x.setflags(write=False)
+    tau.setflags(write=False)
     errors = formulation.task_errors
     for task in formulation.effort_tasks:
         if references.weights.get(task.name, 0.0) > 0.0:
@@ -87,7 +89,7 @@ def unpack(
                 errors += (Errors((), x, {task.name: equation[0] @ x - equation[1]}),)
     return Solution(
         x[:nv],
-        freeze(residuals.value[n : n + len(layout.torque_bias)] + layout.torque_bias),
+        tau,
         _Read(_forces, layout.places, x[nv:]),
         _Read(_violations, residuals, layout.mechanism.start),
         _Read(_norms, errors),
