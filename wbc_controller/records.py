@@ -262,8 +262,7 @@ class Fault:
     infeasibility: Infeasibility | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class JointCommand:
+class JointCommand(NamedTuple):
     """The command to the joints; only `safety.supervisor.Supervisor` makes one.
 
     Attributes:
