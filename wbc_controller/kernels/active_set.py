@@ -490,7 +490,7 @@ def condensed(
         _move(z, change, B, weights)
     lost = 0.0  # of the rows that higher levels keep
     for i in range(own, top):
-        if not abs(change[i]) <= lost:
+        if abs(change[i]) > lost or change[i] != change[i]:  # a NaN stays
             lost = abs(change[i])
     for i in range(first):
         value[i] = -_product(N[i], z)

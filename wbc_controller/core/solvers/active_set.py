@@ -97,7 +97,7 @@ class ActiveSet:
     def condensed(
         self, problem: QuadraticProgram, squares: Squares, work: Array, count: int, kept: int, found: Array, tries: int
     ) -> tuple[int, int, float, float, float]:
-        """Solve the condensed system of a problem with a cost, which need not be its own (`kernels.active_set`).
+        """Solve the condensed system of a problem with the cost of a level (`kernels.active_set`).
 
         Where the active set is wrong, that of the violated constraints and of the multipliers with the right sign may
         be tried next, which is a primal-dual active set method (Hintermüller, Ito, Kunisch, "The primal-dual active set
