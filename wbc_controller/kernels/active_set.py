@@ -330,7 +330,7 @@ def condensed(
         _products(B[own:top], z, apart)
         lost = 0.0  # of the rows that higher levels keep
         for i in range(len(apart)):
-            if not abs(apart[i]) <= lost:
+            if abs(apart[i]) > lost or apart[i] != apart[i]:  # a NaN stays
                 lost = abs(apart[i])
         if (most <= precise and lost <= precise) or refinement == 2:
             break
