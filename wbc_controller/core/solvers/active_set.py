@@ -96,7 +96,13 @@ class ActiveSet:
         if self._work is None:
             self._work = work_arrays(problem, squares, 0)
         found, multipliers = Residuals.of(problem), np.zeros(len(self.side))
-        outcome, _, cost, least, off = self.condensed(problem, squares, *self._work, 0, 0, found, multipliers, 1)
+        N, above = self._work
+        # Not by way of `condensed`, which is a microsecond in every cycle.
+        outcome, cost, least, off = kernel.condensed(
+            squares.stack, squares.slack, squares.first, squares.inverse, squares.minus_target, squares.constant,
+            problem.constraints, problem.bounds, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST, N, above,
+            0, 0, found.value, found.equalities, found.room, multipliers, self._other,
+        )  # fmt: skip
         if outcome != kernel.SOLVED:
             return None
         found.measured(least, off)
@@ -106,7 +112,7 @@ class ActiveSet:
         self, problem: QuadraticProgram, squares: Squares, N: Array, above: Array, count: int, kept: int,
         found: Residuals, multipliers: Array, tries: int,
     ) -> tuple[int, int, float, float, float]:  # fmt: skip
-        """Solve the condensed system of a problem with a cost, which need not be its own (`kernels.active_set`).
+        """Solve the condensed system of a problem with the cost of a level (`kernels.active_set`).
 
         Where the active set is wrong, that of the violated constraints and of the multipliers with the right sign may
         be tried next, which is a primal-dual active set method (Hintermüller, Ito, Kunisch, "The primal-dual active set
