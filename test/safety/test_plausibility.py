@@ -15,7 +15,7 @@ from wbc_controller.assembly.robot import make_model
 from wbc_controller.assembly.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.kernels.supervision import height
-from wbc_controller.records import Mode, RobotState, Solution
+from wbc_controller.records import Fault, Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, _limbs, joint_speed_limits
 from wbc_controller.safety.supervisor import Supervisor
@@ -430,6 +430,57 @@ def test_a_joint_that_jumps_is_named(body, jump):
     robot.step()
     name = robot.model.joints[4]
     robot.says("IMPLAUSIBLE_STATE", f"joint {name!r} differs by {jump:.3g} rad", "limit 0.2, safety.joint_mismatch")
+
+
+def test_what_has_led_to_a_fault_is_forgotten(body):
+    """The next state is plausible by itself, wherever the joint is now."""
+    robot = body()
+    place, v = joint(robot.model, 4)
+    robot.v[:] = 0.01
+    robot.step(10)
+    robot.q[place] += 0.3
+    robot.step()
+    robot.says("IMPLAUSIBLE_STATE", "safety.joint_mismatch")
+    robot.step()
+    assert robot.supervisor._watch.doubt is None
+    robot.v[v], stays = 3.0, robot.q[place]
+
+    def dead(q, speeds):
+        q[place] = stays
+        return q, speeds
+
+    watch, doubts = robot.supervisor._watch, []
+    for _ in range(8):
+        robot.step(sensed=dead)
+        doubts.append(watch.doubt is not None)
+    assert doubts == [False] * 5 + [True] + [False] * 2  # 3 mm and then 6 mm a period, 30 mm in all
+
+
+def test_what_is_untold_is_remembered_until_all_joints_move(body):
+    robot = body()
+    robot.v[:] = 0.01
+    robot.step(10)
+    watch, (place, v) = robot.supervisor._watch, joint(robot.model, 4)
+    assert not watch._some_untold
+    kept = watch._state.q[place]
+    robot.step(sensed=lambda q, speeds: (np.where(np.arange(len(q)) == place, kept, q), speeds))
+    assert watch._some_untold
+    assert watch._untold[v] == pytest.approx(0.01 * PERIOD)
+    assert np.count_nonzero(watch._untold) == 1
+    robot.step()
+    assert not watch._some_untold
+    assert not watch._untold.any()
+
+
+def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
+    late = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
+    for absurd in (0.0, 1e7):
+        robot = body()
+        robot.step(10)
+        q = robot.q + absurd
+        state = RobotState(robot.stamp + 2_000_000, q, robot.v)
+        robot.supervisor.step(robot.now + PERIOD, state, robot.v[robot.model.v_index], late, None)
+        assert (robot.mode, robot.fault) == (Mode.DAMPING, late)
 
 
 def test_a_joint_whose_velocity_is_dead_is_named(body):

@@ -257,6 +257,17 @@ def test_the_torque_rate_is_held_in_the_problem_only_when_no_ramp_is_under_way(r
     assert bench.supervisor.torques_before(bench.now) is None
 
 
+def test_torques_are_not_taken_over_before_the_ramp_has_ended(rig):
+    bench = rig(torque_rate=2.0)
+    wanted, bench.tau = bench.tau, 0.0 * bench.tau
+    bench.request("activate")
+    bench.step(count=10)  # those sent are the solution's
+    bench.tau = wanted
+    bench.step(count=50)
+    assert (bench.commands[-1].tau < 0.9 * wanted).all()
+    assert bench.supervisor.torques_before(bench.now) is None
+
+
 def test_filtered_torques_follow_the_solutions_with_their_time_constant(rig):
     bench = rig(torque_filter=0.006, torque_rate=1e5).bring("active")
     np.testing.assert_allclose(bench.commands[-1].tau, bench.tau, rtol=1e-6)  # it has come on the ramp, unfiltered
@@ -566,3 +577,17 @@ def test_while_the_torques_ramp_in_nothing_is_filtered(rig):
     bench.request("activate")
     bench.step(count=20)
     np.testing.assert_allclose(bench.commands[-1].tau, 0.4 * bench.tau, rtol=1e-6)
+
+
+def test_while_the_torques_ramp_out_nothing_is_filtered(rig):
+    bench = rig(torque_filter=0.05, torque_rate=1e5).bring("active")
+    bench.request("deactivate")
+    bench.step(count=20)
+    np.testing.assert_allclose(bench.commands[-1].tau, 0.6 * bench.tau, rtol=1e-6)
+
+
+def test_until_the_torques_have_reached_the_solution_s_they_change_at_the_rate_and_are_not_filtered(rig):
+    bench = rig(activation_ramp=0.0, torque_filter=0.05, torque_rate=100.0)
+    bench.request("activate")
+    for share in (0.2, 0.4, 0.5):  # of the effort limits: 0.2 a period
+        np.testing.assert_allclose(bench.step().tau, share * bench.model.effort_limits)
