@@ -14,6 +14,7 @@ from wbc_controller.kernels import (
     frames,
     invariant_filter,
     joint_motion,
+    messages,
     self_collision,
     supervision,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "frames",
     "invariant_filter",
     "joint_motion",
+    "messages",
     "self_collision",
     "supervision",
 ]

@@ -93,7 +93,7 @@ class ControlLoop:
         held = self.controller.mode in (Mode.ACTIVE, Mode.HOLDING)
         latched = self._inputs.latch(self.controller.holding, held=held)
         timeout = self.controller.state_timeout
-        stood = self._inputs.stood()
+        stood = latched.stood
         now = self._clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
         trouble = self._clock.trouble()
         if trouble:

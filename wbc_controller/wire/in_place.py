@@ -48,18 +48,18 @@ class FixedShape:
                 start = (int(bytes_of_numbers[seen]) - _START) // 8
                 self._places[path] = slice(start, start + count)
                 seen += 8 * count
-        self._size = len(first)
         edges = np.flatnonzero(np.diff(np.concatenate([[True], varies, [True]]))).tolist()
-        self._around = [
-            (start, stop, first[start:stop].tobytes()) for start, stop in zip(edges[::2], edges[1::2], strict=True)
-        ]
+        #: A message of this shape, and the begin and end of each piece of it in which all of them agree, (2 n,).
+        self.like, self.edges = first.tobytes(), np.array(edges, dtype=np.int64)
 
     def fits(self, payload: bytes) -> bool:
         """Whether a serialized message has this shape."""
-        return len(payload) == self._size and all(payload[start:stop] == same for start, stop, same in self._around)
+        return len(payload) == len(self.like) and all(
+            payload[start:stop] == self.like[start:stop] for start, stop in self.edges.reshape(-1, 2).tolist()
+        )
 
     def place(self, *paths: str) -> slice:
-        """Where numbers stand in `numbers`.
+        """Where numbers stand in `numbers`; `bytes_at` says where that is in the bytes.
 
         Args:
             paths: such as ``position`` or ``pose.pose.position.x``; several directly follow one another. A stamp is the
@@ -73,6 +73,12 @@ class FixedShape:
         if any(before.stop != after.start for before, after in itertools.pairwise(places)):
             raise ValueError(f"{', '.join(paths)} do not follow one another")
         return slice(places[0].start, places[-1].stop)
+
+
+def bytes_at(place: slice | np.ndarray) -> np.ndarray:
+    """Where the first byte of each number at places of a `FixedShape` stands in its bytes, (k,)."""
+    index = np.arange(place.start, place.stop) if isinstance(place, slice) else place
+    return _START + 8 * index.astype(np.int64)
 
 
 def numbers(payload: bytes | bytearray) -> Array:
