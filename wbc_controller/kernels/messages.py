@@ -1,4 +1,4 @@
-"""Numbers in serialized messages, and the state that they make (`wire.states`, `service.inputs`)."""
+"""Numbers in serialized messages (`wire.states`, `wire.in_place`), and the state that they make (`service.inputs`)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
+    ANY_MATRIX,
+    ANY_VECTOR,
     BYTES,
     INDICES,
     INTEGER,
@@ -134,3 +136,61 @@ def assemble(
     for i in range(len(positions)):
         q[q_index[i]] = positions[i]
         v[v_index[i]] = velocities[i]
+
+
+@part
+def _stamped(numbers: Array, place: int, nanoseconds: int) -> None:
+    """Write the time of a header: seconds in the lower half of eight bytes, nanoseconds in the upper one."""
+    if place >= 0:
+        seconds = nanoseconds // 1_000_000_000
+        rest = nanoseconds - 1_000_000_000 * seconds
+        numbers.view(np.int64)[place] = (seconds & 0xFFFFFFFF) | (rest << 32)
+
+
+@part
+def _put(numbers: Array, fields: np.ndarray, k: int, values: Array) -> bool:
+    """Write a group of numbers to its place; whether it is as large as that."""
+    start, end = fields[2 * k], fields[2 * k + 1]
+    if len(values) != end - start:
+        return False
+    for i in range(len(values)):
+        numbers[start + i] = values[i]
+    return True
+
+
+@compiled(VECTOR_OUT, INTEGER, INTEGER, INDICES, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR)
+def write(
+    numbers: Array, stamp: int, nanoseconds: int, fields: np.ndarray, one: Array, two: Array, three: Array
+) -> bool:
+    """Write a time and three groups of numbers, which may be empty, into a message.
+
+    Args:
+        numbers: the message from its first number on, (n,).
+        stamp: place of the time in the header, in `numbers`; negative where there is none.
+        nanoseconds: the time.
+        fields: begin and end of each group, (6,).
+        one: numbers of the first group.
+        two: of the second.
+        three: of the third.
+
+    Returns:
+        Whether each group is as large as its place.
+    """
+    _stamped(numbers, stamp, nanoseconds)
+    return _put(numbers, fields, 0, one) and _put(numbers, fields, 1, two) and _put(numbers, fields, 2, three)
+
+
+@compiled(VECTOR_OUT, INTEGER, INTEGER, INDICES, ANY_MATRIX, ANY_VECTOR)
+def write_product(
+    numbers: Array, stamp: int, nanoseconds: int, fields: np.ndarray, matrix: Array, vector: Array
+) -> bool:
+    """Write a time and the product of a matrix, (m, k), and a vector, (k,), into a message, as `write`."""
+    if matrix.shape[0] != fields[1] - fields[0] or matrix.shape[1] != len(vector):
+        return False
+    _stamped(numbers, stamp, nanoseconds)
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * vector[j]
+        numbers[fields[0] + i] = total
+    return True

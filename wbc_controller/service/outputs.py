@@ -105,18 +105,20 @@ class Outputs:
 
     def publish_command(self, result: CycleResult) -> None:
         """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
-        command, solution = result.command, result.solution
+        command, solution, publish = result.command, result.solution, self._publish
         if command is not None:
-            self._publish["effort", ""](self._efforts.write(0, self._actuation.command(command.tau)))
-            joints = self._actuation.at_joints(command.tau)
+            tau, actuation = command.tau, self._actuation
+            publish["effort", ""](self._efforts.write(0, actuation.command(tau)))
+            joints = actuation.at_joints(tau)
             payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
-            self._publish["joint_commands", ""](payload)
+            publish["joint_commands", ""](payload)
         if solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
+            stamp, forces = result.state.stamp, solution.forces
             for name, contact in self._contacts.items():
-                force = solution.forces.get(name)
+                force = forces.get(name)
                 if force is not None:
-                    payload = self._wrenches[name].write(result.state.stamp, contact.basis @ force)
-                    self._publish["contact_wrench", name](payload)
+                    payload = self._wrenches[name].write_product(stamp, contact.basis, force)
+                    publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:
         """Send zero torques, whatever has failed: the bytes were made at the start."""
