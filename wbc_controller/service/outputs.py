@@ -19,7 +19,7 @@ from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.diagnostics.task_states import TaskStates
-from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
+from wbc_controller.records import CycleReport, Fault, Mode, References, RobotState, Solution
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, header, message, torques
@@ -88,7 +88,8 @@ class Outputs:
             name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), _WRENCH)
             for name, contact in contacts.items()
         }
-        self._state_said: tuple[object, object] | None = None
+        self._mode_said: Mode | None = None
+        self._fault_said: Fault | None = None
         self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
@@ -132,16 +133,16 @@ class Outputs:
             now: time on the clock of the loop, s.
             wall: time for the headers, ns.
         """
-        said = (report.mode, report.fault)
-        if said != self._state_said:
-            self._state_said = said
+        mode, fault = report.mode, report.fault
+        if mode is not self._mode_said or (fault is not self._fault_said and fault != self._fault_said):
+            self._mode_said, self._fault_said = mode, fault
             text = report.mode.value
             if report.fault is not None:
                 text += f" {report.fault.code}: {report.fault.sentence}"
             self._send("state", message("std_msgs/msg/String", data=text))
         self._summary.add(report)
-        self._news = self._news or bool(report.refused) or report.contested != self._contested_said
-        self._contested_said = report.contested
+        if report.refused or report.contested != self._contested_said:
+            self._news, self._contested_said = True, report.contested
         if now >= self._diagnostics_due or (self._news and "diagnostics" not in self._composed):
             self._news = False
             self._diagnostics_due = now + self._diagnostics_period
