@@ -64,7 +64,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         (*CORE, "core/whole_body_qp", "safety", "estimation", "settings", "views", "assembly"),
         ("numpy", "pydantic", "pinocchio"),
     ),
-    "wire": (("settings", "core/references", "core/tasks"), ("numpy", "yaml", "rosbags")),
+    "wire": (("settings", "core/references", "core/tasks", "kernels"), ("numpy", "yaml", "rosbags")),
     "transports": (("wire",), ("cyclonedds", "rclpy", "rosbags", "numpy")),
     "recording": (
         ("core/references", "core/whole_body_qp", "settings", "assembly", "control", "wire", "transports"),
@@ -74,6 +74,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "service": (
         (
             "core/robot",
+            "kernels",
             "core/contacts",
             "core/references",
             "safety",

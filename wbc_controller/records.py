@@ -297,9 +297,9 @@ class AuditReport:
     warnings: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
 class CycleReport:
-    """What one cycle did, for diagnostics and recordings.
+    """What one cycle did, for diagnostics and recordings; whoever reads it leaves it as it is.
 
     Attributes:
         cycle: running number of the cycle.

@@ -119,15 +119,13 @@ class TestWhatIsBrokenIsFound:
         assert why.startswith("refused messages changed board_trajectories.com")
 
     def test_a_refused_message_that_is_used(self, monkeypatch):
-        original = Inputs._attempt
+        original = Inputs._refusal
 
-        def broken(self, endpoint, read):
-            reason = original(self, endpoint, read)
-            if reason is not None:
-                self._estop.set()
-            return reason
+        def broken(self, endpoint, error):
+            self._estop.set()
+            return original(self, endpoint, error)
 
-        monkeypatch.setattr(Inputs, "_attempt", broken)
+        monkeypatch.setattr(Inputs, "_refusal", broken)
         assert "was refused, and is used all the same" in self.found("controller", 100).why
 
     def test_a_refused_message_that_changes_the_mode(self, monkeypatch):
@@ -162,17 +160,16 @@ class TestWhatIsBrokenIsFound:
         assert "ms of processor time; at most 50 ms" in self.found("controller").why
 
     def test_an_estimate_that_is_answered_to_a_refused_message(self, monkeypatch):
-        original = Inputs._attempt
+        original = Inputs._refusal
 
-        def broken(self, endpoint, read):
-            reason = original(self, endpoint, read)
-            if reason is not None and self.estimator is not None and self.estimator.base is not None:
+        def broken(self, endpoint, error):
+            if self.estimator is not None and self.estimator.base is not None:
                 self.estimator._running._last = dataclasses.replace(
                     self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
                 )
-            return reason
+            return original(self, endpoint, error)
 
-        monkeypatch.setattr(Inputs, "_attempt", broken)
+        monkeypatch.setattr(Inputs, "_refusal", broken)
         assert "was refused" in self.found("estimator", 200).why
 
     def test_an_estimate_without_a_covariance(self, monkeypatch):

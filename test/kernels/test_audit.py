@@ -1,36 +1,76 @@
 """Held against the same equations in NumPy; `test/diagnostics/test_audit.py` holds both against `mechanics`."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import audit as kernel
 
-NV, NA, GAP, SHARE = 9, 5, 0.002, 0.1
+NV, NA, GAP, TIME, MASS = 9, 5, 0.002, 0.02, 7.0
+
+
+def test_the_energy_is_that_of_motion_and_height():
+    rng = np.random.default_rng(0)
+    root, v = rng.normal(size=(NV, NV)), rng.normal(size=NV)
+    M, weight, com = np.asfortranarray(root @ root.T), *rng.normal(size=(2, 3))
+    energy = kernel.mechanical_energy(M, v, weight, com)
+    assert energy == pytest.approx(0.5 * v @ M @ v - weight @ com, rel=1e-10)
 
 
 @settings(deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), floating=st.booleans(), springs=st.booleans())
-def test_it_is_what_numpy_makes_of_the_same_equations(seed, floating, springs):
+@given(seed=st.integers(0, 2**32 - 1), floating=st.booleans(), beside=st.booleans(), sent=st.lists(st.booleans()))
+def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside, sent):
     rng = np.random.default_rng(seed)
+    base = 6 if floating else 0
+    S = np.zeros((NA, NV))
+    S[:, base:] = rng.normal(size=(NA, NV - base)) * rng.integers(0, 2, size=(NA, NV - base))
+    rows, columns = (np.ascontiguousarray(index) for index in np.nonzero(S))
+    sums, vectors = np.zeros(kernel.SUMS), np.zeros((2, NV))
+    work = throughput = duration = 0.0
+    impulse, missed, before = np.zeros(3), np.zeros(NV), None
+    for predicts in [True, *sent]:
+        q, v, v_dot, tau = (rng.normal(size=n) for n in (NV + bool(base), NV, NV, NA))
+        velocity, drift = rng.normal(size=(2, 3))
+        J = rng.normal(size=(6, NV))[:3]
+        p = rng.normal(size=NV) if beside else np.zeros(0)
+        moved = np.zeros(NV)
+        if before is not None:
+            moved[base:] = (q - before["q"])[len(q) - NV + base :]
+            if beside:
+                moved[:base] = rng.normal(size=base)
+        last = before or {"q": q, "v": v, "v_dot": v_dot, "tau": tau}
+        said = kernel.follow(
+            0.0 if before is None else GAP, last["tau"], rows, columns, S[rows, columns], p,
+            moved if beside else np.zeros(0), last["q"], q, last["v"], v, last["v_dot"], v_dot, tau,
+            tau if predicts else tau + [*np.zeros(NA - 1), 0.1], MASS, velocity, J, drift, sums, vectors,
+        )  # fmt: skip
+        assert said == predicts
+        if before is not None:
+            done = (before["tau"] @ S + (p if beside else 0.0)) * moved
+            work, throughput = work + done.sum(), throughput + np.abs(done).sum()
+            if before["predicts"]:
+                duration += GAP
+                impulse += MASS * (velocity - before["velocity"]) - GAP * before["force"]
+                missed += v - before["v"] - GAP * before["v_dot"]
+        before = {"q": q, "v": v, "v_dot": v_dot, "tau": tau, "velocity": velocity, "predicts": predicts}
+        before["force"] = MASS * (J @ v_dot + drift)
+    found = sums[[kernel.WORK, kernel.THROUGHPUT, kernel.PREDICTED]]
+    np.testing.assert_allclose(found, [work, throughput, duration], rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(sums[kernel.IMPULSE : kernel.IMPULSE + 3], impulse, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(vectors[0], missed, rtol=1e-10, atol=1e-9)
+
     root = rng.normal(size=(NV, NV))
-    M, J = np.asfortranarray(root @ root.T), rng.normal(size=(6, NV))[:3]
-    v, v_after, v_dot, moved, torques = rng.normal(size=(5, NV))
-    gravity, com, velocity, drift, force = rng.normal(size=(5, 3))
-    out = np.empty(6)
-    energy = kernel.mechanical_state(M, v, v_dot, gravity, 7.0, com, velocity, J, drift, out)
-    np.testing.assert_allclose(energy, 0.5 * v @ M @ v - gravity @ com, rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(out, [*(7.0 * velocity), *(7.0 * (J @ v_dot + drift))], rtol=1e-10, atol=1e-12)
-
-    tau, S, passive = rng.normal(size=NA), rng.normal(size=(NA, NV)), rng.normal(size=NV if springs else 0)
-    powers = (tau @ S + (passive if springs else 0.0)) * moved / GAP
-    found = kernel.joint_powers(tau, S, passive, moved, GAP)
-    np.testing.assert_allclose(found, [powers.sum(), np.abs(powers).sum()], rtol=1e-10, atol=1e-9)
-
-    before, after = rng.normal(size=(2, 6))
-    expected = torques + SHARE * (M @ ((v_after - v) / GAP - v_dot) - torques)
-    unexplained = force + SHARE * ((after[:3] - before[:3]) / GAP - before[3:] - force)
-    force = force if floating else force[:0]
-    kernel.filter_residuals(SHARE, GAP, M, v, v_after, v_dot, before, after, force, torques)
+    M, torques, force = np.asfortranarray(root @ root.T), rng.normal(size=NV), rng.normal(size=3 if floating else 0)
+    expected, unexplained = torques.copy(), force.copy()
+    if duration > 0.0:
+        share = duration / (TIME + duration)
+        expected += share * (M @ missed / duration - torques)
+        unexplained += share * ((impulse / duration)[: len(force)] - force)
+    kept = sums[kernel.MOMENTUM :].copy()
+    kernel.filter_residuals(TIME, M, sums, vectors, force, torques)
     np.testing.assert_allclose(torques, expected, rtol=1e-10, atol=1e-9)
-    np.testing.assert_allclose(force, unexplained[: len(force)], rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(force, unexplained, rtol=1e-10, atol=1e-9)
+    assert not sums[: kernel.MOMENTUM].any()
+    assert not vectors[0].any()
+    assert sums[kernel.MOMENTUM :].tolist() == kept.tolist()

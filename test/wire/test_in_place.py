@@ -191,6 +191,26 @@ def test_templates_write_the_bytes_of_the_codec(time, values):
     assert wrench.write(time, row) == encode(wrench_stamped(row, "foot", time))
 
 
+def test_a_product_is_written_as_the_numbers_that_it_is():
+    axes = [f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"]
+    wrench, rng = Template(wrench_stamped(np.zeros(6), "foot"), axes), np.random.default_rng(5)
+    for k in (1, 3, 6):
+        basis, force = rng.integers(-9, 9, size=(6, k)).astype(float), rng.integers(-9, 9, size=k).astype(float)
+        assert wrench.write_product(7, basis, force) == encode(wrench_stamped(basis @ force + 0.0, "foot", 7))
+
+
+def test_numbers_of_another_size_are_not_written():
+    wrench = Template(wrench_stamped(np.zeros(6), "foot"), [f"wrench.force.{axis}" for axis in "xyz"])
+    for size in (0, 2, 4):
+        with pytest.raises(ValueError, match=f"{size}, 0 and 0 numbers for the fields"):
+            wrench.write(1, np.ones(size))
+    with pytest.raises(ValueError, match="3, 1 and 0 numbers"):
+        wrench.write(1, np.ones(3), np.ones(1))
+    for shape, size in (((4, 2), 2), ((3, 2), 3)):
+        with pytest.raises(ValueError, match="a matrix"):
+            wrench.write_product(1, np.ones(shape), np.ones(size))
+
+
 def test_empty_arrays_have_no_place_and_strings_no_numbers():
     shape = FixedShape(joint_state(JOINTS, [1, 2, 3], [1, 2, 3]))
     with pytest.raises(KeyError):

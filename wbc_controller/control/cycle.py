@@ -116,6 +116,7 @@ class ControlCycle:
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # of what stands around the cycle
         self.tape: list[Taped] | None = None
+        self._held: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
         self._apart = False  # whether something has changed beside the cycles since the last one
 
     @property
@@ -190,42 +191,57 @@ class ControlCycle:
         problem, self._defect = problem or self._defect, None
         changes = tuple(changes)
         refused: list[str] = []
-        starts = self._take_requests(requests, now, problem, refused)
+        starts = self._take_requests(requests, now, problem, refused) if requests else False
         left: list[tuple[Change, ...]] = []
-        try:
-            left = self._take_changes(changes, state, refused)
-        except Exception as error:
-            problem = _defect(error)
+        supervisor = self.supervisor
+        if changes or self.live.newest is not self._parts:
+            try:
+                left = self._take_changes(changes, state, refused)
+            except Exception as error:
+                problem = _defect(error)
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
-        if problem is None and self.supervisor.solving:
+        if problem is None and supervisor.solving:
             outcome, references = self._compute(state, left, now, starts, refused)
         computed = self._timer()
-        was_active = self.mode is Mode.ACTIVE
-        command = self.supervisor.step(now, state, joint_velocity, problem, outcome)
-        if state is not None:
-            solved = outcome if isinstance(outcome, Solution) else None
-            whole = command is not None and self.supervisor.torques_before(now) is not None
+        was_active = supervisor.mode is Mode.ACTIVE
+        command = supervisor.step(now, state, joint_velocity, problem, outcome)
+        solution = outcome if isinstance(outcome, Solution) else None
+        if state is not None and not self.beside.rests:
+            whole = command is not None and supervisor.torques_before(now) is not None
             tau = command.tau if command is not None and whole else None
-            self.beside.sent(state, solved, tau, self.qp.dynamics, self.qp.contact_jacobian)
+            self.beside.sent(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
         if left and outcome is None:
             words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
                 f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
             )
-        if references is not None and self.supervisor.solving:
-            active = [name for name, activation in references.contacts.items() if activation > 0.0]
-            self.holding = tuple(name for name in active if name not in self.beside.lifted)
+        if references is not None and supervisor.solving:
+            activations, lifted = references.contacts, self.beside.lifted
+            if self._held is None or self._held[0] is not activations or self._held[1] is not lifted:
+                self._held = activations, lifted
+                active = [name for name, activation in activations.items() if activation > 0.0]
+                self.holding = tuple(name for name in active if name not in lifted)
         else:
-            self.holding = self._at_activation()
+            self.holding, self._held = self._at_activation(), None
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
-        self._take_explanation()
-        solution = outcome if isinstance(outcome, Solution) else None
+        if self._explanation is not None:
+            self._take_explanation()
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
-            stages |= {f"compute/{name}": seconds for name, seconds in solution.stage_seconds.items()}
+            for name, seconds_of_it in solution.stage_seconds.items():
+                stages[f"compute/{name}"] = seconds_of_it
         result = CycleResult(
-            self.qp, now, self.mode, self.fault, command, solution, state, references, tuple(refused), stages
+            self.qp,
+            now,
+            supervisor.mode,
+            supervisor.fault,
+            command,
+            solution,
+            state,
+            references,
+            tuple(refused),
+            stages,
         )
         if self.tape is not None:
             given = now, state, joint_velocity, problem, tuple(requests), changes
@@ -382,13 +398,17 @@ class ControlCycle:
                 self._streamed = {}
             lifted = self.beside.lifted
             disturbance = self.beside.look(state)
-            refused += [
-                f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
-                for name in self.beside.lifted
-                if name not in lifted
-            ]
+            if self.beside.lifted is not lifted:
+                refused += [
+                    f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
+                    for name in self.beside.lifted
+                    if name not in lifted
+                ]
             if disturbance is not None:
-                references = replace(references, disturbance=disturbance)
+                references = References(
+                    references.tasks, references.weights, references.contacts, references.external_wrenches,
+                    references.tuning, references.anchors, disturbance,
+                )  # fmt: skip
             return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
         except NoSolution as failure:
             return failure, references

@@ -18,7 +18,7 @@ from wbc_controller.core.references.changes import Change
 from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
 class Taped:
     """What one cycle was given, and what it gave.
 

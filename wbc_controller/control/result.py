@@ -22,7 +22,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 _MOST = 5
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(slots=True, repr=False)  # not frozen, which would take three times as long to make, in every cycle
 class CycleResult:
     """The outcome of one control cycle: what goes to the joints, and why.
 

@@ -5,7 +5,9 @@ gravity and contact forces (equation (26); S5), and every joint must accelerate 
 residual indicates a wrong model, a torque that did not arrive as it was sent, or an unknown external force.
 
 The balances are those of `mechanics.energy.energy_residual` and `mechanics.momentum.momentum_residual`, from what the
-snapshot of a cycle holds already: M, the centre of mass and its velocity.
+snapshot of a cycle holds already: M, the centre of mass and its velocity. In each cycle one kernel adds up what the
+torques have done and what was not predicted. At the end of a span of cycles, a twentieth of the time constant, the
+sums go through the filter: a mean of residuals, for which energy and M are needed only there.
 """
 
 from __future__ import annotations
@@ -18,11 +20,13 @@ import numpy as np
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.audit import filter_residuals, joint_powers, mechanical_state
-from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
+from wbc_controller.kernels.audit import SUMS, THROUGHPUT, WORK, filter_residuals, follow, mechanical_energy
+from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
+#: Time after which the sums go through the filter, as a share of its time constant.
+_SPAN = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,28 +52,6 @@ class AuditLimits:
     period: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Cycle:
-    """What the next cycle's state is compared with.
-
-    Attributes:
-        state: latched state.
-        energy: T + V, J (equation (29)).
-        mechanical: linear momentum in the world, in N·s (equation (28)), and the sum of all external forces in the
-            solution, in N, world axes, (6,).
-        tau: torques sent, (na,) in N·m.
-        solution: solution whose torques were sent; None if others were: it then predicts nothing.
-        powers: power of each known external wrench of that solution, W.
-    """
-
-    state: RobotState
-    energy: float
-    mechanical: Array
-    tau: Array
-    solution: Solution | None
-    powers: list[float]
-
-
 class ModelAudit:
     """Compares each state with the motion predicted from the previous state and its torques."""
 
@@ -85,15 +67,26 @@ class ModelAudit:
         self._mass = model.mass
         self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = model.mass * model.gravity
+        self._span = _SPAN * limits.time_constant - 0.5 * limits.period  # the nearest number of periods
+        self._largest_gap = _LARGEST_GAP * limits.period
+        rows, columns = np.nonzero(model.actuation.S)
+        self._drives = rows.astype(np.int64), columns.astype(np.int64), model.actuation.S[rows, columns]
         self._none = np.zeros(0)
-        self._before: _Cycle | None = None
         self._forget()
 
     def _forget(self) -> None:
+        """Begin anew, with nothing to compare with."""
+        self._before: RobotState | None = None  # the state before, its solution, the torques sent, the forces of
+        self._solution: Solution | None = None  # springs, and the powers of known wrenches in it, W
+        self._tau = self._springs = self._none
+        self._powers: list[float] = []
+        self._sums, self._vectors = np.zeros(SUMS), np.zeros((2, self._model.nv))
+        self._lasted = self._stored = 0.0  # time of the span so far, s, and the energy at its start, J
         self._energy = self._throughput = 0.0
-        self._force = np.zeros(3)
+        self._force = np.zeros(3 if self._model.floating_base else 0)
         self._torques = np.zeros(self._model.nv)
         self._since: dict[str, float] = {}
+        self._report: AuditReport | None = None
 
     def look(
         self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
@@ -107,73 +100,90 @@ class ModelAudit:
             command: command sent in this cycle.
 
         Returns:
-            The report; None if there is nothing to compare, as the controller is or was not active, or as states were
-            lost.
+            The report of the last span; None if there is none yet, as the controller is or was not active, or as states
+            were lost, and where a state is given again.
         """
         before = self._before
-        self._before = after = self._cycle(state, dynamics, solution, command)
-        if before is None or after is None:
-            self._forget()
-            return None
-        gap = (state.stamp - before.state.stamp) * 1.0e-9
-        if gap <= 0.0:  # the same state again: keep the older one, with its torques
-            self._before = before
-            return None
-        if gap > _LARGEST_GAP * self._limits.period:
-            self._forget()
-            return None
-        self._filter(before, after, dynamics, gap)
-        torques = freeze(self._model.joint_forces(self._torques))
-        return AuditReport(
-            energy=self._energy,
-            throughput=self._throughput,
-            force=frozen(self._force),
-            joint_torques=torques,
-            warnings=self._warnings(state.stamp * 1.0e-9, torques),
-        )
-
-    def _cycle(
-        self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
-    ) -> _Cycle | None:
         if solution is None or command is None:
+            if before is not None:
+                self._forget()
             return None
-        # The solution obeys the equations of motion: gravity, contacts and known wrenches together give m c̈.
-        mechanical = np.empty(6)
-        energy = mechanical_state(
-            dynamics.M, state.v, solution.v_dot, self._gravity, self._mass,
-            dynamics.com, dynamics.com_velocity, dynamics.com_jacobian, dynamics.com_drift, mechanical,
-        )  # fmt: skip
-        sent = (solution.tau == command.tau).all()
-        powers = _powers(solution, dynamics) if sent else []
-        return _Cycle(state, energy, mechanical, command.tau, solution if sent else None, powers)
+        gap = 0.0
+        if before is not None:
+            gap = (state.stamp - before.stamp) * 1.0e-9
+            if gap <= 0.0:  # the same state again: keep the older one, with its torques
+                return None
+            if gap > self._largest_gap:
+                self._forget()
+                gap, before = 0.0, None
+        self._follow(before, state, dynamics, solution, command, gap)
+        if before is None:
+            self._stored = self._energy_of(state, dynamics)
+            return None
+        self._lasted += gap
+        if self._lasted >= self._span:
+            self._report = self._look_back(state, dynamics)
+        return self._report
 
-    def _filter(self, before: _Cycle, after: _Cycle, dynamics: Dynamics, gap: float) -> None:
-        model, predicted = self._model, before.solution
-        share = gap / (self._limits.time_constant + gap)
-        beside = self._none
+    def _energy_of(self, state: RobotState, dynamics: Dynamics) -> float:
+        return float(mechanical_energy(dynamics.M, state.v, self._gravity, dynamics.com))
+
+    def _follow(
+        self,
+        before: RobotState | None,
+        state: RobotState,
+        dynamics: Dynamics,
+        solution: Solution,
+        command: JointCommand,
+        gap: float,
+    ) -> None:
+        """Add what happened since the state before."""
+        model, predicted = self._model, self._solution
+        beside = moved = self._none
         if predicted is not None and predicted.disturbance is not None:
             beside = predicted.disturbance.forces
         if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
-            start, end = (model.passive_force(each.state.q, each.state.v) for each in (before, after))
-            springs = 0.5 * (start + end)
-            beside = beside + springs if len(beside) else springs
-        # Contact forces do no work: a contact does not move along the axes that it holds. The work of constant torques
-        # is exact, that of constant wrenches is to second order in the time between the states.
-        moved = model.difference(before.state.q, after.state.q)
-        supplied, throughput = joint_powers(before.tau, model.actuation.S, beside, moved, gap)
-        if predicted is not None:
-            for first, last in zip(before.powers, _powers(predicted, dynamics), strict=True):
-                supplied += 0.5 * (first + last)
-                throughput += 0.5 * abs(first + last)
-        self._energy += share * ((after.energy - before.energy) / gap - supplied - self._energy)
-        self._throughput += share * (throughput - self._throughput)
-        if predicted is not None:
-            filter_residuals(
-                share, gap, dynamics.M, before.state.v, after.state.v, predicted.v_dot,
-                before.mechanical, after.mechanical, self._force if model.floating_base else self._none, self._torques,
-            )  # fmt: skip
+            start, self._springs = self._springs, model.passive_force(state.q, state.v)
+            if before is not None:
+                springs = 0.5 * (start + self._springs)
+                beside = beside + springs if len(beside) else springs
+        if before is None:
+            before, tau, v_dot = state, command.tau, solution.v_dot
+        else:
+            tau, v_dot = self._tau, predicted.v_dot if predicted is not None else solution.v_dot
+            if len(beside):
+                moved = model.difference(before.q, state.q)
+            if self._powers and predicted is not None:
+                # The work of constant torques is exact, that of constant wrenches to second order in the time.
+                for first, last in zip(self._powers, _powers(predicted, dynamics), strict=True):
+                    self._sums[WORK] += 0.5 * gap * (first + last)
+                    self._sums[THROUGHPUT] += 0.5 * gap * abs(first + last)
+        actuators, moved_by, ratios = self._drives
+        predicts = follow(
+            gap, tau, actuators, moved_by, ratios, beside, moved, before.q, state.q, before.v, state.v, v_dot,
+            solution.v_dot, command.tau, solution.tau, self._mass, dynamics.com_velocity, dynamics.com_jacobian,
+            dynamics.com_drift, self._sums, self._vectors,
+        )  # fmt: skip
+        self._before, self._tau = state, command.tau
+        self._solution = solution if predicts else None  # torques that are not the solution's: it predicts nothing
+        self._powers = _powers(solution, dynamics) if predicts and solution.external_wrenches else []
 
-    def _warnings(self, now: float, torques: Array) -> tuple[str, ...]:
+    def _look_back(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
+        """Put a span through the filter, and begin the next one."""
+        lasted, self._lasted = self._lasted, 0.0
+        share = lasted / (self._limits.time_constant + lasted)
+        before, self._stored = self._stored, self._energy_of(state, dynamics)
+        work, throughput = self._sums[WORK].item(), self._sums[THROUGHPUT].item()
+        self._energy += share * ((self._stored - before - work) / lasted - self._energy)
+        self._throughput += share * (throughput / lasted - self._throughput)
+        filter_residuals(self._limits.time_constant, dynamics.M, self._sums, self._vectors, self._force, self._torques)
+        torques = frozen(self._model.joint_forces(self._torques))
+        force = frozen(self._force if self._model.floating_base else np.zeros(3))
+        warnings = self._warnings(state.stamp * 1.0e-9, lasted, torques)
+        return AuditReport(self._energy, self._throughput, force, torques, warnings)
+
+    def _warnings(self, now: float, lasted: float, torques: Array) -> tuple[str, ...]:
+        """What has been too large for too long; a residual stands for all of the span that it is the mean of."""
         limits, size = self._limits, math.hypot(*self._force.tolist())
         over = np.abs(torques) / limits.torques
         worst = int(over.argmax())
@@ -190,7 +200,7 @@ class ModelAudit:
         for name, wrong, sentence in found:
             if not wrong:
                 self._since.pop(name, None)
-            elif now - self._since.setdefault(name, now) >= limits.patience:
+            elif now - self._since.setdefault(name, now - lasted) >= limits.patience:
                 warnings.append(f"{name}: {sentence()}")
         return tuple(warnings)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from array import array
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
@@ -32,7 +33,7 @@ class _Span:
     Attributes:
         last: the newest report.
         count: number of reports.
-        seconds: times of each stage, s.
+        seconds: times of the stages, s, one cycle after the other, by the names of its stages.
         relaxed: in how many cycles each limit was relaxed.
         refused: a sentence for each message that was refused.
     """
@@ -40,18 +41,18 @@ class _Span:
     def __init__(self, first: CycleReport) -> None:
         self.last = first
         self.count = 0
-        self.seconds: dict[str, list[float]] = {}
+        self.seconds: dict[tuple[str, ...], array[float]] = {}
         self.relaxed: Counter[str] = Counter()
         self.refused: list[str] = []
 
-    def add(self, report: CycleReport) -> None:
-        self.last = report
-        self.count += 1
-        for stage, seconds in report.stage_seconds.items():
-            self.seconds.setdefault(stage, []).append(seconds)
-        if report.solution is not None and report.solution.relaxed:
-            self.relaxed.update(report.solution.relaxed)
-        self.refused += report.refused
+    def times(self, stage: str) -> list[float]:
+        """Times of a stage in all cycles that had it, s."""
+        return [
+            time
+            for names, seconds in self.seconds.items()
+            if stage in names
+            for time in seconds[names.index(stage) :: len(names)]
+        ]
 
 
 class StatusSummary:
@@ -83,9 +84,22 @@ class StatusSummary:
 
     def add(self, report: CycleReport) -> None:
         """Add the report of a cycle."""
-        if self._span is None:
-            self._span = _Span(report)
-        self._span.add(report)
+        span = self._span
+        if span is None:
+            span = self._span = _Span(report)
+        span.last = report
+        span.count += 1
+        stages = report.stage_seconds
+        names = tuple(stages)
+        times = span.seconds.get(names)
+        if times is None:
+            times = span.seconds[names] = array("d")
+        times.extend(stages.values())
+        solution = report.solution
+        if solution is not None and solution.relaxed:
+            span.relaxed.update(solution.relaxed)
+        if report.refused:
+            span.refused += report.refused
         self._taken += report.taken
 
     def compose(self, wall: int, short: Sequence[str] = ()) -> Generator[None, None, Any]:
@@ -170,7 +184,7 @@ def _of_cycles(span: _Span) -> dict[str, str]:
     }
     values |= {f"age/{name}": f"{age:.4f} s" for name, age in last.ages.items()}
     for stage in last.stage_seconds:
-        times = span.seconds[stage]
+        times = span.times(stage)
         values[f"time/{stage}/median"] = f"{1e6 * statistics.median(times):.0f} us"
         values[f"time/{stage}/max"] = f"{1e6 * max(times):.0f} us"
     values |= {f"task_weight/{name}": f"{weight:.5g}" for name, weight in last.weights.items()}

@@ -70,7 +70,7 @@ class BesideTheModel:
         Returns:
             What acts beside the model; None where nothing does.
         """
-        if self._rests:
+        if self.rests:
             return None
         before, self._before = self._before, None
         gap = 1.0e-9 * (state.stamp - before.stamp) if before is not None else 0.0
@@ -93,7 +93,8 @@ class BesideTheModel:
         return Disturbance(forces, estimated, self.estimate.at_bound)
 
     @property
-    def _rests(self) -> bool:
+    def rests(self) -> bool:
+        """Whether nothing acts, and nothing is to be found out: then a cycle needs neither `look` nor `sent`."""
         return self._friction is None and self.estimate.rests
 
     def sent(
@@ -113,7 +114,7 @@ class BesideTheModel:
             dynamics: the snapshot of that state.
             jacobian: gives the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
         """
-        if self._rests or (self._before is not None and self._before.stamp == state.stamp):
+        if self.rests or (self._before is not None and self._before.stamp == state.stamp):
             return  # the torques that were sent first have acted for longer
         model, excess, v_dot = dynamics.model, self._nothing, None
         forces: dict[str, Array] = {}

@@ -86,7 +86,8 @@ class DisturbanceEstimate:
 
     def restart(self) -> None:
         """Forget all."""
-        self.forces = self._unbounded = frozen(np.zeros(len(self._whole)))
+        self.forces = self._unbounded = self._judged = frozen(np.zeros(len(self._whole)))
+        self._acts = False  # whether those that were judged last are any
         self.at_bound: tuple[str, ...] = ()
         self.held: tuple[Array, float] | None = None
         self._begin(())
@@ -98,7 +99,11 @@ class DisturbanceEstimate:
     @property
     def rests(self) -> bool:
         """Whether it is none, and stays so."""
-        return not self.limits.on and not self.forces.any()
+        if self.limits.on:
+            return False
+        if self.forces is not self._judged:  # it is another object after each change
+            self._judged, self._acts = self.forces, bool(self.forces.any())
+        return not self._acts
 
     def look(self, M: Array, J: Array, contacts: tuple[str, ...], gap: float, missed: Array | None) -> None:
         """Take what came of a prediction.

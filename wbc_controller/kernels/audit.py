@@ -1,40 +1,36 @@
-"""The balances of energy, momentum and joint torques between two states (`diagnostics.audit`)."""
+"""The balances of energy, momentum and joint torques over a span of states (`diagnostics.audit`)."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from wbc_controller.kernels.compiled import (
     ANY_MATRIX,
     ANY_VECTOR,
+    INDICES,
     NUMBER,
-    ROWS,
+    ROWS_OUT,
     VECTOR,
     VECTOR_OUT,
     compiled,
 )
 from wbc_controller.records import Array
 
+#: Size and places of what is summed over a span: work and throughput in J, the time for which a motion was predicted in
+#: s, the unexplained impulse (3,) in N·s; and of the last state the momentum (3,) in N·s, the force (3,) in N that was
+#: predicted for the time after it, and whether that, and the motion, were predicted at all.
+SUMS, WORK, THROUGHPUT, PREDICTED, IMPULSE, MOMENTUM, FORCE, PREDICTS = 13, 0, 1, 2, 3, 6, 9, 12
 
-@compiled(ANY_MATRIX, ANY_VECTOR, VECTOR, VECTOR, NUMBER, ANY_VECTOR, ANY_VECTOR, ANY_MATRIX, ANY_VECTOR, VECTOR_OUT)
-def mechanical_state(
-    M: Array, v: Array, v_dot: Array, gravity: Array, mass: float, com: Array, com_velocity: Array, com_jacobian: Array,
-    com_drift: Array, out: Array,
-) -> float:  # fmt: skip
-    """The energy T + V = ½ vᵀM v - m gᵀc, and into `out` the momentum m ċ and the force m c̈ = m (J v̇ + δ).
+
+@compiled(ANY_MATRIX, ANY_VECTOR, VECTOR, ANY_VECTOR)
+def mechanical_energy(M: Array, v: Array, weight: Array, com: Array) -> float:
+    """The energy T + V = ½ vᵀM v - m gᵀc, J.
 
     Args:
         M: joint-space inertia matrix, (nv, nv).
         v: generalized velocity, (nv,).
-        v_dot: generalized acceleration, (nv,).
-        gravity: weight m g, (3,) in N.
-        mass: m, kg.
+        weight: m g, (3,) in N.
         com: centre of mass c, (3,) in m.
-        com_velocity: ċ, (3,) in m/s.
-        com_jacobian: J, (3, nv).
-        com_drift: δ = c̈ at v̇ = 0, (3,) in m/s².
-        out: for the momentum in N·s and the force in N, (6,).
-
-    Returns:
-        The energy, J.
     """
     energy = 0.0
     for j in range(len(v)):
@@ -43,60 +39,112 @@ def mechanical_state(
             momentum += M[i, j] * v[i]
         energy += 0.5 * momentum * v[j]
     for i in range(3):
-        acceleration = com_drift[i]
-        for j in range(len(v)):
-            acceleration += com_jacobian[i, j] * v_dot[j]
-        energy -= gravity[i] * com[i]
-        out[i], out[3 + i] = mass * com_velocity[i], mass * acceleration
+        energy -= weight[i] * com[i]
     return energy
 
 
-@compiled(VECTOR, ROWS, VECTOR, VECTOR, NUMBER)
-def joint_powers(tau: Array, S: Array, passive: Array, moved: Array, gap: float) -> tuple[float, float]:
-    """Power of the torques and of passive joints over a motion, and the sum of its absolute values, W.
+@compiled(
+    NUMBER, VECTOR, INDICES, INDICES, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR,
+    VECTOR, VECTOR, VECTOR, NUMBER, ANY_VECTOR, ANY_MATRIX, ANY_VECTOR, VECTOR_OUT, ROWS_OUT,
+)  # fmt: skip
+def follow(
+    gap: float, tau_before: Array, actuators: np.ndarray, moved_by: np.ndarray, ratios: Array, beside: Array,
+    moved: Array, q_before: Array, q: Array, v_before: Array, v: Array, v_dot_before: Array, v_dot: Array, tau: Array,
+    tau_found: Array, mass: float, com_velocity: Array, com_jacobian: Array, com_drift: Array, sums: Array,
+    vectors: Array,
+) -> bool:  # fmt: skip
+    """Go on from one state to the next, and add up what the laws of motion say of the time between them.
+
+    The work of the torques and of what acts beside them, (Sᵀτ + p)ᵀ Δq; where the motion was predicted, the unexplained
+    impulse Δ(m ċ) - m c̈ Δt with c̈ = J v̇ + δ, and the unexplained change of the velocity Δv - v̇ Δt. Contact forces do
+    no work.
 
     Args:
-        tau: torques, (na,) in N·m.
-        S: actuation matrix, (na, nv).
-        passive: generalized force of passive joints, (nv,); (0,) where there are none.
-        moved: change of the configuration, (nv,).
-        gap: its time, s.
-    """
-    supplied, throughput = 0.0, 0.0
-    for j in range(len(moved)):
-        force = passive[j] if len(passive) else 0.0
-        for i in range(len(tau)):
-            force += tau[i] * S[i, j]
-        power = force * moved[j] / gap
-        supplied += power
-        throughput += abs(power)
-    return supplied, throughput
-
-
-@compiled(NUMBER, NUMBER, ANY_MATRIX, ANY_VECTOR, ANY_VECTOR, VECTOR, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
-def filter_residuals(
-    share: float, gap: float, M: Array, v_before: Array, v_after: Array, v_dot: Array, before: Array, after: Array,
-    force: Array, torques: Array,
-) -> None:  # fmt: skip
-    """Filter the unexplained force Δ(m ċ) / Δt - m c̈ and generalized force M (Δv / Δt - v̇), in place.
-
-    Args:
-        share: of the new value in the filtered one.
-        gap: Δt, s.
-        M: joint-space inertia matrix, (nv, nv).
+        gap: Δt, s; 0 at the first state of all, before which there is nothing.
+        tau_before: torques sent at the state before, (na,) in N·m.
+        actuators: row of each entry of the actuation matrix S that is not zero, (k,).
+        moved_by: its column, (k,).
+        ratios: the entry itself, (k,).
+        beside: generalized force p that acts beside the torques, (nv,); (0,) where there is none.
+        moved: change of the configuration, (nv,); (0,) to take it from q, for which no force may act on the base.
+        q_before: configuration before, (nq,): of the base, and then of one joint after the other.
+        q: configuration, (nq,).
         v_before: generalized velocity before, (nv,).
-        v_after: generalized velocity after, (nv,).
-        v_dot: v̇ as it was predicted, (nv,).
-        before: momentum and predicted force before, (6,).
-        after: momentum and predicted force after, (6,).
+        v: generalized velocity, (nv,).
+        v_dot_before: v̇ as it was predicted at the state before, (nv,).
+        v_dot: v̇ of the solution at this state, (nv,).
+        tau: torques sent at this state, (na,) in N·m.
+        tau_found: torques of the solution at this state, (na,): where they are other ones, it predicts nothing.
+        mass: m, kg.
+        com_velocity: ċ at this state, (3,) in m/s.
+        com_jacobian: J at this state, (3, nv).
+        com_drift: δ, c̈ at v̇ = 0, at this state, (3,) in m/s².
+        sums: what is summed, (SUMS,).
+        vectors: the unexplained change of the velocity, which is summed too, and room for a generalized force, (2, nv).
+
+    Returns:
+        Whether the solution predicts the motion.
+    """
+    nv = len(v)
+    missed, force = vectors[0], vectors[1]
+    predicted = sums[PREDICTS] > 0.0 and gap > 0.0
+    if gap > 0.0:
+        for j in range(nv):
+            force[j] = beside[j] if len(beside) else 0.0
+        for k in range(len(ratios)):
+            force[moved_by[k]] += tau_before[actuators[k]] * ratios[k]
+        shift = len(q) - nv
+        for j in range(nv):
+            if len(moved):
+                work = force[j] * moved[j]
+            elif force[j] != 0.0:
+                work = force[j] * (q[j + shift] - q_before[j + shift])
+            else:
+                work = 0.0
+            sums[WORK] += work
+            sums[THROUGHPUT] += abs(work)
+    if predicted:
+        sums[PREDICTED] += gap
+        for j in range(nv):
+            missed[j] += v[j] - v_before[j] - gap * v_dot_before[j]
+    for i in range(3):
+        momentum = mass * com_velocity[i]
+        acceleration = com_drift[i]
+        for j in range(nv):
+            acceleration += com_jacobian[i, j] * v_dot[j]
+        if predicted:
+            sums[IMPULSE + i] += momentum - sums[MOMENTUM + i] - gap * sums[FORCE + i]
+        sums[MOMENTUM + i], sums[FORCE + i] = momentum, mass * acceleration
+    predicts = True
+    for i in range(len(tau)):
+        predicts &= tau[i] == tau_found[i]
+    sums[PREDICTS] = 1.0 if predicts else 0.0
+    return predicts
+
+
+@compiled(NUMBER, ANY_MATRIX, VECTOR_OUT, ROWS_OUT, VECTOR_OUT, VECTOR_OUT)
+def filter_residuals(time_constant: float, M: Array, sums: Array, vectors: Array, force: Array, torques: Array) -> None:
+    """Filter the unexplained force and generalized force of a span, in place, and begin the next span.
+
+    Args:
+        time_constant: of the filter, s.
+        M: joint-space inertia matrix, (nv, nv).
+        sums: as of `follow`.
+        vectors: as of `follow`.
         force: filtered, (3,) in N; (0,) for a fixed base, which the ground holds.
         torques: filtered, (nv,).
     """
-    for i in range(len(force)):
-        force[i] += share * ((after[i] - before[i]) / gap - before[3 + i] - force[i])
-    for j in range(len(torques)):
-        torques[j] -= share * torques[j]
-    for i in range(len(torques)):
-        unexpected = share * ((v_after[i] - v_before[i]) / gap - v_dot[i])
+    duration = sums[PREDICTED]
+    if duration > 0.0:
+        share = duration / (time_constant + duration)
+        for i in range(len(force)):
+            force[i] += share * (sums[IMPULSE + i] / duration - force[i])
         for j in range(len(torques)):
-            torques[j] += M[j, i] * unexpected
+            torques[j] -= share * torques[j]
+        for i in range(len(torques)):
+            unexpected = share * vectors[0, i] / duration
+            for j in range(len(torques)):
+                torques[j] += M[j, i] * unexpected
+    vectors[0, :] = 0.0
+    for i in range(MOMENTUM):
+        sums[i] = 0.0

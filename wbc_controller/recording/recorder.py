@@ -299,9 +299,10 @@ class Recorder:
         result = taped.result
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
-        left_out, self._left_out = self._left_out, Counter()
+        left_out = self._left_out
         if same and not (taped.apart or taped.requests or taped.changes or refused or taped.problem or left_out):
             return False
+        self._left_out = Counter()
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
         if result.fault is not None and (self._fault is None or self._fault.code != result.fault.code):
             self._trigger = frame(TRIGGER, 0, result.fault.code.encode())

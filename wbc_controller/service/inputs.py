@@ -31,6 +31,7 @@ from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.holding import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
+from wbc_controller.kernels.messages import assemble
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.contact_sensors import KEYS, ContactSensors
@@ -71,7 +72,7 @@ _WAITED = 0.01
 _ESTOP = b"estop"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
 class Latched:
     """All inputs, latched at the start of one cycle.
 
@@ -80,6 +81,7 @@ class Latched:
             odometry, or IMU data from which it has been estimated).
         joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
         ages: age of each part of the state, s; infinite if it has never arrived.
+        stood: how far the stamps have gone on while the clock has stood still, s.
         commands: words on the command topic, in order of arrival.
         changes: sets of changes, in order of arrival; each set is applied whole or not at all.
         refused: a sentence for each message that was refused.
@@ -90,6 +92,7 @@ class Latched:
     state: RobotState | None
     joint_velocity: Array | None
     ages: dict[str, float]
+    stood: float
     commands: tuple[str, ...]
     changes: tuple[tuple[Change | ChangeSettings, ...], ...]
     refused: tuple[str, ...]
@@ -113,11 +116,21 @@ class _Part:
 
 @dataclass(slots=True)
 class _Box:
-    """A stream, and what has been taken from it and not been read, with the times of arrival, s."""
+    """A stream of states.
+
+    Attributes:
+        endpoint: its topic.
+        stream: what has not been taken yet.
+        newest: what has been taken and not been read, with the times of arrival, s.
+        largest: most bytes of a message.
+        part: takes what the messages say; None of a sensor at a contact.
+    """
 
     endpoint: Endpoint
     stream: Stream
     newest: deque[tuple[float, bytes]]
+    largest: int
+    part: _Part | None
 
 
 @dataclass(slots=True)
@@ -173,7 +186,8 @@ class Inputs:
         self._clock_tolerance = clock_tolerance
         self._velocity_filter = velocity_filter
         reader = JointStateReader(model.joints, velocities=velocity_filter is None)
-        self._parts = {"joint_states": _Part(reader, self._tracker())}
+        self._joints = _Part(reader, self._tracker())
+        self._parts = {"joint_states": self._joints}
         self._estimator = estimator
         self._samples: list[ImuSample] = []
         self._poses: list[PoseSample] = []
@@ -209,10 +223,15 @@ class Inputs:
             if endpoint.key in (*self._parts, "pose", *KEYS):
                 kept = {"imu": _MOST_IMU, "pose": _MOST_POSES}.get(endpoint.key, 1)
                 stream = transport.stream(endpoint, max(kept, _STATE_DEPTH))
-                self._boxes.append(_Box(endpoint, stream, deque(maxlen=kept)))
+                part = self._pose if endpoint.key == "pose" else self._parts.get(endpoint.key)
+                largest = _LARGEST[endpoint.key]
+                self._boxes.append(_Box(endpoint, stream, deque(maxlen=kept), largest, part))
             else:
                 transport.subscribe(endpoint, partial(self._put_request, endpoint))
         self._trigger = next(box for box in self._boxes if box.endpoint.key == "joint_states")
+        self._odometry = self._parts.get("odom")
+        self._places = model.q_index.astype(np.int64), model.v_index.astype(np.int64)
+        self._no_base = np.zeros(0), np.zeros(0)
 
     def wait(self, seconds: float) -> bool:
         """Wait until a joint state has come, for an emergency stop, or for `wake`; whether it came to that.
@@ -241,8 +260,10 @@ class Inputs:
         """Take what has come on a stream, date it, and drop what is too large; whether anything is left."""
         taken = box.stream.take()
         for payload in taken:
-            if self._bounded(box.endpoint, payload):
+            if len(payload) <= box.largest:
                 box.newest.append((self._clock.now(), payload))
+            else:
+                self._turn_away(box.endpoint, f"more than {box.largest} bytes")
         return bool(taken) and bool(box.newest)
 
     def begin(self) -> None:
@@ -290,7 +311,7 @@ class Inputs:
 
     def stamp_of_joint_states(self) -> int:
         """Stamp of the newest joint state that was decoded, ns; 0 before the first."""
-        return self._parts["joint_states"].stamp
+        return self._joints.stamp
 
     def status(self) -> dict[str, str]:
         """How the state is made, for diagnostics, by key."""
@@ -302,7 +323,7 @@ class Inputs:
 
     def age_of_joint_states(self) -> float:
         """Age of the newest joint state that was decoded, s; infinite before the first."""
-        return self._parts["joint_states"].stamps.age(self._clock.now())
+        return self._joints.stamps.age(self._clock.now())
 
     def ages(self) -> dict[str, float]:
         """Age of each part of the state at this moment, by its stamp, s; infinite before the first."""
@@ -311,10 +332,6 @@ class Inputs:
         if self._estimator is not None:
             ages[ESTIMATE] = 0.0 if self._base is not None else math.inf
         return ages
-
-    def stood(self) -> float:
-        """How far the stamps have gone on while the clock has stood still, s."""
-        return max(part.stamps.stood for part in self._parts.values())
 
     def latch(self, holding: Collection[str] = (), *, held: bool = False) -> Latched:
         """Decode the newest state, and take the requests that have been read.
@@ -327,13 +344,15 @@ class Inputs:
         refused: list[str] = []
         for box in self._boxes:
             self._collect(box)
-            endpoint = box.endpoint
-            while box.newest:
-                received, payload = box.newest.popleft()
-                reason = self._attempt(endpoint, partial(self._read_state, endpoint, received, payload))
-                if reason is not None:
-                    self._notes[endpoint.key] = reason
-                    refused.append(f"{endpoint.name}: {reason}")
+            newest = box.newest
+            while newest:
+                received, payload = newest.popleft()
+                try:
+                    self._read_state(box, received, payload)
+                except Exception as error:
+                    reason = self._refusal(box.endpoint, error)
+                    self._notes[box.endpoint.key] = reason
+                    refused.append(f"{box.endpoint.name}: {reason}")
         if self._estimator is not None:
             self.holding = holding
             if self._contact_sensors is not None:
@@ -345,6 +364,24 @@ class Inputs:
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
+        stood = 0.0
+        for part in self._parts.values():
+            if part.stamps.stood > stood:
+                stood = part.stamps.stood
+        velocity = self._joints.v if len(self._joints.v) else None
+        about = self._about_poses() if self._pose is not None else {}
+        latched = Latched(self._state(), velocity, self.ages(), stood, (), (), (), 0, about)
+        if refused or self._read or self._turned_away or self._estop.is_set():
+            self._latch_requests(latched, refused)
+        return latched
+
+    def _latch_requests(self, latched: Latched, refused: list[str]) -> None:
+        """Add the requests that have been read, and what was refused with the states.
+
+        Args:
+            latched: takes them.
+            refused: a sentence for each message that was refused so far.
+        """
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
         stopped = self._estop.is_set()
@@ -362,10 +399,8 @@ class Inputs:
             changes += read.changes
             refused += read.refused
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
-        return Latched(
-            self._state(), self._joint_velocity(), self.ages(), tuple(commands), tuple(changes),
-            tuple(refused), taken=stopped + len(taken) + sum(turned_away.values()), estimate=self._about_poses(),
-        )  # fmt: skip
+        latched.commands, latched.changes, latched.refused = tuple(commands), tuple(changes), tuple(refused)
+        latched.taken = stopped + len(taken) + sum(turned_away.values())
 
     def _about_poses(self) -> dict[str, str]:
         """What to know about absolute poses: their age, and what became of them."""
@@ -394,18 +429,16 @@ class Inputs:
                 notes[name] = f"{waited:.3f} s of it on its way"
         return notes
 
-    def _bounded(self, endpoint: Endpoint, payload: bytes) -> bool:
-        """Whether a message is within the size of its topic; it is counted where it is not."""
-        largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
-        if len(payload) <= largest:
-            return True
+    def _turn_away(self, endpoint: Endpoint, why: str) -> None:
+        """Count a message that is not even read."""
         with self._waiting:
-            self._turned_away[endpoint.name, f"more than {largest} bytes"] += 1
-        return False
+            self._turned_away[endpoint.name, why] += 1
 
     def _put_request(self, endpoint: Endpoint, payload: bytes) -> None:
         """Store a request; a stop has a way of its own, which no other request can fill."""
-        if not self._bounded(endpoint, payload):
+        largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
+        if len(payload) > largest:
+            self._turn_away(endpoint, f"more than {largest} bytes")
             return
         if endpoint.key == "command" and _ESTOP in payload and decode(payload, endpoint.type).data.strip() == "estop":
             self._estop.set()
@@ -439,47 +472,52 @@ class Inputs:
     def _decoded(self, endpoint: Endpoint, payload: bytes) -> _Read:
         """Decode and validate one request."""
         read = _Read()
-        reason = self._attempt(endpoint, partial(self._read_request, endpoint, payload, read))
-        return read if reason is None else _Read(refused=[f"{endpoint.name}: {reason}"])
-
-    def _attempt(self, endpoint: Endpoint, read: Callable[[], None]) -> str | None:
-        """Read a message; the reason for its refusal, if it is refused."""
         try:
-            read()
-        except (InputRefused, ConfigurationError) as refusal:
-            reason = str(refusal)
-        except Exception as error:  # a message that exposes a bug must not end the loop
-            _log.exception("reading a message on %s failed", endpoint.name)
+            self._read_request(endpoint, payload, read)
+        except Exception as error:
+            return _Read(refused=[f"{endpoint.name}: {self._refusal(endpoint, error)}"])
+        return read
+
+    def _refusal(self, endpoint: Endpoint, error: Exception) -> str:
+        """The reason why a message is refused, from what was raised while it was read."""
+        if isinstance(error, InputRefused | ConfigurationError):
+            reason = str(error)
+        else:  # a message that exposes a bug must not end the loop
+            _log.error("reading a message on %s failed", endpoint.name, exc_info=error)
             reason = f"cannot be read: {type(error).__name__}: {error}"
-        else:
-            return None
         return reason if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + "…"
 
-    def _read_state(self, endpoint: Endpoint, received: float, payload: bytes) -> None:
+    def _read_state(self, box: _Box, received: float, payload: bytes) -> None:
         """Read one part of the state, and judge its stamp; one that is refused leaves the last in force."""
-        key = endpoint.key
-        if key in KEYS and self._contact_sensors is not None:
-            reason = self._contact_sensors.read(endpoint, received, payload)
-            if reason is not None:
-                raise InputRefused(reason)
+        part = box.part
+        if part is None:
+            self._read_contact(box.endpoint, received, payload)
             return
-        part = self._pose if key == "pose" and self._pose is not None else self._parts[key]
         stamp, q, v = part.reader.read(payload)
         reason = part.stamps.judge(stamp, received)
         if reason is not None:
             raise InputRefused(reason)
-        if key == "joint_states" and self._velocity_filter is not None:
+        if part is self._joints and self._velocity_filter is not None:
             v = self._velocity_filter.update(stamp, q)
         part.stamp, part.q, part.v = stamp, q, v
-        self._notes.pop(key, None)
+        key = box.endpoint.key
+        if self._notes:
+            self._notes.pop(key, None)
         if key == "imu":
             self._samples.append(ImuSample(1.0e-9 * stamp, q, v))
         elif key == "pose":
             self._poses.append(PoseSample(1.0e-9 * stamp, q, v))
 
+    def _read_contact(self, endpoint: Endpoint, received: float, payload: bytes) -> None:
+        """Read what a sensor at a contact says."""
+        if self._contact_sensors is not None:
+            reason = self._contact_sensors.read(endpoint, received, payload)
+            if reason is not None:
+                raise InputRefused(reason)
+
     def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
         """Estimate the base from what has come; a sentence for each contact that is newly left out, and each pose."""
-        joints, before = self._parts["joint_states"], estimator.slipping
+        joints, before = self._joints, estimator.slipping
         samples, self._samples = self._samples, []
         if not samples or not len(joints.v):
             del self._poses[:-_MOST_POSES]
@@ -511,21 +549,24 @@ class Inputs:
                 self._prepare(change.settings)
         read.changes.append(changes)
 
-    def _joint_velocity(self) -> Array | None:
-        part = self._parts["joint_states"]
-        return part.v if len(part.v) else None
-
     def _state(self) -> RobotState | None:
+        for part in self._parts.values():
+            if not len(part.v):
+                return None
+        joints, odometry = self._joints, self._odometry
+        pose, twist = self._no_base
+        if odometry is not None:
+            pose, twist = odometry.q, odometry.v
+        elif self._estimator is not None:
+            if self._base is None:
+                return None
+            pose, twist = self._base
         model = self._model
-        if any(not len(part.v) for part in self._parts.values()):
-            return None
-        joints = self._parts["joint_states"]
-        base = self._base
-        if "odom" in self._parts:
-            base = self._parts["odom"].q, self._parts["odom"].v
-        elif self._estimator is not None and base is None:
-            return None
-        q, v = model.state(joints.q, joints.v, *(base or ()))
+        q, v = np.empty(model.nq), np.empty(model.nv)
+        assemble(joints.q, joints.v, *self._places, pose, twist, q, v)
+        if model.followers is not None:
+            model.followers.place(q)
+            model.followers.move(v)
         q.setflags(write=False)
         v.setflags(write=False)
         return RobotState(joints.stamp, q, v)

@@ -9,7 +9,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from wbc_controller.control.controller import Controller
 from wbc_controller.control.result import CycleResult
@@ -33,6 +33,8 @@ _MOST_SAID = 20
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 #: Longest time for which the interpreter leaves another thread running while the loop waits for it, s.
 _SWITCH_INTERVAL = 5.0e-4
+#: Modes in which the torques follow the references, or hold.
+_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
 
 
 class ControlLoop:
@@ -89,54 +91,64 @@ class ControlLoop:
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""
-        started = self._timer()
-        held = self.controller.mode in (Mode.ACTIVE, Mode.HOLDING)
-        latched = self._inputs.latch(self.controller.holding, held=held)
-        timeout = self.controller.state_timeout
-        stood = self._inputs.stood()
-        now = self._clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
-        trouble = self._clock.trouble()
+        timer, clock, controller, outputs = self._timer, self._clock, self.controller, self._outputs
+        started = timer()
+        latched = self._inputs.latch(controller.holding, held=controller.mode in _UNDER_CONTROL)
+        timeout, ages = controller.state_timeout, latched.ages
+        stood = latched.stood
+        now = clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
+        trouble = clock.trouble()
         if trouble:
             self._inputs.restart()
         elif not (stood <= timeout):
             trouble = (
                 f"the clock has stood still for {1e3 * stood:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
             )
-        problem = Fault("CLOCK", trouble) if trouble else None
-        problem = problem or stale_inputs(latched.ages, timeout, self._inputs.notes)
+        problem = Fault("CLOCK", trouble) if trouble else stale_inputs(ages, timeout, self._inputs.notes)
         self._ownership.refresh(now)
-        requests, refused = self._requests(latched.commands, problem)
-        fresh = latched.ages["joint_states"] <= timeout
-        stages = {"read": self._timer() - started}
-        result = self.controller.cycle(
+        requests = latched.commands
+        refused: tuple[str, ...] = ()
+        if requests or self._activate_when_fresh:
+            requests, refused = self._requests(requests, problem)
+        read = timer() - started
+        result = controller.cycle(
             now,
             latched.state,
-            latched.joint_velocity if fresh else None,
+            latched.joint_velocity if ages["joint_states"] <= timeout else None,
             problem=problem,
             requests=requests,
             changes=latched.changes,
         )
         late = None
-        passed = self._clock.now() + stood - now
-        if result.solution is not None and not max(latched.ages.values()) + passed <= timeout:
+        passed = clock.now() + stood - now
+        if result.solution is not None and not max(ages.values()) + passed <= timeout:
             late = stale_inputs(self._inputs.ages(), timeout)
         if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
-            result = self.controller.cycle(self._clock.now() + stood, latched.state, None, problem=late)
-        stages |= result.stage_seconds
-        decided = self._timer()
-        self._outputs.publish_command(result)
-        stages["write"] = self._timer() - decided
-        stages["total"] = self._timer() - started
-        self.controller.explain_failure(now)
-        audit = self._audited(result)
-        stages["audit"] = self._timer() - started - stages["total"]
+            result = controller.cycle(clock.now() + stood, latched.state, None, problem=late)
+        decided = timer()
+        outputs.publish_command(result)
+        sent = timer()
+        controller.explain_failure(now)
+        state, solution, references = result.state, result.solution, result.references
+        audit = None
+        if state is not None:
+            # While it is not active, the supervisor may have refused the very state.
+            trusted = solution if result.mode is Mode.ACTIVE else None
+            audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
+        stages = {
+            "read": read,
+            **result.stage_seconds,
+            "write": sent - decided,
+            "total": sent - started,
+            "audit": timer() - sent,
+        }
         report = self._report(latched, result, stages, refused, audit)
-        self._outputs.publish_status(report, now, self._clock.stamp())
-        dynamics = self.controller.qp.dynamics
-        self._outputs.publish_tasks(now, latched.state, dynamics, result.references, result.solution)
-        self._outputs.publish_markers(now, latched.state, result.references, result.solution)
-        self._outputs.compose()
-        self._say(report, now)
+        outputs.publish_status(report, now, clock.stamp())
+        outputs.publish_tasks(now, latched.state, controller.qp.dynamics, references, solution)
+        outputs.publish_markers(now, latched.state, references, solution)
+        outputs.compose()
+        if self._said or report.refused or report.fault is not None:
+            self._say(report, now)
         for observer in self.observers:
             observer(report)
         self._cycle += 1
@@ -172,42 +184,24 @@ class ControlLoop:
                 self._said[topic] = now
                 _log.warning("%s", sentence)
 
-    def _audited(self, result: CycleResult) -> AuditReport | None:
-        """Compare the motion with the model; called after the torques are sent, so that they need not wait."""
-        if result.state is None:
-            return None
-        # While it is not active, the supervisor may have refused the very state.
-        solution = result.solution if result.mode is Mode.ACTIVE else None
-        return self._audit.look(result.state, self.controller.qp.dynamics, solution, result.command)
-
     def _report(
         self,
         latched: Latched,
         result: CycleResult,
-        stages: dict[str, float],
+        stages: Mapping[str, float],
         refused: tuple[str, ...] = (),
         audit: AuditReport | None = None,
     ) -> CycleReport:
+        state, references, ownership = latched.state, result.references, self._ownership
+        if latched.refused or refused or result.refused:
+            refused = (*latched.refused, *refused, *result.refused)
+        # In the order of the fields, since names would take as long as all the rest.
         return CycleReport(
-            cycle=self._cycle,
-            stamp=latched.state.stamp if latched.state is not None else 0,
-            mode=result.mode,
-            fault=result.fault,
-            command=result.command,
-            solution=result.solution,
-            ages=latched.ages,
-            refused=(*latched.refused, *refused, *result.refused),
-            stage_seconds=stages,
-            deadlines_missed=self._deadlines_missed,
-            audit=audit,
-            requests=latched.commands,
-            contested=self._ownership.contested,
-            shared=self._ownership.shared,
-            taken=latched.taken,
-            weights=result.references.weights if result.references is not None else {},
-            state=latched.state,
-            estimate=latched.estimate,
-        )
+            self._cycle, state.stamp if state is not None else 0, result.mode, result.fault, result.command,
+            result.solution, latched.ages, refused, stages, self._deadlines_missed, audit, latched.commands,
+            ownership.contested, ownership.shared, latched.taken, references.weights if references is not None else {},
+            state, latched.estimate,
+        )  # fmt: skip
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
         """Run cycles until stopped.

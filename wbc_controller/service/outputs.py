@@ -19,7 +19,7 @@ from wbc_controller.diagnostics.markers import MarkerScene
 from wbc_controller.diagnostics.shortfall import Shortfall
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.diagnostics.task_states import TaskStates
-from wbc_controller.records import CycleReport, Mode, References, RobotState, Solution
+from wbc_controller.records import CycleReport, Fault, Mode, References, RobotState, Solution
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, header, message, torques
@@ -88,7 +88,8 @@ class Outputs:
             name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), _WRENCH)
             for name, contact in contacts.items()
         }
-        self._state_said: tuple[object, object] | None = None
+        self._mode_said: Mode | None = None
+        self._fault_said: Fault | None = None
         self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
         self._diagnostics_period = diagnostics_period
         self._diagnostics_due = -np.inf
@@ -105,18 +106,20 @@ class Outputs:
 
     def publish_command(self, result: CycleResult) -> None:
         """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
-        command, solution = result.command, result.solution
+        command, solution, publish = result.command, result.solution, self._publish
         if command is not None:
-            self._publish["effort", ""](self._efforts.write(0, self._actuation.command(command.tau)))
-            joints = self._actuation.at_joints(command.tau)
+            tau, actuation = command.tau, self._actuation
+            publish["effort", ""](self._efforts.write(0, actuation.command(tau)))
+            joints = actuation.at_joints(tau)
             payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
-            self._publish["joint_commands", ""](payload)
+            publish["joint_commands", ""](payload)
         if solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
+            stamp, forces = result.state.stamp, solution.forces
             for name, contact in self._contacts.items():
-                force = solution.forces.get(name)
+                force = forces.get(name)
                 if force is not None:
-                    payload = self._wrenches[name].write(result.state.stamp, contact.basis @ force)
-                    self._publish["contact_wrench", name](payload)
+                    payload = self._wrenches[name].write_product(stamp, contact.basis, force)
+                    publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:
         """Send zero torques, whatever has failed: the bytes were made at the start."""
@@ -130,16 +133,16 @@ class Outputs:
             now: time on the clock of the loop, s.
             wall: time for the headers, ns.
         """
-        said = (report.mode, report.fault)
-        if said != self._state_said:
-            self._state_said = said
+        mode, fault = report.mode, report.fault
+        if mode is not self._mode_said or (fault is not self._fault_said and fault != self._fault_said):
+            self._mode_said, self._fault_said = mode, fault
             text = report.mode.value
             if report.fault is not None:
                 text += f" {report.fault.code}: {report.fault.sentence}"
             self._send("state", message("std_msgs/msg/String", data=text))
         self._summary.add(report)
-        self._news = self._news or bool(report.refused) or report.contested != self._contested_said
-        self._contested_said = report.contested
+        if report.refused or report.contested != self._contested_said:
+            self._news, self._contested_said = True, report.contested
         if now >= self._diagnostics_due or (self._news and "diagnostics" not in self._composed):
             self._news = False
             self._diagnostics_due = now + self._diagnostics_period

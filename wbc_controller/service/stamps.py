@@ -43,7 +43,9 @@ class StampTracker:
             tolerance: how far a stamp may be ahead of that clock, s.
         """
         self.stood = 0.0
-        self._newest = (0, -math.inf)  # stamp and arrival of the newest message, whether it was accepted or not
+        # Of the newest message, whether it was accepted or not.
+        self._newest = 0
+        self._came = -math.inf
         self._last_refused = False
         self._refused = 0.0  # by how much the stamps of refused messages went on since one was accepted, s
         self._ahead = ahead
@@ -64,46 +66,61 @@ class StampTracker:
         """
         if not stamp > 0:
             return "header.stamp is 0; a state without a time cannot be used"
-        step = (stamp - self._newest[0]) * 1.0e-9
-        if arrival != self._newest[1]:
+        step = (stamp - self._newest) * 1.0e-9
+        if arrival != self._came:
             self.stood = 0.0
         elif 0.0 < step <= _AHEAD:  # another step is a stamp that contradicts the others
             self.stood += step
-        self._newest = stamp, arrival
-        reason = self._judged(stamp, arrival)
-        if reason is None:
-            self._last_refused = False
-            self._refused = 0.0
-        else:
+        self._newest, self._came = stamp, arrival
+        ahead = self._ahead
+        reason = self._too_early(stamp * 1.0e-9 - (arrival + ahead())) if ahead is not None else None
+        if reason is None and self._arrival > -math.inf:
+            reason = self._contradiction(stamp, arrival)
+        if reason is not None:
             if self._last_refused and 0.0 < step <= _AHEAD:
                 self._refused += step
             self._last_refused = True
-        return reason
-
-    def _judged(self, stamp: int, arrival: float) -> str | None:
-        """As `judge`, of a stamp that is a time."""
-        if self._ahead is not None:
-            ahead = stamp * 1.0e-9 - (arrival + self._ahead())
-            if not (ahead <= self._tolerance):
-                return (
-                    f"header.stamp is {ahead:.3f} s ahead of this computer's clock (limit {1e3 * self._tolerance:.0f} "
-                    "ms, safety.clock_tolerance)"
-                )
-        if self._arrival > -math.inf:
-            reason = self._contradiction(stamp, arrival)
-            if reason is not None:
-                self._contradicted = min(self._contradicted, arrival)
-                if arrival - self._contradicted < _REBASE:
-                    return reason
-                self._offset = math.inf
-        self._contradicted = math.inf
+            return reason
+        self._last_refused = False
+        self._refused = 0.0
         lag = arrival - stamp * 1.0e-9
-        self._may_rise = min(self._may_rise + _SLOWER * (arrival - self._arrival), _GAP)
-        rise = min(max(stamp - self._stamp, 0) * 1.0e-9, self._may_rise)
-        self._may_rise -= rise
-        self._offset = min(lag, self._offset + rise)
+        may_rise = self._may_rise + _SLOWER * (arrival - self._arrival)
+        if may_rise > _GAP:
+            may_rise = _GAP
+        rise = (stamp - self._stamp) * 1.0e-9 if stamp > self._stamp else 0.0
+        if rise > may_rise:
+            rise = may_rise
+        self._may_rise = may_rise - rise
+        offset = self._offset + rise
+        self._offset = offset if offset < lag else lag
         self._lag, self._stamp, self._arrival = lag, stamp, arrival
         return None
+
+    def _too_early(self, ahead: float) -> str | None:
+        if ahead <= self._tolerance:
+            return None
+        return (
+            f"header.stamp is {ahead:.3f} s ahead of this computer's clock (limit {1e3 * self._tolerance:.0f} "
+            "ms, safety.clock_tolerance)"
+        )
+
+    def _contradiction(self, stamp: int, arrival: float) -> str | None:
+        """Why a stamp contradicts those before; None where it does not, or where it begins a new time."""
+        step = (stamp - self._stamp) * 1.0e-9
+        ahead = step - (arrival - self._arrival)
+        if step > 0.0 and (ahead <= _AHEAD or self._ahead is not None):
+            self._contradicted = math.inf
+            return None
+        if arrival < self._contradicted:
+            self._contradicted = arrival
+        if arrival - self._contradicted >= _REBASE:
+            self._offset = self._contradicted = math.inf
+            return None
+        if step == 0.0:
+            return f"header.stamp stands still at {stamp * 1e-9:.3f} s"
+        if step < 0.0:
+            return f"header.stamp is {-step:.3f} s before that of the last message"
+        return f"header.stamp is {ahead:.3f} s ahead of the messages before"
 
     def age(self, now: float) -> float:
         """Age of what the newest message says, s; infinite where none was accepted.
@@ -119,7 +136,7 @@ class StampTracker:
             age = now + self.stood + self._ahead() - self._stamp * 1.0e-9
         else:
             age = now - self._arrival + (self._lag - self._offset)
-        return max(age, self._refused)
+        return self._refused if self._refused > age else age
 
     def waited(self, now: float) -> float:
         """What of the age was before the arrival of the newest message, s; 0 where none was accepted.
@@ -128,14 +145,3 @@ class StampTracker:
             now: s, on our clock.
         """
         return self.age(now) - (now - self._arrival) if self._arrival > -math.inf else 0.0
-
-    def _contradiction(self, stamp: int, arrival: float) -> str | None:
-        step = (stamp - self._stamp) * 1.0e-9
-        if step == 0.0:
-            return f"header.stamp stands still at {stamp * 1e-9:.3f} s"
-        if step < 0.0:
-            return f"header.stamp is {-step:.3f} s before that of the last message"
-        ahead = step - (arrival - self._arrival)
-        if ahead > _AHEAD and self._ahead is None:
-            return f"header.stamp is {ahead:.3f} s ahead of the messages before"
-        return None

@@ -27,6 +27,7 @@ from wbc_controller.core.references.trajectories import Knot
 from wbc_controller.core.tasks import AxisAlignmentTask, FrameOrientationTask, FramePoseTask, GazeTask, RelativePoseTask
 from wbc_controller.core.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
 from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.kernels.messages import normalize
 from wbc_controller.records import Array, ChangeSettings
 from wbc_controller.settings.files import read_yaml
 from wbc_controller.wire.joint_order import no_duplicates
@@ -106,7 +107,10 @@ def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
     if content.child_frame_id not in ("", base_link):
         raise InputRefused(f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {base_link!r}")
     pose, twist = content.pose.pose, content.twist.twist
-    q = finite([pose.position.x, pose.position.y, pose.position.z, *_quaternion(pose.orientation)], "the pose")
+    _quaternion(pose.orientation)
+    turned = pose.orientation
+    q = finite([*_xyz(pose.position), turned.x, turned.y, turned.z, turned.w], "the pose")
+    normalize(q, 3)
     v = finite([*_xyz(twist.linear), *_xyz(twist.angular)], "the twist")
     return q, v
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.kernels.messages import write, write_product
 from wbc_controller.records import Array
 from wbc_controller.wire.messages import encode
 
@@ -23,6 +24,7 @@ _STAMP = struct.Struct("<iI")
 _START = 4
 #: Two fillings of a message's numbers that differ in every byte.
 _FILLINGS = (0x11, 0x22)
+_NONE = np.zeros(0)
 
 
 class FixedShape:
@@ -48,18 +50,18 @@ class FixedShape:
                 start = (int(bytes_of_numbers[seen]) - _START) // 8
                 self._places[path] = slice(start, start + count)
                 seen += 8 * count
-        self._size = len(first)
         edges = np.flatnonzero(np.diff(np.concatenate([[True], varies, [True]]))).tolist()
-        self._around = [
-            (start, stop, first[start:stop].tobytes()) for start, stop in zip(edges[::2], edges[1::2], strict=True)
-        ]
+        #: A message of this shape, and the begin and end of each piece of it in which all of them agree, (2 n,).
+        self.like, self.edges = first.tobytes(), np.array(edges, dtype=np.int64)
 
     def fits(self, payload: bytes) -> bool:
         """Whether a serialized message has this shape."""
-        return len(payload) == self._size and all(payload[start:stop] == same for start, stop, same in self._around)
+        return len(payload) == len(self.like) and all(
+            payload[start:stop] == self.like[start:stop] for start, stop in self.edges.reshape(-1, 2).tolist()
+        )
 
     def place(self, *paths: str) -> slice:
-        """Where numbers stand in `numbers`.
+        """Where numbers stand in `numbers`; `bytes_at` says where that is in the bytes.
 
         Args:
             paths: such as ``position`` or ``pose.pose.position.x``; several directly follow one another. A stamp is the
@@ -73,6 +75,12 @@ class FixedShape:
         if any(before.stop != after.start for before, after in itertools.pairwise(places)):
             raise ValueError(f"{', '.join(paths)} do not follow one another")
         return slice(places[0].start, places[-1].stop)
+
+
+def bytes_at(place: slice | np.ndarray) -> np.ndarray:
+    """Where the first byte of each number at places of a `FixedShape` stands in its bytes, (k,)."""
+    index = np.arange(place.start, place.stop) if isinstance(place, slice) else place
+    return _START + 8 * index.astype(np.int64)
 
 
 def numbers(payload: bytes | bytearray) -> Array:
@@ -94,26 +102,49 @@ class Template:
 
         Args:
             content: a message of the shape; numbers that are not named in `fields`, its stamp aside, keep their values.
-            fields: the numbers that `write` takes, each by the paths of numbers that follow one another.
+            fields: the numbers that `write` takes, each by the paths of numbers that follow one another; three of them
+                at most.
         """
-        shape = FixedShape(content)
-        self._bytes = bytearray(encode(content))
-        self._numbers = numbers(self._bytes)
-        self._fields = [shape.place(*paths) for paths in fields]
-        self._stamp = _START + 8 * shape.place("header.stamp").start if hasattr(content, "header") else None
+        shape, payload = FixedShape(content), encode(content)
+        # The kernel takes aligned numbers: the four bytes before them are the last of a number that is none.
+        room = np.zeros(len(payload) // 8 + 2)
+        self._payload = room.view(np.uint8)[_START : _START + len(payload)]
+        self._payload[:] = np.frombuffer(payload, dtype=np.uint8)
+        stamp = shape.place("header.stamp").start if hasattr(content, "header") else -1
+        self._numbers, self._stamp = room[1:], stamp
+        places = [shape.place(*paths) for paths in fields] + [slice(0, 0)] * (3 - len(fields))
+        self._fields = np.array([[place.start, place.stop] for place in places], dtype=np.int64).reshape(-1)
 
-    def write(self, nanoseconds: int, *values: Any) -> bytes:
+    def write(self, nanoseconds: int, one: Array = _NONE, two: Array = _NONE, three: Array = _NONE) -> bytes:
         """Serialize a message.
 
         Args:
             nanoseconds: the stamp, ns; without effect in a message without a header.
-            values: one array for each of the fields, of its size.
+            one: the numbers of the first field, of its size; likewise the next ones.
+            two: of the second field.
+            three: of the third field.
+
+        Raises:
+            ValueError: where they have another size.
         """
-        if self._stamp is not None:
-            _STAMP.pack_into(self._bytes, self._stamp, *divmod(nanoseconds, 1_000_000_000))
-        for place, value in zip(self._fields, values, strict=True):
-            self._numbers[place] = value
-        return bytes(self._bytes)
+        if not write(self._numbers, self._stamp, nanoseconds, self._fields, one, two, three):
+            raise ValueError(f"{len(one)}, {len(two)} and {len(three)} numbers for the fields {self._fields}")
+        return self._payload.tobytes()
+
+    def write_product(self, nanoseconds: int, matrix: Array, vector: Array) -> bytes:
+        """Serialize a message whose only field is a product.
+
+        Args:
+            nanoseconds: the stamp, ns; without effect in a message without a header.
+            matrix: (m, k), for a field of m numbers.
+            vector: (k,).
+
+        Raises:
+            ValueError: where they have another size.
+        """
+        if not write_product(self._numbers, self._stamp, nanoseconds, self._fields, matrix, vector):
+            raise ValueError(f"a matrix {matrix.shape} and {len(vector)} numbers for the field {self._fields[:2]}")
+        return self._payload.tobytes()
 
 
 def _is_message(value: object) -> bool:

@@ -2,38 +2,62 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from wbc_controller.core.tasks.form import unit_quaternion
 from wbc_controller.errors import InputRefused
+from wbc_controller.kernels.messages import read
 from wbc_controller.records import Array
 from wbc_controller.wire import decoding
-from wbc_controller.wire.in_place import FixedShape, numbers, read_stamp
+from wbc_controller.wire.in_place import FixedShape, bytes_at
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode
 
 _POSITION, _ORIENTATION = "pose.pose.position.", "pose.pose.orientation."
 _LINEAR, _ANGULAR = "twist.twist.linear.", "twist.twist.angular."
+_NOWHERE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Where the two groups of numbers that a stream tells stand in its messages, as `kernels.messages.read` takes it.
+
+    Attributes:
+        first: places of the numbers of the first group, (k,).
+        second: of the second, (m,).
+        first_largest: the largest magnitude that a number of the first group may have.
+        second_largest: likewise.
+        quaternion: index in the first group of a unit quaternion, which is normalized; -1 where there is none.
+        unmeasured: places of numbers that are not -1, which says that there is no measurement.
+    """
+
+    first: np.ndarray
+    second: np.ndarray = field(default_factory=lambda: _NOWHERE)
+    first_largest: float = sys.float_info.max
+    second_largest: float = sys.float_info.max
+    quaternion: int = -1
+    unmeasured: np.ndarray = field(default_factory=lambda: _NOWHERE)
 
 
 class StateReader(ABC):
     """Reads one stream of states.
 
     Messages are read by the codec, and checked, until two in a row have the same size. From then on those of the same
-    shape are read in place, which gives the same values; a message of another shape, or with a value that is refused,
-    is read by the codec again.
+    shape are read in place, in one kernel, which gives the same values; a message of another shape, or with a value
+    that is refused, is read by the codec again.
     """
 
     type: str
 
     def __init__(self) -> None:
         self._shape: FixedShape | None = None
-        self._stamp = slice(0)
+        self._known: tuple[Any, ...] = ()  # what the kernel takes, beside the message and arrays for its numbers
+        self._sizes = 0, 0
         self._size = 0  # of the last message that was read by the codec
 
     def read(self, payload: bytes) -> tuple[int, Array, Array]:
@@ -47,37 +71,39 @@ class StateReader(ABC):
             InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
                 that a state can have.
         """
-        if self._shape is not None and self._shape.fits(payload):
-            seconds, rest = read_stamp(payload, self._stamp)
-            values = self._in_place(numbers(payload))
-            if values is not None and seconds >= 0 and rest < 1_000_000_000:
-                return seconds * 1_000_000_000 + rest, *values
+        if self._known:
+            sizes = self._sizes
+            first, second = np.empty(sizes[0]), np.empty(sizes[1])
+            stamp: int = read(payload, *self._known, first, second)  # type: ignore[call-arg]  # it is one tuple of all
+            if stamp >= 0:
+                return stamp, first, second
+        return self._read(payload)
+
+    def _read(self, payload: bytes) -> tuple[int, Array, Array]:
+        """Read a message by the codec, and learn its shape."""
         content = decode(payload, self.type)
         q, v = self._by_codec(content)
         stamp = decoding.stamp_of(content)
-        self._learn(payload, content)
-        return stamp, q, v
-
-    def _learn(self, payload: bytes, content: Any) -> None:
         if len(payload) != self._size:
             self._size = len(payload)
-            return
+            return stamp, q, v
         shape = FixedShape(content)
         if shape.fits(payload):  # it does not where a writer leaves other bytes than zero between fields
-            self._shape, self._stamp = shape, shape.place("header.stamp")
-            self._find(shape)
+            self._shape, places = shape, self._find(shape)
+            self._sizes = len(places.first), len(places.second)
+            self._known = (
+                shape.like, shape.edges, int(bytes_at(shape.place("header.stamp"))[0]), places.unmeasured,
+                places.first, places.first_largest, places.quaternion, places.second, places.second_largest,
+            )  # fmt: skip
+        return stamp, q, v
 
     @abstractmethod
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
         """What a message tells."""
 
     @abstractmethod
-    def _find(self, shape: FixedShape) -> None:
+    def _find(self, shape: FixedShape) -> _Places:
         """Find the values of the last message in its shape."""
-
-    @abstractmethod
-    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        """What a message tells, from its numbers; None where the codec's way has to say that it is refused."""
 
 
 class JointStateReader(StateReader):
@@ -98,23 +124,14 @@ class JointStateReader(StateReader):
         super().__init__()
         self._order = JointOrder(joints)
         self._columns = ("position", "velocity") if velocities else ("position",)
-        self._index = np.zeros((len(self._columns), 0), dtype=np.intp)
 
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        return _pair(self._order.columns(content, *self._columns))
+        columns = self._order.columns(content, *self._columns)
+        return columns[0], columns[1] if len(columns) > 1 else np.zeros(0)
 
-    def _find(self, shape: FixedShape) -> None:
-        starts = [shape.place(column).start for column in self._columns]
-        self._index = np.stack([start + self._order.index for start in starts])
-
-    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        own = values[self._index]
-        return _pair(list(own)) if math.isfinite(np.vdot(own, own)) else None  # of huge values the codec's way decides
-
-
-def _pair(columns: Sequence[Array]) -> tuple[Array, Array]:
-    """Positions, and velocities where they were read."""
-    return columns[0], columns[1] if len(columns) > 1 else np.zeros(0)
+    def _find(self, shape: FixedShape) -> _Places:
+        columns = [bytes_at(shape.place(column).start + self._order.index) for column in self._columns]
+        return _Places(columns[0], columns[1] if len(columns) > 1 else _NOWHERE)
 
 
 class OdometryReader(StateReader):
@@ -130,26 +147,17 @@ class OdometryReader(StateReader):
         """
         super().__init__()
         self._base_link = base_link
-        self._index = np.zeros(0, dtype=np.intp)  # of the pose, then of the twist
 
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
         return decoding.read_odometry(content, self._base_link)
 
-    def _find(self, shape: FixedShape) -> None:
-        pose = shape.place(*(_POSITION + axis for axis in "xyz"), *(_ORIENTATION + axis for axis in "xyzw"))
+    def _find(self, shape: FixedShape) -> _Places:
         twist = shape.place(*(kind + axis for kind in (_LINEAR, _ANGULAR) for axis in "xyz"))
-        self._index = np.r_[pose, twist]
+        return _Places(bytes_at(_pose_in(shape)), bytes_at(twist), quaternion=3)
 
-    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        own = values[self._index]
-        if not math.isfinite(np.vdot(own, own)):
-            return None
-        pose, twist = own[:7], own[7:]
-        try:
-            pose[3:] = unit_quaternion(pose[3:], "")
-        except InputRefused:
-            return None  # the codec's way says it in full
-        return pose, twist
+
+def _pose_in(shape: FixedShape) -> slice:
+    return shape.place(*(_POSITION + axis for axis in "xyz"), *(_ORIENTATION + axis for axis in "xyzw"))
 
 
 class PoseReader(StateReader):
@@ -157,22 +165,21 @@ class PoseReader(StateReader):
 
     type = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._pose = self._covariance = slice(0)
+    def read(self, payload: bytes) -> tuple[int, Array, Array]:
+        """As `StateReader.read`."""
+        stamp, pose, covariance = super().read(payload)
+        if covariance.ndim == 1:  # it was read in place
+            try:
+                return stamp, *decoding.checked_pose(pose, covariance)
+            except InputRefused:
+                return self._read(payload)  # the codec's way says it in full
+        return stamp, pose, covariance
 
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
         return decoding.read_pose(content)
 
-    def _find(self, shape: FixedShape) -> None:
-        self._pose = shape.place(*(_POSITION + axis for axis in "xyz"), *(_ORIENTATION + axis for axis in "xyzw"))
-        self._covariance = shape.place("pose.covariance")
-
-    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        try:
-            return decoding.checked_pose(values[self._pose], values[self._covariance])
-        except InputRefused:
-            return None  # the codec's way says it
+    def _find(self, shape: FixedShape) -> _Places:
+        return _Places(bytes_at(_pose_in(shape)), bytes_at(shape.place("pose.covariance")))
 
 
 class ImuReader(StateReader):
@@ -188,24 +195,18 @@ class ImuReader(StateReader):
         """
         super().__init__()
         self._frame = frame
-        self._turning = self._force = slice(0)
-        self._unmeasured: tuple[int, ...] = ()  # places at which -1 says that there is no measurement
 
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
         return decoding.read_imu(content, self._frame)
 
-    def _find(self, shape: FixedShape) -> None:
-        self._turning = shape.place(*("angular_velocity." + axis for axis in "xyz"))
-        self._force = shape.place(*("linear_acceleration." + axis for axis in "xyz"))
+    def _find(self, shape: FixedShape) -> _Places:
+        turning = shape.place(*("angular_velocity." + axis for axis in "xyz"))
+        force = shape.place(*("linear_acceleration." + axis for axis in "xyz"))
         covariances = ("angular_velocity_covariance", "linear_acceleration_covariance")
-        self._unmeasured = tuple(shape.place(name).start for name in covariances)
-
-    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        if any(values[place] == -1.0 for place in self._unmeasured):
-            return None
-        turning, force = values[self._turning].copy(), values[self._force].copy()
-        good = (np.abs(turning) <= decoding.FASTEST_IMU).all() and (np.abs(force) <= decoding.HARDEST_IMU).all()
-        return (turning, force) if good else None
+        return _Places(
+            bytes_at(turning), bytes_at(force), decoding.FASTEST_IMU, decoding.HARDEST_IMU,
+            unmeasured=bytes_at(np.array([shape.place(name).start for name in covariances])),
+        )  # fmt: skip
 
 
 class ContactForceReader(StateReader):
@@ -223,16 +224,20 @@ class ContactForceReader(StateReader):
         super().__init__()
         self._contact, self._normals = contact, normals
         self._last = self._normal = np.zeros(3)
-        self._force = slice(0)
+
+    def read(self, payload: bytes) -> tuple[int, Array, Array]:
+        """As `StateReader.read`."""
+        stamp, along, force = super().read(payload)
+        if not len(force):  # it was read in place: the force alone
+            return stamp, np.array([self._normal @ along]), along
+        return stamp, along, force
 
     def _by_codec(self, content: Any) -> tuple[Array, Array]:
         force, self._last = decoding.read_contact_force(content, self._contact, self._normals)
         return np.array([self._last @ force]), force
 
-    def _find(self, shape: FixedShape) -> None:
-        self._force, self._normal = shape.place(*("wrench.force." + axis for axis in "xyz")), self._last
-
-    def _in_place(self, values: Array) -> tuple[Array, Array] | None:
-        force = values[self._force].copy()
-        good = (np.abs(force) <= decoding.HARDEST_CONTACT).all()
-        return (np.array([self._normal @ force]), force) if good else None
+    def _find(self, shape: FixedShape) -> _Places:
+        self._normal = self._last
+        return _Places(
+            bytes_at(shape.place(*("wrench.force." + axis for axis in "xyz"))), first_largest=decoding.HARDEST_CONTACT
+        )

@@ -359,3 +359,27 @@ def test_joints_are_displaced(board, dynamics):
     start = board.sample(START).tasks["posture"].position
     step = np.linspace(-0.1, 0.1, len(start))
     np.testing.assert_allclose(relative(board, dynamics, "posture", step, "posture/reference"), start + step)
+
+
+def test_what_rests_is_given_again_as_the_same_objects(board, dynamics):
+    board.apply([SetWeight("com", 20.0)], dynamics, START)
+    ramping = board.sample(START + 0.1)
+    assert board.sample(START + 0.1).weights is not ramping.weights
+    end = START + WEIGHT_RAMP
+    rested = board.sample(end)
+    assert board.sample(end + 1.0) is rested
+    assert board.sample(START + 0.1).weights == ramping.weights  # a clock that goes back
+    board.apply([SetSetpoint("com", GOAL)], dynamics, end + 1.0)
+    moving = board.sample(end + 1.5)
+    assert moving.tasks["com"].velocity.any()
+    assert moving.weights is board.sample(end + 1.6).weights
+    assert board.sample(end + 1.0 + DURATION) is board.sample(end + 9.0)
+    for change in (SetExternalWrench("base", GOAL), EnableContact("left", False), EnableTask("posture", False)):
+        before = board.sample(end + 9.0)
+        board.apply([change], dynamics, end + 9.0)
+        assert board.sample(end + 9.0) is not before
+    late = board.sample(end + 99.0)
+    assert (late.contacts["left"], late.weights["posture"]) == (0.0, 0.0)
+    assert late.external_wrenches["base"] is GOAL
+    board.reset(dynamics, end + 100.0)
+    assert board.sample(end + 100.0).weights == {"com": 50.0, "foot": 0.0, "posture": 0.1}

@@ -107,9 +107,17 @@ class ReferenceBoard:
         # Goals of tasks that are off, to be followed when they are switched on.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
+        self._changed()
+
+    def _changed(self) -> None:
+        """Forget what was sampled: something changes."""
+        # What is given from a time on, as it has come to rest: all, and what has ramps.
+        self._still: tuple[float, References] | None = None
+        self._settled: tuple[float, References] | None = None
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
         """Start at the present state: references hold it, and contacts are as configured, anchored where they are."""
+        self._changed()
         for name, plan in self.plans.items():
             self._enabled[name] = plan.enabled
             self._weights[name] = plan.weight
@@ -132,6 +140,7 @@ class ReferenceBoard:
             time: s, on the clock of the states; None while the controller does not follow the references, so that no
                 ramp is needed.
         """
+        self._changed()
         before, contacts_before = self.plans, self.contact_plans
         self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
         if time is None:
@@ -176,8 +185,11 @@ class ReferenceBoard:
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint | SetTrajectory):
+            self._still = None  # what has ramps stays as it is
             self._set_course(self._placed(change, dynamics, time), time)
-        elif isinstance(change, SetWeight):
+            return
+        self._changed()
+        if isinstance(change, SetWeight):
             self._weights[change.task] = change.weight
             self._ramp_weight(change.task, time)
         elif isinstance(change, EnableTask):
@@ -275,15 +287,33 @@ class ReferenceBoard:
         return Knot(time, reference.position, reference.velocity, reference.acceleration)
 
     def sample(self, time: float) -> References:
-        """All references at one time, in s."""
-        return References(
-            tasks={name: trajectory.sample(time) for name, trajectory in self._trajectories.items()},
+        """All references at one time, in s; the same object, or the same parts of it, where nothing changes."""
+        if self._still is not None and time >= self._still[0]:
+            return self._still[1]
+        references = self._sampled(time)
+        if self._settled is not None:
+            at_rest = max([self._settled[0], *(each.knots[-1].time for each in self._trajectories.values())])
+            if time >= at_rest:
+                self._still = at_rest, references
+        return references
+
+    def _sampled(self, time: float) -> References:
+        tasks = {name: trajectory.sample(time) for name, trajectory in self._trajectories.items()}
+        if self._settled is not None and time >= self._settled[0]:
+            same = self._settled[1]
+            return References(tasks, same.weights, same.contacts, same.external_wrenches, same.tuning, same.anchors)
+        references = References(
+            tasks=tasks,
             weights={name: ramp.sample(time) for name, ramp in self._weight_ramps.items()},
             contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
             external_wrenches=dict(self._wrenches),
             tuning=self._tuning.sample(time),
             anchors=self._anchors,
         )
+        ramps = [self._tuning.share, *self._weight_ramps.values(), *self._contact_ramps.values()]
+        settled = max(ramp.start + ramp.duration for ramp in ramps)
+        self._settled = (settled, references) if time >= settled else None
+        return references
 
 
 def _is_off_the_way(present: Knot, knot: Knot) -> bool:
