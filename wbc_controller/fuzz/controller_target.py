@@ -208,6 +208,8 @@ class ControllerTarget:
             "supervisor.limits": controller.supervisor.limits,
         }
         for key, value in vars(controller.board).items():
+            if key in controller.board.SAMPLED:
+                continue
             if isinstance(value, Mapping):
                 parts |= {f"board{key}.{name}": entry for name, entry in value.items()}
             else:

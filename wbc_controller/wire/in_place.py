@@ -2,7 +2,7 @@
 
 The codec of `wire.messages` makes an object of every message. A stream such as joint states repeats itself in all but
 its stamp and its arrays: where these stand is found once, with that codec, and then only the bytes around them are
-compared. To read 29 joints takes an eighth of the codec's time, to write them a tenth.
+compared, by the kernels of `kernels.messages`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class FixedShape:
         )
 
     def place(self, *paths: str) -> slice:
-        """Where numbers stand in `numbers`; `bytes_at` says where that is in the bytes.
+        """Where numbers stand, counted in units of eight bytes; `bytes_at` says where that is in the bytes.
 
         Args:
             paths: such as ``position`` or ``pose.pose.position.x``; several directly follow one another. A stamp is the
@@ -81,11 +81,6 @@ def bytes_at(place: slice | np.ndarray) -> np.ndarray:
     """Where the first byte of each number at places of a `FixedShape` stands in its bytes, (k,)."""
     index = np.arange(place.start, place.stop) if isinstance(place, slice) else place
     return _START + 8 * index.astype(np.int64)
-
-
-def numbers(payload: bytes | bytearray) -> Array:
-    """A serialized message as numbers, of which those at the places of its `FixedShape` mean something."""
-    return np.frombuffer(payload, dtype="<f8", offset=_START, count=(len(payload) - _START) // 8)
 
 
 def read_stamp(payload: bytes, place: slice) -> tuple[int, int]:

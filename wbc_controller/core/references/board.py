@@ -87,6 +87,8 @@ class ReferenceBoard:
         "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories", "_goals",
         "_wrenches",
     )  # fmt: skip
+    #: What was sampled last, which follows from all the rest.
+    SAMPLED = ("_still", "_settled")
 
     def __init__(self, plan: BoardPlan) -> None:
         """Make a board.
