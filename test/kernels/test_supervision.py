@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import supervision as kernel
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.supervision import (
     ABSURD,
     BASE_REPEATS,
@@ -66,9 +67,10 @@ class Watched:
         return np.concatenate([pin.difference(model, self.before[:7], self.q[:7]), joints])
 
     def compare(self):
+        bound = Bound(int(self.floating), len(self.q_index), self.q_index, self.v_index, self.limits)
         return kernel.compared(
-            self.before, self.v_before, self.q, self.v, self.dt, self.floating, self.q_index, self.v_index,
-            self.magnitude, self.limits, self.mismatch, self.untold, self.some_untold,
+            bound.table, self.before, self.v_before, self.q, self.v, self.dt, self.magnitude, self.mismatch,
+            self.untold, self.some_untold,
         )  # fmt: skip
 
     def expect(self):
@@ -249,9 +251,8 @@ def test_the_command_of_a_solution_is_what_numpy_makes_of_it_where_its_torques_a
     q, v, v_dot = rng.normal(size=NV + 1), rng.normal(size=NV), rng.normal(size=NV)
     v_index = rng.permutation(NV)[:7]
     out = np.empty(N + 14)
-    usable = kernel.followed(
-        tau, v_dot, q, v, before, share, kept, lower, upper, limits, 0.05, rate, 0.1, v_index + 1, v_index, 0.002, out
-    )
+    bound = Bound(N, 7, limits, rate, v_index + 1, v_index)
+    usable = kernel.followed(bound.table, tau, v_dot, q, v, before, share, kept, lower, upper, 0.05, 0.1, 0.002, out)
     assert usable == ((tau >= lower - 0.05 * limits) & (tau <= upper + 0.05 * limits)).all()
     if usable:
         wanted = kept * before + (1.0 - kept) * (share * tau)
@@ -270,9 +271,8 @@ def test_torques_are_usable_up_to_a_solver_s_tolerance_beyond_their_limits(place
     wanted, ones, nothing = np.zeros(N), np.ones(N), np.zeros(0, dtype=np.int64)
     wanted[place] = tau
     sent = np.empty(N)
-    found = kernel.followed(
-        wanted, ones, ones, ones, ones, 1.0, 0.0, -ones, ones, ones, 0.01, 10.0 * ones, 1.0, nothing, nothing, 0.1, sent
-    )
+    bound = Bound(N, 0, ones, 10.0 * ones, nothing, nothing)
+    found = kernel.followed(bound.table, wanted, ones, ones, ones, ones, 1.0, 0.0, -ones, ones, 0.01, 1.0, 0.1, sent)
     assert found == usable
     assert not usable or abs(sent[place]) == 1.0
 
@@ -280,10 +280,15 @@ def test_torques_are_usable_up_to_a_solver_s_tolerance_beyond_their_limits(place
 @pytest.mark.parametrize("which", [7, 8, 9])
 def test_where_what_is_available_is_not_a_number_nothing_is_usable(which):
     ones, nothing = np.ones(N), np.zeros(0, dtype=np.int64)
-    given_values = [0.0 * ones, ones, ones, ones, ones, 1.0, 0.0, -ones, ones, ones.copy()]
-    assert kernel.followed(*given_values, 0.01, ones, 1.0, nothing, nothing, 0.1, np.empty(N))
-    given_values[which] = np.where(np.arange(N) == 5, np.nan, given_values[which])
-    assert not kernel.followed(*given_values, 0.01, ones, 1.0, nothing, nothing, 0.1, np.empty(N))
+    limits, rest = ones.copy(), (0.01, 1.0, 0.1, np.empty(N))
+    bound = Bound(N, 0, limits, ones, nothing, nothing)
+    given_values = [0.0 * ones, ones, ones, ones, ones, 1.0, 0.0, -ones, ones]
+    assert kernel.followed(bound.table, *given_values, *rest)
+    if which == 9:
+        limits[5] = np.nan
+    else:
+        given_values[which] = np.where(np.arange(N) == 5, np.nan, given_values[which])
+    assert not kernel.followed(bound.table, *given_values, *rest)
 
 
 @settings(deadline=None)

@@ -12,10 +12,14 @@ from wbc_controller.kernels.compiled import (
     INDICES,
     NUMBER,
     ROWS,
+    TABLE,
     VECTOR,
     VECTOR_OUT,
     compiled,
+    indices,
+    matrix,
     part,
+    vector,
 )
 from wbc_controller.records import Array
 
@@ -126,13 +130,10 @@ def _rests(before: Array, v_before: Array, q: Array, v: Array, mismatch: Array) 
     return True
 
 
-@compiled(
-    ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, FLAG, INDICES, INDICES, NUMBER, ROWS, VECTOR_OUT,
-    VECTOR_OUT, FLAG,
-)  # fmt: skip
+@compiled(TABLE, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT, FLAG)
 def compared(
-    before: Array, v_before: Array, q: Array, v: Array, dt: float, floating: bool, q_index: np.ndarray,
-    v_index: np.ndarray, magnitude: float, limits: Array, mismatch: Array, untold: Array, some_untold: bool,
+    table: np.ndarray, before: Array, v_before: Array, q: Array, v: Array, dt: float, magnitude: float,
+    mismatch: Array, untold: Array, some_untold: bool,
 ) -> int:  # fmt: skip
     """Compare a state with the one before it: what is remembered changes in place, unless the state is absurd or rests.
 
@@ -142,17 +143,17 @@ def compared(
     velocities lead to. A jump empties u.
 
     Args:
+        table: 1 where the base floats, the number of measured joints nj; and, in this order,
+            q_index: index in q of each measured joint, (nj,).
+            v_index: index in v of each, (nj,).
+            limits: largest |v|, |x| and |u|, (3, nv).
         before: configuration before, (nq,): of a base that floats in seven coordinates, or of none, and of joints with
             one coordinate each.
         v_before: generalized velocity before, (nv,).
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         dt: Δt, s.
-        floating: whether the base floats.
-        q_index: index in q of each joint that is measured, (nj,).
-        v_index: index in v of each, (nj,).
         magnitude: largest |q|.
-        limits: largest |v|, |x| and |u|, (3, nv).
         mismatch: x, (nv,), in place.
         untold: u, (nv,), in place.
         some_untold: whether u is not zero.
@@ -163,6 +164,8 @@ def compared(
         of their positions and velocities repeat bit for bit (``JOINTS_REPEAT``); the base's x is still
         (``BASE_STILL``), or all of its values repeat (``BASE_REPEATS``).
     """
+    floating, limits = table[0] > 0, matrix(table[4], 3, len(v))
+    q_index, v_index = indices(table[2], table[1]), indices(table[3], table[1])
     for i in range(len(q)):
         if not abs(q[i]) <= magnitude:
             return ABSURD
@@ -285,17 +288,21 @@ def limited(tau: Array, before: Array, rate: Array, dt: float, lower: Array, upp
 
 
 @compiled(
-    ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR,
-    NUMBER, INDICES, INDICES, NUMBER, VECTOR_OUT,
+    TABLE, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER,
+    NUMBER, VECTOR_OUT,
 )  # fmt: skip
 def followed(
-    tau: Array, v_dot: Array, q: Array, v: Array, before: Array, share: float, kept: float, lower: Array,
-    upper: Array, limits: Array, tolerance: float, rate: Array, dt: float, q_index: np.ndarray, v_index: np.ndarray,
-    period: float, out: Array,
+    table: np.ndarray, tau: Array, v_dot: Array, q: Array, v: Array, before: Array, share: float, kept: float,
+    lower: Array, upper: Array, tolerance: float, dt: float, period: float, out: Array,
 ) -> bool:  # fmt: skip
     """The command that follows a solution, if its torques are usable: available but for a tolerance, and not NaN.
 
     Args:
+        table: the number of actuators na and of joints nj; and, in this order,
+            limits: effort limits, (na,) in N·m.
+            rate: torque rate limit, (na,) in N·m/s.
+            q_index: index in q of each joint, (nj,).
+            v_index: index in v of each, (nj,).
         tau: torques of the solution, (na,) in N·m.
         v_dot: its generalized acceleration v̇, (nv,).
         q: configuration, (nq,).
@@ -305,12 +312,8 @@ def followed(
         kept: share of the torques before in those sent.
         lower: least torques available, (na,) in N·m.
         upper: largest, (na,) in N·m.
-        limits: effort limits, (na,) in N·m.
         tolerance: share of an effort limit by which a torque may be beyond what is available; it is clipped.
-        rate: torque rate limit, (na,) in N·m/s.
-        dt: time for which that counts, s.
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v of each, (nj,).
+        dt: time for which the torque rate limit counts, s.
         period: T, s.
         out: the torques to be sent, (na,) in N·m, the joint positions a period ahead, q + T of the velocities, (nj,),
             and the velocities then, v + T v̇, (nj,).
@@ -318,7 +321,10 @@ def followed(
     Returns:
         Whether the torques are usable; where they are not, nothing that was written counts.
     """
-    for i in range(len(tau)):
+    na, nj = table[0], table[1]
+    limits, rate = vector(table[2], na), vector(table[3], na)
+    q_index, v_index = indices(table[4], nj), indices(table[5], nj)
+    for i in range(na):
         excess = tolerance * limits[i]
         if not (tau[i] >= lower[i] - excess and tau[i] <= upper[i] + excess):
             return False
@@ -326,7 +332,6 @@ def followed(
         if kept != 0.0:
             wanted = kept * before[i] + (1.0 - kept) * wanted
         out[i] = _limited(wanted, before[i], dt * rate[i], lower[i], upper[i])
-    na, nj = len(tau), len(v_index)
     for i in range(nj):
         ahead = v[v_index[i]] + period * v_dot[v_index[i]]
         out[na + i] = q[q_index[i]] + period * ahead

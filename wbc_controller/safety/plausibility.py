@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from wbc_controller.core.arrays import all_finite, all_true, largest
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.supervision import (
     ABSURD,
     BASE_REPEATS,
@@ -99,7 +100,7 @@ class StateWatch:
         if model.floating_base:
             self._fastest[:3], self._fastest[3:6] = limits.base_speed, limits.base_turn
             self._tolerance[:3], self._tolerance[3:6] = limits.base_mismatch, limits.base_turn_mismatch
-        self._given = (model.floating_base, model.q_index, model.v_index, limits.magnitude, self._bounds)
+        self._bound = Bound(int(model.floating_base), model.nj, model.q_index, model.v_index, self._bounds)
         self._state: RobotState | None = None
         self._mismatch = np.zeros(model.nv)  # change of the positions less the integrated velocities, with MEMORY
         self._untold = np.zeros(model.nv)  # integrated velocities while the position stays, with MEMORY
@@ -115,7 +116,16 @@ class StateWatch:
         else:
             dt = 1.0e-9 * (state.stamp - before.stamp)
             found = compared(
-                before.q, before.v, state.q, state.v, dt, *self._given, self._mismatch, self._untold, self._some_untold
+                self._bound.table,
+                before.q,
+                before.v,
+                state.q,
+                state.v,
+                dt,
+                self._limits.magnitude,
+                self._mismatch,
+                self._untold,
+                self._some_untold,
             )
         if found & ABSURD:  # it is not compared with
             self.doubt = self._absurd(state)

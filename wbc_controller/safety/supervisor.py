@@ -26,6 +26,7 @@ from wbc_controller.core.limits.torque import TorqueSpeedCurve
 from wbc_controller.core.references.trajectories import Ramp
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.supervision import followed, limited
 from wbc_controller.records import (
     REQUESTS,
@@ -136,6 +137,8 @@ class Supervisor:
         old, self._limits = self._limits, limits
         self._period = self._passed = limits.period  # what passes until a command, s
         self._rate = limits.torque_rate * self._model.effort_limits  # N·m/s
+        places = self._model.q_index, self._model.v_index
+        self._bound = Bound(self._model.na, self._model.nj, self._model.effort_limits, self._rate, *places)
         self._filter = limits.torque_filter
         self._curve = limits.torque_speed
         # What takes time, or remembers, is made anew only where its own limits are other ones.
@@ -299,9 +302,8 @@ class Supervisor:
             kept = math.exp(-self._passed / self._filter)
         made = np.empty(self._size)
         usable = followed(
-            solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept, lower, upper, model.effort_limits,
-            TORQUE_TOLERANCE, self._rate, min(self._passed, self._period), model.q_index, model.v_index, self._period,
-            made,
+            self._bound.table, solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept, lower, upper,
+            TORQUE_TOLERANCE, min(self._passed, self._period), self._period, made,
         )  # fmt: skip
         if not usable:
             self._hold(now, unusable_torques(solution.tau, (lower, upper), model.effort_limits, model.actuators))

@@ -169,7 +169,8 @@ class Formulation:
         lower, upper = limit.available(v if limit.curve is None else self.model.actuation.speeds(v))
         before, share = (lower, -1.0) if tau_before is None else (tau_before, ready.share)
         if layout.compiled:
-            h, table = self.bias(references), ready.tables.table
+            known = references.disturbance is not None or references.external_wrenches  # beside the model
+            h, table = self.bias(references) if known else dynamics.h, ready.tables.table
             rest = fill_program(table, q, v, h, lower, upper, before, limit.effort_limits, share, errors, bias)
         else:
             link_terms(dynamics.bound.table, v)

@@ -88,7 +88,10 @@ class ActiveSet:
         if not len(self._work):
             self._work = work_memory(problem, squares, 0)
         found = np.empty(self._space)
-        outcome, _, cost, least, off = self.condensed(problem, squares, self._work, 0, 0, found, 1)
+        outcome, cost, least, off = kernel.condensed(
+            self._table(problem, squares), squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
+            self._work, 0, 0, found, self._other,
+        )  # fmt: skip
         if outcome != kernel.SOLVED:
             return None
         residuals = Residuals(found, len(self.side), least, off)
@@ -115,20 +118,24 @@ class ActiveSet:
         Returns:
             What came of the last one, its number, the cost, the smallest room, and the largest |A x - b|.
         """
-        known = self._bound_of
-        if squares is not known[0] or squares.inverse is not known[1] or problem is not known[2]:
-            self._bound_of = squares, squares.inverse, problem
-            self._bound = bind(squares, problem)
-        number = 0
+        table, number = self._table(problem, squares), 0
         while True:
             number += 1
             outcome, cost, least, off = kernel.condensed(
-                self._bound.table, squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
+                table, squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
                 work, count, kept, found, self._other,
             )  # fmt: skip
             if outcome != kernel.WRONG_SET or number == tries:
                 return outcome, number, cost, least, off
             self._take(self._other.copy())
+
+    def _table(self, problem: QuadraticProgram, squares: Squares) -> np.ndarray:
+        """The arrays of a cost and of a problem, for compiled code."""
+        known = self._bound_of
+        if squares is not known[0] or squares.inverse is not known[1] or problem is not known[2]:
+            self._bound_of = squares, squares.inverse, problem
+            self._bound = bind(squares, problem)
+        return self._bound.table
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
