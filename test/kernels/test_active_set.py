@@ -31,11 +31,12 @@ def memory(problem):
 
 
 def one_level(problem, squares, sides, work, count, kept, found, largest=LARGEST, precise=PRECISE, other=None):
-    other = np.zeros(len(sides), dtype=np.int8) if other is None else other
-    return kernel.condensed(
-        bind(squares, problem).table, squares.constant, sides.nonzero()[0], sides, FEASIBLE, precise, largest,
-        work, count, kept, found, other,
-    )  # fmt: skip
+    both = np.stack([sides, np.zeros(len(sides), dtype=np.int8)])
+    bound = bind(squares, problem, both, (FEASIBLE, precise, largest))
+    returned = kernel.condensed(bound.table, squares.constant, work, count, kept, found)
+    if other is not None:
+        other[:] = both[1]
+    return returned
 
 
 def plainly_condensed(problem, sides):

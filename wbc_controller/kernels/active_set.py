@@ -11,17 +11,15 @@ import math
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
-    INDICES,
     INTEGER,
     NUMBER,
     ROWS,
-    SIGNS,
-    SIGNS_OUT,
     TABLE,
     VECTOR_OUT,
     compiled,
     matrix,
     part,
+    signs,
     vector,
 )
 from wbc_controller.records import Array
@@ -356,12 +354,9 @@ def _scatter(row: Array, B: Array, i: int) -> None:
         block[j] = row[j]
 
 
-@compiled(
-    TABLE, NUMBER, INDICES, SIGNS, NUMBER, NUMBER, NUMBER, VECTOR_OUT, INTEGER, INTEGER, VECTOR_OUT, SIGNS_OUT
-)  # fmt: skip
+@compiled(TABLE, NUMBER, VECTOR_OUT, INTEGER, INTEGER, VECTOR_OUT)
 def condensed(
-    table: np.ndarray, constant: float, active: np.ndarray, sides: np.ndarray, feasible: float, precise: float,
-    largest: float, work: Array, count: int, kept: int, found: Array, other: np.ndarray,
+    table: np.ndarray, constant: float, work: Array, count: int, kept: int, found: Array
 ) -> tuple[int, float, float, float]:  # fmt: skip
     """Minimize a sum of squares under the assumption that its active set is known (`solvers.active_set`).
 
@@ -383,20 +378,18 @@ def condensed(
             minus_target: -t, (n + 1,).
             rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
             bounds: lower and upper bounds of [x; C x], (2, n + m_in).
+            sides: which of them are active: 1 at the upper bound, -1 at the lower one, else 0; and below them, for the
+                sides to be tried next if the active set is wrong: without constraints whose multiplier has the wrong
+                sign, and with those that are violated, (2, n + m_in).
+            limits: largest violation of a constraint; largest residual of the condensed system's rows for which p is
+                not refined; and largest norm of p: beyond it the system is nearly singular, (3,).
         constant: the cost where all squares are zero.
-        active: indices of the active ones among them, ascending, (j,).
-        sides: 1 at the upper bound, -1 at the lower one, for each of them, (n + m_in,).
-        feasible: largest violation of a constraint.
-        precise: largest residual of the condensed system's rows for which p is not refined.
-        largest: largest norm of p: beyond it the system is nearly singular.
         work: N and s; the equality constraints in terms of z, and below them the rows that higher levels keep, with
             room for those that this one adds, rows of n + 1 - first, one after the other.
         count: number of these rows below N; 0 for the first level, which fills N and the equality constraints.
         kept: number of rows of R, from the first on, that are added with their values at the solution.
         found: for [x; C x], for the multipliers of the active constraints, where a higher level has not set them, both
             (n + m_in,), for the distances from the bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
-        other: for the sides to be tried next if the active set is wrong: without constraints whose multiplier has the
-            wrong sign, and with those that are violated, (n + m_in,).
 
     Returns:
         `SOLVED`, `WRONG_SET`, `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
@@ -408,6 +401,16 @@ def condensed(
     rows, bounds = matrix(table[9], end + table[4], n + 1), matrix(table[10], 2, total)
     value, multipliers = found[:total], found[total : 2 * total]
     room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : 4 * total + end]
+    both, limits = signs(table[11], 2, total), vector(table[12], 3)
+    sides, other, feasible, precise, largest = both[0], both[1], limits[0], limits[1], limits[2]
+    number = 0
+    for i in range(total):
+        number += sides[i] != 0
+    active, number = np.empty(number, dtype=np.int64), 0
+    for i in range(total):
+        if sides[i] != 0:
+            active[number] = i
+            number += 1
     width, own = n + 1 - first, end - first
     top = count if count else own
     hard = top + len(active)

@@ -8,11 +8,8 @@ from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, VECTOR_OUT, c
 from wbc_controller.records import Array
 
 
-@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT)
-def fill_dynamics(
-    table: np.ndarray, h: Array, v: Array, available_lower: Array, available_upper: Array, before: Array,
-    limits: Array, share: float, bias: Array,
-) -> None:  # fmt: skip
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT)
+def fill_dynamics(table: np.ndarray, h: Array, v: Array, before: Array, share: float, bias: Array) -> None:
     """N (M v̇ - Jᵀf) = -N h, and τ = T (M v̇ - Jᵀf) + T h with its bounds; and the damping of contacts, J v̇ = … - D J v.
 
     The torques are bounded by what is available, and by a share of their limits from what is available of τ_before.
@@ -31,12 +28,10 @@ def fill_dynamics(
             upper: for the upper ones, likewise.
             M: joint-space inertia matrix, (nv, nv), symmetric.
             unit: of f, (1,) in N and N·m.
+            available: least and largest torques that are available, and τ_max, (3, na) in N·m.
         h: bias forces, (nv,).
         v: generalized velocity, (nv,).
-        available_lower: (na,) in N·m.
-        available_upper: (na,) in N·m.
         before: τ_before, (na,) in N·m.
-        limits: τ_max, (na,) in N·m.
         share: rate Δt; below 0 the change of the torques is not bounded.
         bias: for T h, (na,).
     """
@@ -45,7 +40,7 @@ def fill_dynamics(
     starts, columns, values = indices(table[6], free + na + 1), indices(table[7], count), vector(table[8], count)
     damping, rows = vector(table[9], nf), matrix(table[10], table[4], right + 1)
     lower, upper, M = vector(table[11], na), vector(table[12], na), matrix(table[13], nv, nv)
-    unit = vector(table[14], 1)[0]
+    unit, available = vector(table[14], 1)[0], matrix(table[15], 3, na)
     for i in range(nf):
         speed = 0.0
         for j in range(nv):
@@ -67,9 +62,9 @@ def fill_dynamics(
             continue
         i = k - free
         bias[i] = constant
-        low, high = available_lower[i], available_upper[i]
+        low, high = available[0, i], available[1, i]
         if share >= 0.0:
-            held, step = before[i], share * limits[i]
+            held, step = before[i], share * available[2, i]
             if held < low:
                 held = low
             if held > high:

@@ -16,10 +16,9 @@ _fill_dynamics, _acceleration_bounds = as_part(fill_dynamics), as_part(accelerat
 _SIZE = 32
 
 
-@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT, VECTOR_OUT)
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT, VECTOR_OUT)
 def fill_program(
-    tables: np.ndarray, q: Array, v: Array, h: Array, available_lower: Array, available_upper: Array, before: Array,
-    limits: Array, share: float, errors: Array, bias: Array,
+    tables: np.ndarray, q: Array, v: Array, h: Array, before: Array, share: float, errors: Array, bias: Array
 ) -> float:  # fmt: skip
     """The motion of links, rows of contacts and tasks, equations of motion, and bounds of torques and accelerations.
 
@@ -31,10 +30,7 @@ def fill_program(
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         h: bias forces, (nv,).
-        available_lower: (na,) in N·m.
-        available_upper: (na,) in N·m.
         before: τ_before, (na,) in N·m.
-        limits: τ_max, (na,) in N·m.
         share: rate Δt; below 0 the change of the torques is not bounded.
         errors: for the task errors.
         bias: for the constant part of the torques, (na,) in N·m.
@@ -44,6 +40,6 @@ def fill_program(
     """
     _link_terms(indices(tables[0], _SIZE), v)
     rest = _fill_rows(indices(tables[1], _SIZE), q, v, errors)
-    _fill_dynamics(indices(tables[2], _SIZE), h, v, available_lower, available_upper, before, limits, share, bias)
+    _fill_dynamics(indices(tables[2], _SIZE), h, v, before, share, bias)
     _acceleration_bounds(indices(tables[3], _SIZE), q, v)
     return rest

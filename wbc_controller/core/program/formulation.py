@@ -166,18 +166,19 @@ class Formulation:
         layout, limit = ready.layout, self.torque_limit
         errors, bias = ready.rows.follow(references.tasks), np.empty(len(layout.torque_lower))
         layout.torque_bias = bias
-        lower, upper = limit.available(v if limit.curve is None else self.model.actuation.speeds(v))
-        before, share = (lower, -1.0) if tau_before is None else (tau_before, ready.share)
+        if limit.curve is not None:
+            layout.available[:2] = limit.available(self.model.actuation.speeds(v))
+        before, share = (layout.available[2], -1.0) if tau_before is None else (tau_before, ready.share)
         if layout.compiled:
             known = references.disturbance is not None or references.external_wrenches  # beside the model
             h, table = self.bias(references) if known else dynamics.h, ready.tables.table
-            rest = fill_program(table, q, v, h, lower, upper, before, limit.effort_limits, share, errors, bias)
+            rest = fill_program(table, q, v, h, before, share, errors, bias)
         else:
             link_terms(dynamics.bound.table, v)
             rest = fill_rows(ready.rows.bound.table, q, v, errors)
             self._fill_contacts(layout, references)
             h = self.bias(references)
-            fill_dynamics(layout.bound.table, h, v, lower, upper, before, limit.effort_limits, share, bias)
+            fill_dynamics(layout.bound.table, h, v, before, share, bias)
             acceleration_bounds(ready.motion.table, q, v)
         if ready.squares is not None:
             ready.squares.constant = rest
@@ -197,6 +198,8 @@ class Formulation:
         layout = self.layout(tuple(active))
         for place in layout.places:
             self._bound_force(place, activations)
+        layout.available[0], layout.available[1] = -self.torque_limit.effort_limits, self.torque_limit.effort_limits
+        layout.available[2] = self.torque_limit.effort_limits
         rows, *_ = [cost.prepare(layout, self.dynamics, references.weights) for cost in self._costs]
         if known is not None and known.layout is layout and known.rows is rows and known.limits == limits:
             motion, tables = known.motion, known.tables

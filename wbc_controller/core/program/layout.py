@@ -67,6 +67,7 @@ class Layout:
         torque: rows of C of the torque bounds.
         torque_lower: lower bounds of these rows, (na,).
         torque_upper: upper bounds of these rows, (na,).
+        available: least and largest torques that are available, and the effort limits, (3, na) in N·m.
         row_limits: the limits on combinations of v̇.
         limits: rows of C of each row limit.
         joints: columns of the joint accelerations in x, (nj,).
@@ -128,6 +129,7 @@ class Layout:
         )
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
         self.torque_bias = np.zeros(na)
+        self.available = np.zeros((3, na))
         #: Whether compiled code knows all of the contacts' motion.
         self.compiled = not self.by_themselves and not self.anchored
         self.motion: Bound
@@ -142,7 +144,9 @@ class Layout:
         free, na = self.actuation.free, len(self.torque_lower)
         sizes = len(projection[2]), free, na, len(self.damping), len(rows), self.mechanism.stop - free
         bounds = self.torque_lower, self.torque_upper
-        self.bound = Bound(*sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]))
+        self.bound = Bound(
+            *sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]), self.available
+        )
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
         n = self.problem.n

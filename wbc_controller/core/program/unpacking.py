@@ -27,7 +27,7 @@ class _Read(Mapping[str, Any]):
 
     __slots__ = ("_made", "_make", "_parts")
 
-    def __init__(self, make: Callable[..., dict[str, Any]], *parts: Any) -> None:
+    def __init__(self, make: Callable[..., dict[str, Any]], parts: tuple[Any, ...]) -> None:
         """Store the function and its arguments, which must not be modified afterwards."""
         self._make = make
         self._parts = parts
@@ -90,10 +90,10 @@ def unpack(
     return Solution(
         x[:nv],
         tau,
-        _Read(_forces, layout.places, x[nv:]),
-        _Read(_violations, residuals, layout.mechanism.start),
-        _Read(_norms, errors),
-        _Read(_binding, layout.labels, residuals, multipliers),
+        _Read(_forces, (layout.places, x[nv:])),
+        _Read(_violations, (residuals, layout.mechanism.start)),
+        _Read(_norms, (errors,)),
+        _Read(_binding, (layout.labels, residuals, multipliers)),
         iterations,
         levels,
         relaxed,

@@ -55,8 +55,9 @@ class ActiveSet:
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         """Start with an empty active set."""
         self._n, self._m = n, equalities
-        self._take(np.zeros(n + inequalities, dtype=np.int8))
-        self._other = np.zeros(n + inequalities, dtype=np.int8)
+        self._sides = np.zeros((2, n + inequalities), dtype=np.int8)  # and what compiled code proposes
+        self.side = self._sides[0]
+        self._count = 0  # of active ones
         self._work = np.zeros(0)
         self._bound_of: tuple[object, object, object] = (None, None, None)
         self._bound: Bound
@@ -68,19 +69,19 @@ class ActiveSet:
 
     def memory(self) -> dict[str, Any]:
         """What it remembers: the active set."""
-        return {"side": self.side}
+        return {"side": self.side.copy()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
         self._take(np.array(memory["side"], dtype=np.int8))
 
     def _take(self, side: np.ndarray) -> None:
-        self.side = side
-        self._active = side.nonzero()[0]
+        self.side[:] = side
+        self._count = int(np.count_nonzero(side))
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set; None if it is not the active set of this problem."""
-        if self._m + len(self._active) > self._n:
+        if self._m + self._count > self._n:
             return None
         squares = problem.cost.squares
         if squares is None or len(squares.stack) > self._n:
@@ -89,9 +90,8 @@ class ActiveSet:
             self._work = work_memory(problem, squares, 0)
         found = np.empty(self._space)
         outcome, cost, least, off = kernel.condensed(
-            self._table(problem, squares), squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
-            self._work, 0, 0, found, self._other,
-        )  # fmt: skip
+            self._table(problem, squares), squares.constant, self._work, 0, 0, found
+        )
         if outcome != kernel.SOLVED:
             return None
         residuals = Residuals(found, len(self.side), least, off)
@@ -121,25 +121,22 @@ class ActiveSet:
         table, number = self._table(problem, squares), 0
         while True:
             number += 1
-            outcome, cost, least, off = kernel.condensed(
-                table, squares.constant, self._active, self.side, _FEASIBLE, _PRECISE, _LARGEST,
-                work, count, kept, found, self._other,
-            )  # fmt: skip
+            outcome, cost, least, off = kernel.condensed(table, squares.constant, work, count, kept, found)
             if outcome != kernel.WRONG_SET or number == tries:
                 return outcome, number, cost, least, off
-            self._take(self._other.copy())
+            self._take(self._sides[1])
 
     def _table(self, problem: QuadraticProgram, squares: Squares) -> np.ndarray:
         """The arrays of a cost and of a problem, for compiled code."""
         known = self._bound_of
         if squares is not known[0] or squares.inverse is not known[1] or problem is not known[2]:
             self._bound_of = squares, squares.inverse, problem
-            self._bound = bind(squares, problem)
+            self._bound = bind(squares, problem, self._sides)
         return self._bound.table
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
         """Solve by the whole system; None if this is not the active set, or the system is singular or nearly so."""
-        active, n, m = self._active, self._n, self._n + self._m
+        active, n, m = self.side.nonzero()[0], self._n, self._n + self._m
         size = m + len(active)
         K, right = np.zeros((size, size)), np.empty(size)
         K[:n, :n] = problem.H
@@ -163,12 +160,25 @@ class ActiveSet:
         return Answer(answer[:n], "optimal", 1, multipliers, residuals, cost)
 
 
-def bind(squares: Squares, problem: QuadraticProgram) -> Bound:
-    """The arrays of a cost and of a problem, for `kernels.active_set.condensed`."""
+def bind(
+    squares: Squares,
+    problem: QuadraticProgram,
+    sides: np.ndarray,
+    limits: tuple[float, float, float] = (_FEASIBLE, _PRECISE, _LARGEST),
+) -> Bound:
+    """The arrays of a cost, of a problem and of an active set, for `kernels.active_set.condensed`.
+
+    Args:
+        squares: the cost.
+        problem: the problem.
+        sides: of the active set, and memory for another one, (2, n + m_in).
+        limits: largest violation of a constraint, residual that is not refined, and norm of a solution.
+    """
     rows, equalities = problem.constraints, len(problem.b)
     return Bound(
         problem.n, len(squares.slack), squares.first, equalities, len(rows) - equalities,
         squares.stack, squares.slack, squares.inverse, squares.minus_target, rows, problem.bounds,
+        sides, np.array(limits),
     )  # fmt: skip
 
 
