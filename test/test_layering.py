@@ -30,7 +30,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "core/tunable": ((), ()),
     "core/robot": (("core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
     "core/contacts": (("core/robot", "core/tunable", "kernels"), ("numpy", "scipy", "pinocchio")),
-    "core/limits": (("core/robot", "kernels"), ("numpy", "pinocchio", "coal")),
+    "core/limits": (("core/robot", "core/tunable", "kernels"), ("numpy", "pinocchio", "coal")),
     "core/tasks": (
         ("core/robot", "core/contacts", "core/arrays", "core/tunable", "kernels"),
         ("numpy", "pinocchio"),

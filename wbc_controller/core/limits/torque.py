@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.records import Array, frozen
+from wbc_controller.core.tunable import Tunable
+from wbc_controller.records import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +48,14 @@ class TorqueLimit:
         curve: torque-speed curve; None for τ_max at every speed.
     """
 
+    rate: Tunable[float] = Tunable()
+    curve: Tunable[TorqueSpeedCurve | None] = Tunable()
+    effort_limits: Tunable[Array] = Tunable()
+
     def __init__(self, effort_limits: Array, rate: float, curve: TorqueSpeedCurve | None = None) -> None:
         self.effort_limits = effort_limits
         self.rate = rate
         self.curve = curve
-
-    @property
-    def effort_limits(self) -> Array:
-        """τ_max, (na,) in N·m."""
-        return self._both[1]
-
-    @effort_limits.setter
-    def effort_limits(self, limits: Array) -> None:
-        self._both = (frozen(-limits), frozen(limits))
 
     def available(self, v: Array) -> tuple[Array, Array]:
         """Lower and upper bounds of τ without the torque rate limit, both (na,) in N·m; not to be modified.
@@ -67,4 +63,6 @@ class TorqueLimit:
         Args:
             v: speeds of the actuators, (na,) in rad/s.
         """
-        return self._both if self.curve is None else self.curve.available(self.effort_limits, v)
+        if self.curve is None:
+            return -self.effort_limits, self.effort_limits
+        return self.curve.available(self.effort_limits, v)

@@ -43,6 +43,7 @@ class _Ready(NamedTuple):
         tables: all that `kernels.program.fill_program` works on.
         squares: the only level's cost, where compiled code fills all of it.
         share: largest change of the torques, as a share of their limits.
+        falling: whether the available torques fall with the speed.
     """
 
     contacts: dict[str, float]
@@ -55,6 +56,7 @@ class _Ready(NamedTuple):
     tables: Bound
     squares: Squares | None
     share: float
+    falling: bool
 
 
 class Formulation:
@@ -163,11 +165,11 @@ class Formulation:
             or ready.changes != Tunable.changes
         ):
             ready = self._ready = self._prepare(references)
-        layout, limit = ready.layout, self.torque_limit
+        layout = ready.layout
         errors, bias = ready.rows.follow(references.tasks), np.empty(len(layout.torque_lower))
         layout.torque_bias = bias
-        if limit.curve is not None:
-            layout.available[:2] = limit.available(self.model.actuation.speeds(v))
+        if ready.falling:
+            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
         before, share = (layout.available[2], -1.0) if tau_before is None else (tau_before, ready.share)
         if layout.compiled:
             known = references.disturbance is not None or references.external_wrenches  # beside the model
@@ -198,8 +200,8 @@ class Formulation:
         layout = self.layout(tuple(active))
         for place in layout.places:
             self._bound_force(place, activations)
-        layout.available[0], layout.available[1] = -self.torque_limit.effort_limits, self.torque_limit.effort_limits
-        layout.available[2] = self.torque_limit.effort_limits
+        most, falling = self.torque_limit.effort_limits, self.torque_limit.curve is not None
+        layout.available[:] = -most, most, most
         rows, *_ = [cost.prepare(layout, self.dynamics, references.weights) for cost in self._costs]
         if known is not None and known.layout is layout and known.rows is rows and known.limits == limits:
             motion, tables = known.motion, known.tables
@@ -214,7 +216,7 @@ class Formulation:
             squares, layout.levels = first.pose(), [first.posed]
         share = self.torque_limit.rate * self.period
         weighed = dict(activations), dict(references.weights)
-        return _Ready(*weighed, limits, changes, layout, rows, motion, tables, squares, share)
+        return _Ready(*weighed, limits, changes, layout, rows, motion, tables, squares, share, falling)
 
     def _complete(self, layout: Layout, references: References, rest: float, errors: Array) -> None:
         """Fill what compiled code does not know of the tasks, and the levels below the first."""
