@@ -147,7 +147,7 @@ class TestWhatIsBrokenIsFound:
         assert why.startswith("refused messages led from active to damping")
 
     def test_torques_that_change_too_fast(self, monkeypatch):
-        monkeypatch.setattr(Supervisor, "_pass", lambda self, now: self._allowed.fill(np.inf))
+        monkeypatch.setattr(Supervisor, "_pass", lambda self, now: self._rate.fill(np.inf))
         assert "more than allowed" in self.found("controller").why
 
     def test_a_message_that_takes_long(self, monkeypatch):
