@@ -18,6 +18,7 @@ from wbc_controller.records import Mode
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.controller_service import make_loop
 from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.settings import RealtimeSettings
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import decode, encode, message, nanoseconds
 from wbc_controller.wire.topics import counterpart
@@ -123,7 +124,7 @@ def test_an_echo_answers_each_state_with_torques_of_the_size_and_with_its_bytes(
     def meanwhile():
         StandingRobot(controller.model, controller.settings, user, controller.topics).run(clock.stop)
 
-    echo("dds", 0, controller.topics, controller.model.na, SimpleNamespace(wait=meanwhile))
+    echo("dds", 0, controller.topics, controller.model.na, SimpleNamespace(wait=meanwhile), RealtimeSettings())
     assert len(sent) == len(heard["effort"]) == 6
     assert heard["joint_commands"] == sent
     (data,) = {decode(payload, "std_msgs/msg/Float64MultiArray").data.shape for payload in heard["effort"]}

@@ -28,7 +28,7 @@ from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.live.processes import Processes, memory, processor_time, until, waiting_time
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
-from wbc_controller.service.realtime import apply, in_force
+from wbc_controller.service.realtime import apply, in_force, processors
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.transports.transport import Transport
@@ -146,9 +146,11 @@ class _Bench:
         self._echo_robot = StandingRobot(model, settings, self._echo_meter, self._echo_topics)
         self._start("controller")
         self._start("guard")
-        # The robot's process, and with it the echo that it starts, must not be what is late.
+        # The robot's process must not be what is late, nor take the controller's processor where there is another one.
         asked = settings.control.realtime
-        apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority))
+        others = processors() - set(asked.affinity) if asked.affinity else set()
+        apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=sorted(others)))
+        self._echo_as = RealtimeSettings(affinity=asked.affinity)  # its class is inherited
 
     def _start(self, name: str) -> None:
         if self._kind == "dds":
@@ -164,7 +166,9 @@ class _Bench:
         """The echo as a process."""
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
-        process = context.Process(target=echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop))
+        process = context.Process(
+            target=echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_as)
+        )
         process.start()
         try:
             yield

@@ -18,7 +18,8 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.mock.measurement import measure
 from wbc_controller.mock.plant import Plant
-from wbc_controller.settings import Settings
+from wbc_controller.service.realtime import apply
+from wbc_controller.settings import RealtimeSettings, Settings
 from wbc_controller.transports.transport import Transport
 from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, torques
@@ -112,7 +113,7 @@ class StandingRobot:
         )
 
 
-def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: Any) -> None:
+def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: Any, realtime: RealtimeSettings) -> None:
     """Answer each joint state at once with torques of zero, and with its own bytes in place of joint commands.
 
     Runs in a process of its own.
@@ -123,7 +124,9 @@ def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: An
         topics: endpoints of the controller in whose place it answers.
         size: number of torques.
         stop: event that ends it.
+        realtime: the processors of the controller.
     """
+    apply(realtime)
     payload = encode(torques(np.zeros(size)))
     by_key = {topic.key: topic for topic in topics}
     with opened(kind, "bench_echo", domain) as transport:

@@ -130,7 +130,7 @@ def distance_rows(
         shapes: placements of the shapes in the world, (n, 12).
         J: joint Jacobians, (6, nv).
         moves: 1 where a joint moves a link, (links, nv).
-        links: motions at the world's origin, (links, 12), of `frames.link_motions`.
+        links: motions at the world's origin, (links, 12), of `frames.link_terms`.
         rows: for J_d, (k, nv).
         rate: for ḋ, (k,) in m/s.
         drift: for δ, (k,) in m/s².

@@ -52,6 +52,11 @@ def apply(settings: RealtimeSettings) -> None:
         _schedule(settings.scheduling, settings.priority)
 
 
+def processors() -> set[int]:
+    """Numbers of the processors that this process may use; none where the system does not say."""
+    return set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else set()
+
+
 def in_force(process: int = 0) -> str:
     """What the system says of a process's main thread, such as ``fifo 50 on processors 2, 3, memory locked``.
 

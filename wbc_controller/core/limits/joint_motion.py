@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.core.tunable import Tunable
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.joint_motion import acceleration_bounds
@@ -60,6 +61,9 @@ class JointMotionLimit:
         horizon: lower bound of T, s. A T longer than the period is viable too, and less sensitive to noise in the
             measured position: near the limit the bound moves by 1 / T² per rad, and by 1 / T per rad/s.
     """
+
+    acceleration: Tunable[float] = Tunable()
+    horizon: Tunable[float] = Tunable()
 
     def __init__(
         self,

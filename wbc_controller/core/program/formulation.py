@@ -203,7 +203,8 @@ class Formulation:
         most, falling = self.torque_limit.effort_limits, self.torque_limit.curve is not None
         layout.available[:] = -most, most, most
         rows, *_ = [cost.prepare(layout, self.dynamics, references.weights) for cost in self._costs]
-        if known is not None and known.layout is layout and known.rows is rows and known.limits == limits:
+        same = known is not None and known.changes == changes and known.limits == limits
+        if known is not None and same and known.layout is layout and known.rows is rows:
             motion, tables = known.motion, known.tables
         else:
             q_index, v_index = (each.astype(np.int64) for each in (self.model.q_index, self.model.v_index))
