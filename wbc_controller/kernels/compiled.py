@@ -34,16 +34,12 @@ ROWS = types.Array(types.float64, 2, "C", readonly=True)
 ANY_VECTOR = types.Array(types.float64, 1, "A", readonly=True)
 ANY_MATRIX = types.Array(types.float64, 2, "A", readonly=True)
 INDICES = types.Array(types.int64, 1, "C", readonly=True)
-SIGNS = types.Array(types.int8, 1, "C", readonly=True)
 SIGN_ROWS = types.Array(types.int8, 2, "C", readonly=True)
 #: A `bytes` object; nothing else that holds bytes is accepted.
 BYTES = types.Bytes(types.uint8, 1, "C", readonly=True)
 #: Arrays that are written.
 VECTOR_OUT = types.Array(types.float64, 1, "C")
 ROWS_OUT = types.Array(types.float64, 2, "C")
-SIGNS_OUT = types.Array(types.int8, 1, "C")
-ANY_VECTOR_OUT = types.Array(types.float64, 1, "A")
-ANY_MATRIX_OUT = types.Array(types.float64, 2, "A")
 
 #: What `Bound` gives.
 TABLE = types.Array(types.int64, 1, "C", readonly=True)
