@@ -272,15 +272,8 @@ class Formulation:
             layout.contact_motion += pull(layout, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
-        problem = layout.problem
-        for limit, rows in zip(self.row_limits, layout.limits, strict=True):
-            limit.fill(
-                self.dynamics,
-                self.period,
-                problem.C[rows, : self.model.nv],
-                problem.lower[rows],
-                problem.upper[rows],
-            )
+        for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
+            limit.fill(self.dynamics, self.period, *parts)
             layout.relabel(rows, limit.names)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:

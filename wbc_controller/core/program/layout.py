@@ -70,6 +70,8 @@ class Layout:
         available: least and largest torques that are available, and the effort limits, (3, na) in N·m.
         row_limits: the limits on combinations of v̇.
         limits: rows of C of each row limit.
+        limit_parts: for each row limit its columns of v̇ in these rows, and their lower and upper bounds: views of the
+            problem's arrays.
         joints: columns of the joint accelerations in x, (nj,).
         torque_bias: the constant part of the torques, (na,) in N·m: τ = C x + torque_bias for the torque rows of C.
         levels: the cost of each priority level, highest priority first; `H` and `g` of the problem are those of the
@@ -97,6 +99,7 @@ class Layout:
             self.limits.append(slice(inequality, inequality + len(limit.names)))
             inequality += len(limit.names)
         self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows)
+        self.limit_parts = [(problem.C[rows, :nv], problem.lower[rows], problem.upper[rows]) for rows in self.limits]
         problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
         self.J = problem.A[:nf, :nv]
         self.contact_motion = problem.b[:nf]
