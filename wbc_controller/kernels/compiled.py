@@ -40,6 +40,7 @@ BYTES = types.Bytes(types.uint8, 1, "C", readonly=True)
 #: Arrays that are written.
 VECTOR_OUT = types.Array(types.float64, 1, "C")
 ROWS_OUT = types.Array(types.float64, 2, "C")
+ANY_MATRIX_OUT = types.Array(types.float64, 2, "A")
 
 #: What `Bound` gives.
 TABLE = types.Array(types.int64, 1, "C", readonly=True)

@@ -21,6 +21,7 @@ from wbc_controller.core.robot.from_urdf import build_model
 from wbc_controller.core.tasks import PostureTask
 from wbc_controller.core.whole_body_qp import WholeBodyQP
 from wbc_controller.errors import NoSolution
+from wbc_controller.kernels.self_collision import DISTANCE, distance_rows
 from wbc_controller.records import Reference, References, RobotState
 from wbc_controller.settings import SelfCollisionSettings
 from wbc_controller.settings.resources import share_folder
@@ -51,11 +52,24 @@ def random_motion(model, rng):
     return model.configuration(joints, pin.SE3.Random()), rng.normal(size=model.nv)
 
 
-def rows_of(limit, dynamics, near, points):
-    """J_d and the drift of some pairs."""
-    J, rate, drift = limit._rows(dynamics, np.array(near), tuple(points))
+def near_of(limit, dynamics, ahead):
+    """The pairs whose distances were needed, and these."""
+    near = limit._near[: limit._find(dynamics, ahead)].copy()
+    return near, limit._results[near, DISTANCE]
+
+
+def rows_of(limit, dynamics, near):
+    """J_d and the drift of pairs whose distances have just been computed."""
+    J, rate, drift = np.empty((len(near), dynamics.model.nv)), np.empty(len(near)), np.empty(len(near))
+    distance_rows(limit._bound.table, np.array(near), J, rate, drift)
     np.testing.assert_allclose(J @ dynamics.v, rate, rtol=1e-12, atol=1e-12)
     return J, drift
+
+
+def another(model, limit):
+    """A limit like this one, that has seen nothing."""
+    how = {"margin": limit.margin, "acceleration": limit.acceleration, "horizon": limit.horizon}
+    return SelfCollisionLimit(model, limit._geometry, **how, max_pairs=len(limit.names))
 
 
 def along(model, limit, q, v, step, pairs):
@@ -78,8 +92,8 @@ def test_the_rate_of_every_distance_is_its_row_times_the_velocity(limits, robot)
     for _ in range(4):
         q, v = random_motion(model, rng)
         dynamics.update(q, v)
-        near, distance, points = limit._near(dynamics, 0.2)
-        rate = rows_of(limit, dynamics, near, points)[0] @ v
+        near, distance = near_of(limit, dynamics, 0.2)
+        rate = rows_of(limit, dynamics, near)[0] @ v
         before, now, after = along(model, limit, q, v, 1.0e-4, near)
         np.testing.assert_allclose(now, distance, atol=1e-9)
         apart = now > 0.002  # where shapes touch, the normal changes within the step
@@ -130,9 +144,9 @@ def test_of_balls_the_second_derivative_is_the_drift_and_what_parts_them(balls):
     for _ in range(20):
         q, v = model.configuration(rng.uniform(-1.0, 1.0, model.na), pin.SE3.Random()), rng.normal(size=model.nv)
         dynamics.update(q, v)
-        near, _, points = limit._near(dynamics, 5.0)
+        near, _ = near_of(limit, dynamics, 50.0)  # any distance is near
         assert len(near) == len(limit._pair_names)
-        J, drift = rows_of(limit, dynamics, near, points)
+        J, drift = rows_of(limit, dynamics, near)
         step = 1.0e-3
         before, now, after = along(model, limit, q, v, step, near)
         second = (after - 2.0 * now + before) / step**2
@@ -147,7 +161,7 @@ def test_of_balls_the_second_derivative_is_the_drift_and_what_parts_them(balls):
         dynamics.update(q, v)
         dynamics.place(limit._geometry, limit._data)
         centres = np.array([limit._data.oMg[i].translation for i in range(6)])
-        first, last = limit._first[near], limit._second[near]
+        first, last = limit._pairs[near].T
         c, c_dot = centres[last] - centres[first], moved[last] - moved[first]
         parts = (np.sum(c_dot**2, axis=1) - (J @ v) ** 2) / np.linalg.norm(c, axis=1)
         np.testing.assert_allclose(second, drift + parts, atol=2e-3 * (1.0 + np.abs(second).max()))
@@ -162,8 +176,8 @@ def test_the_drift_promises_no_more_than_there_is(limits, robot):
     for _ in range(4):
         q, v = random_motion(model, rng)
         dynamics.update(q, v)
-        near, _, points = limit._near(dynamics, 0.1)
-        drift = rows_of(limit, dynamics, near, points)[1]
+        near, _ = near_of(limit, dynamics, 0.1)
+        drift = rows_of(limit, dynamics, near)[1]
         before, now, after = along(model, limit, q, v, 2.0e-3, near)
         surplus.append(((after - 2.0 * now + before) / 2.0e-3**2 - drift)[now > 0.005])
     surplus = np.concatenate(surplus)
@@ -176,8 +190,8 @@ def test_no_motion_of_the_robot_as_a_whole_changes_a_distance(limits, robot):
     model, limit = limits[robot]
     dynamics = Dynamics(model)
     dynamics.update(*random_motion(model, np.random.default_rng(3)))
-    near, _, points = limit._near(dynamics, 0.1)
-    assert not rows_of(limit, dynamics, near, points)[0][:, :6].any()
+    near, _ = near_of(limit, dynamics, 0.1)
+    assert not rows_of(limit, dynamics, near)[0][:, :6].any()
 
 
 @pytest.mark.parametrize("robot", SRDF)
@@ -199,13 +213,12 @@ def test_what_was_computed_before_changes_no_row(limits, robot):
         if i % 10 == 9:
             distances = limit.distances(dynamics)
             assert (limit._least <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
-            kept, limit._seen, limit._least = (limit._seen, limit._least), None, np.full_like(limit._least, -np.inf)
-            limit.fill(dynamics, 0.002, *filled[1])
-            assert limit.computed > 0
-            assert limit.names == names
+            new = another(model, limit)
+            new.fill(dynamics, 0.002, *filled[1])
+            assert new.computed > 0
+            assert new.names == names
             for ours, fresh in zip(filled[0], filled[1], strict=True):
                 np.testing.assert_array_equal(ours, fresh)
-            limit._seen, limit._least = kept
             used += np.isfinite(filled[0][1]).sum()
     assert used > 5
     assert skipped > 0.8 * 120 * len(limit._pair_names)  # it saved something
@@ -221,7 +234,8 @@ def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limi
         v[joint] = 1.0
         dynamics.update(q, v)
         before, _, after = along(model, limit, q, v, 1.0e-3, range(len(limit._pair_names)))
-        rate, most = np.abs(after - before) / 2.0e-3, limit._leverage[joint]
+        limit._find(dynamics, 0.02)
+        rate, most = np.abs(after - before) / 2.0e-3, limit._sums[limit._ends, 0].sum(axis=1)
         assert (rate <= most + 1.0e-6).all()
         tight.append(np.max(rate / np.where(most > 0.0, most, 1.0)))
     assert max(tight) > 0.4  # nor is it far more than it can be
@@ -237,15 +251,13 @@ def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
         q, v = random_motion(model, rng)
         v *= rng.uniform(0.2, 4.0)
         dynamics.update(q, v)
-        limit._seen, limit._least = None, np.full_like(limit._least, -np.inf)
-        limit.fill(dynamics, 0.002, *filled)
-        assert limit.computed < 0.7 * len(all_pairs)
-        answers = [limit._distance(i) for i in all_pairs]
-        parts = [(a.min_distance, a.normal, a.getNearestPoint1(), a.getNearestPoint2()) for a in answers]
-        distance, *points = (np.array(part) for part in zip(*parts, strict=True))
-        bound = limit.bound(distance, rows_of(limit, dynamics, all_pairs, points)[0] @ v, limit.horizon)
+        new = another(model, limit)
+        new.fill(dynamics, 0.002, *filled)
+        assert new.computed < 0.7 * len(all_pairs)
+        distance = np.array(list(new.distances(dynamics).values()))
+        bound = limit.bound(distance, rows_of(new, dynamics, all_pairs)[0] @ v, limit.horizon)
         needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_FASTER / limit.horizon)}
-        assert set(limit.names) - {"self_collision:unused"} == needed
+        assert set(new.names) - {"self_collision:unused"} == needed
         found += len(needed)
     assert found > 50
 
@@ -449,6 +461,13 @@ def test_a_start_inside_of_each_other_is_recovered_from(bench):
     assert distance[-1] > min(0.25 - 1e-3, distance[0] + 0.03)
     assert np.max(np.diff(distance)) < 1.2 * RETURN_SPEED * 0.002
     assert hardest.max() < 100.0
+
+
+def test_memory_that_coal_lays_out_in_another_way_is_refused(balls, monkeypatch):
+    model, limit = balls
+    monkeypatch.setattr("wbc_controller.core.limits.self_collision.DISTANCE", DISTANCE + 1)
+    with pytest.raises(RuntimeError, match="does not keep what it finds of two shapes"):
+        another(model, limit)
 
 
 def test_pairs_are_all_that_can_move_relative_to_each_other(balls):

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.limits.limit import RowLimit
-from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placement_table
+from wbc_controller.core.robot.dynamics import Dynamics, in_one_piece, moved_by, placement_table
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.self_collision import acceleration_apart, approach, distance_rows, reach_of
+from wbc_controller.kernels.compiled import Bound
+from wbc_controller.kernels.self_collision import DISTANCE, RESULT, SECOND, acceleration_apart, fill_apart, near_pairs
 from wbc_controller.records import Array
 
 #: Speed at which links nearer than the margin separate, m/s: slow, as the robot may start there.
@@ -23,8 +24,6 @@ _RESERVE = 3.0
 #: Largest increase of a pair's closing speed in a cycle without a row, m/s: a row is left out if its lower bound of d̈
 #: is below minus this over T.
 _FASTER = 0.2
-#: Number of pairs above which a tighter bound of the closing speeds is computed first, as it saves distance queries.
-_MANY = 12
 #: Tolerance of the distances, m, and the initial guess of their iteration: a direction, and two vertices.
 _GJK_TOLERANCE = 1.0e-10
 _GUESS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
@@ -54,11 +53,12 @@ class SelfCollisionLimit(RowLimit):
     like a critically damped spring with the time constant T: an error e in δ costs a distance of e T². Where r < 0 the
     links have to separate with the speed -r / T, at most `RETURN_SPEED`. No row requires more than `_RESERVE` A.
 
-    The pairs that could reach the margin are found in two steps. First, a lower bound of the distance of every pair:
-    the last computed distance, less the rotation since then of each joint between the two links times the largest
-    distance of the links' geometry from that joint. Then the distance itself, but only where a pair could not brake
-    from its largest possible closing speed within the lower bound. The rows are the same as if all distances had been
-    computed. If there are more pairs than rows, the pairs with the largest required d̈ get a row.
+    The pairs that could reach the margin are found in two steps. First, lower bounds of the distance of every pair: the
+    last computed distance, less the rotation since then of each joint between the two links times the largest distance
+    of the links' geometry from that joint; and the distance of balls that enclose the shapes. Then the distance itself,
+    but only where a pair could not brake from its largest possible closing speed within the lower bound. The rows are
+    the same as if all distances had been computed. If there are more pairs than rows, the pairs with the largest
+    required d̈ get a row.
 
     Attributes:
         margin: least distance, m.
@@ -103,53 +103,41 @@ class SelfCollisionLimit(RowLimit):
         for request in self._requests:
             request.gjk_tolerance = _GJK_TOLERANCE
             request.gjk_initial_guess = coal.GJKInitialGuess.CachedGuess
-        shapes, pairs = list(geometry.geometryObjects), list(geometry.collisionPairs)
-        self._first = np.array([pair.first for pair in pairs], dtype=np.intp)
-        self._second = np.array([pair.second for pair in pairs], dtype=np.intp)
-        self._pair_names = tuple(
-            f"self_collision:{shapes[pair.first].name}/{shapes[pair.second].name}" for pair in pairs
-        )
-        self._radii = np.array([_radius(shape.geometry) for shape in shapes])
-        self._smaller = np.where(self._radii[self._first] < self._radii[self._second], self._first, self._second)
-        self._links = np.array([shape.parentJoint for shape in shapes], dtype=np.intp)
-        # For each pair the components of v that move one shape alone: -1 the first, 1 the second.
-        moves = moved_by(model.pinocchio)[self._links]
-        signs = moves[self._second] - moves[self._first]
-        reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, self._radii, strict=True)])
-        # Largest rate of change of each pair's distance per unit speed of each joint between its links, (nv, pairs).
-        leverage = np.where(signs > 0, reach[self._second], reach[self._first]) * np.abs(signs)
-        self._leverage = np.ascontiguousarray(leverage.T)
-        # In the memory that Pinocchio overwrites.
-        self._shapes = placement_table(self._data.oMg)
-        self._places = _places(model.pinocchio)
+        shapes, moves = list(geometry.geometryObjects), moved_by(model.pinocchio)
+        self._pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs], dtype=np.int64)
+        self._pair_names = tuple(f"self_collision:{shapes[a].name}/{shapes[b].name}" for a, b in self._pairs)
+        # In the memory that Pinocchio and coal overwrite.
+        self._shapes, self._results = placement_table(self._data.oMg), _results(model, geometry, self._data)
+        links = np.array([shape.parentJoint for shape in shapes], dtype=np.int64)
+        radii = [_radius(shape.geometry) for shape in shapes]
+        mounts = np.column_stack([[shape.placement.translation for shape in shapes], radii])
+        reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, radii, strict=True)])
+        *levers, self._ends = _levers(moves, links, reach, self._pairs)
+        constants = np.array([_FASTER, RETURN_SPEED, _RESERVE])
+        # What compiled code works on, beside a snapshot's terms, and what it remembers and finds (`near_pairs`).
+        self._told = self._pairs, self._ends, *levers, _places(model.pinocchio), links, mounts, constants
+        count, room = len(self._pairs), len(levers[-1]) + 1
+        self._seen, self._least = np.full(model.nq, np.nan), np.full(count, np.nan)
+        self._sums, self._near = np.zeros((room, 2)), np.zeros(count, dtype=np.int64)
+        self._shown = np.full(count, -1, dtype=np.int64)
+        self._memory = (
+            self._seen, self._least, self._sums, self._near,
+            np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros((count, model.nv)),
+            np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64), self._shown,
+        )  # fmt: skip
+        self._bound_of: Dynamics | None = None
+        self._bound: Bound
         self.computed = 0
-        self._seen: Array | None = None
-        self._least = np.full(len(pairs), -np.inf)
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
         """Write the rows and bounds for one state."""
-        rows[:] = 0.0
-        lower[:] = -np.inf
-        upper[:] = np.inf
-        names: list[str] = []
         ahead = max(period, self.horizon)
-        near, distance, points = self._near(dynamics, ahead)
-        if near:
-            pairs = np.array(near)
-            J, rate, drift = self._rows(dynamics, pairs, points)
-            bound = self.bound(distance, rate, ahead)
-            there = (~(bound < -_FASTER / ahead)).nonzero()[0]
-            if len(there):
-                bound = bound[there] - drift[there]
-                if len(there) > len(lower):
-                    # In the order of the pairs: while the set of pairs stays the same each pair keeps its row, and the
-                    # solver its warm start.
-                    most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
-                    there, bound = there[most], bound[most]
-                rows[: len(there)] = J[there]
-                lower[: len(there)] = bound
-                names = [self._pair_names[i] for i in pairs[there].tolist()]
-        self.names = (*names, *(_UNUSED,) * (len(lower) - len(names)))
+        count = self.computed = self._find(dynamics, ahead)
+        wanted = self.acceleration, ahead, self.margin + INEXACT
+        changed = fill_apart(self._bound.table, count, *wanted, rows, lower, upper)
+        if changed or len(self.names) != len(lower):
+            names = [self._pair_names[i] if i >= 0 else _UNUSED for i in self._shown[: len(lower)].tolist()]
+            self.names = (*names, *(_UNUSED,) * (len(lower) - len(names)))
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
         """Lower bound of d̈, (k,) in m/s², for pairs with given distances, (k,) in m, and rates ḋ, (k,) in m/s."""
@@ -159,17 +147,6 @@ class SelfCollisionLimit(RowLimit):
             found,
         )  # fmt: skip
         return found
-
-    def _rows(
-        self, dynamics: Dynamics, pairs: np.ndarray, points: tuple[Array, Array, Array]
-    ) -> tuple[Array, Array, Array]:
-        """J_d (k, nv), ḋ (k,) and δ (k,) of given pairs, from their normals and nearest points, (k, 3) each."""
-        J, rate, drift = np.empty((len(pairs), dynamics.model.nv)), np.empty(len(pairs)), np.empty(len(pairs))
-        distance_rows(
-            *points, self._first[pairs], self._second[pairs], self._links, self._shapes,
-            dynamics.joint_jacobians, dynamics.moves, dynamics.links, J, rate, drift,
-        )  # fmt: skip
-        return J, rate, drift
 
     def distances(self, dynamics: Dynamics) -> dict[str, float]:
         """Distance of every pair at one state, m, by row name."""
@@ -183,77 +160,80 @@ class SelfCollisionLimit(RowLimit):
         request.cached_gjk_guess, request.cached_support_func_guess = _GUESS
         return pin.computeDistance(self._geometry, self._data, pair)
 
-    def _near(self, dynamics: Dynamics, ahead: float) -> tuple[list[int], Array, tuple[Array, Array, Array]]:
-        """Find the pairs that may need a row: indices, distances (k,), and normals and nearest points, each (k, 3)."""
-        q, reach = dynamics.q, np.empty(len(self._least))
-        seen = q if self._seen is None else self._seen
-        approach(q, seen, self._places, dynamics.v, self._leverage, *self._stopping(ahead), self._least, reach)
-        self._seen = np.array(q)
-        near = (~(self._least > reach)).nonzero()[0]
-        dynamics.place(self._geometry, self._data)
-        if len(near) > _MANY:
-            near, tighter = self._nearer(dynamics, near, ahead)
-            reach[near] = tighter
-        found: list[int] = []
-        normal, first, second = np.empty((3, len(near), 3))
-        for i in near.tolist():
-            answer = self._distance(i)
-            self._least[i] = distance = answer.min_distance
-            if not (distance > reach[i]):
-                k = len(found)
-                normal[k], first[k], second[k] = answer.normal, answer.getNearestPoint1(), answer.getNearestPoint2()
-                found.append(i)
-        self.computed = len(near)
-        k = len(found)
-        return found, self._least[found], (normal[:k], first[:k], second[:k])
+    def _find(self, dynamics: Dynamics, ahead: float) -> int:
+        """Compute the distances of the pairs that may need a row, the first ones of `_near`; gives their number."""
+        if dynamics is not self._bound_of:
+            self._bind(dynamics)
+        count: int = near_pairs(
+            self._bound.table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + INEXACT
+        )
+        if count:
+            dynamics.place(self._geometry, self._data)
+            for i in self._near[:count].tolist():
+                self._distance(i)
+        return count
 
-    def _stopping(self, ahead: float) -> tuple[float, float, float, float]:
-        """Deceleration, horizon, growth of the closing speed and margin, as `kernels.self_collision` takes them."""
-        return self.acceleration, ahead, _FASTER, self.margin + INEXACT
-
-    def _nearer(self, dynamics: Dynamics, pairs: np.ndarray, ahead: float) -> tuple[np.ndarray, Array]:
-        """Narrow down the pairs that may need a row by the twists of the links; also gives their reach.
-
-        Lower bounds of the distances are those of the balls that enclose the shapes.
-        """
-        origins, twist = self._shapes[:, 9:], dynamics.links[self._links, :6]
-        first, second = self._first[pairs], self._second[pairs]
-        relative = twist[second] - twist[first]
-        turning = np.sqrt(_dot(relative[:, 3:], relative[:, 3:]))
-        apart = origins[second] - origins[first]
-        length, radii = np.sqrt(_dot(apart, apart)), self._radii[first] + self._radii[second]
-        # The normal lies in the cone about the line between the balls' centres that contains both balls.
-        sine = np.minimum(radii / length, 1.0)
-        cosine = np.sqrt(1.0 - sine**2)
-        # The relative twist has the same velocity along the normal at both nearest points: take the smaller ball's.
-        smaller = self._smaller[pairs]
-        v = relative[:, :3] + _cross(relative[:, 3:], origins[smaller])
-        speed, radial = _dot(v, v), _dot(v, apart) / -length
-        across = np.sqrt(np.maximum(speed - radial**2, 0.0))
-        closing = np.where(sine < 1.0, np.maximum(radial, radial * cosine) + across * sine, np.sqrt(speed))
-        closing = np.maximum(closing, 0.0) + turning * self._radii[smaller]
-        self._least[pairs] = least = np.maximum(self._least[pairs], length - radii)
-        reach = np.empty(len(closing))
-        reach_of(closing, *self._stopping(ahead), reach)
-        there = ~(least > reach)
-        return pairs[there], reach[there]
+    def _bind(self, dynamics: Dynamics) -> None:
+        """Tell compiled code where a snapshot's terms are."""
+        joints, links, twists, moves, *_ = dynamics.terms
+        k, n, nv, nq = len(self._pairs), len(links), len(twists), len(self._seen)
+        sizes = k, len(self._shapes), n, nv, nq, len(self._sums) - 1
+        terms = joints, links, twists, moves, self._shapes, self._results
+        self._bound_of, self._bound = dynamics, Bound(*sizes, *self._told, *terms, *self._memory)
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("ki,ki->k", a, b))
+def _results(model: RobotModel, geometry: pin.GeometryModel, data: pin.GeometryData) -> Array:
+    """What coal finds of each pair, (pairs, `RESULT`), in its memory: to ask for it takes a microsecond for each pair.
+
+    Raises:
+        RuntimeError: where this release lays that memory out in another way.
+    """
+    table = in_one_piece([result.cached_gjk_guess for result in data.distanceResults], RESULT)
+    q = model.configuration(model.posture)
+    pin.updateGeometryPlacements(model.pinocchio, model.pinocchio.createData(), geometry, data, q)
+    for i in range(len(table)):
+        answer = pin.computeDistance(geometry, data, i)
+        told = answer.min_distance, *answer.normal, *answer.getNearestPoint1(), *answer.getNearestPoint2()
+        if not np.array_equal(table[i, DISTANCE : SECOND + 3], told, equal_nan=True):
+            raise RuntimeError(f"coal {coal.__version__} does not keep what it finds of two shapes in the known order")
+    return table
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products of rows, (k, 3); much faster than `numpy.cross` on few rows."""
-    result = np.empty_like(a)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
-    return result
+def _levers(
+    moves: np.ndarray, links: np.ndarray, reach: Array, pairs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Array, np.ndarray]:
+    """How fast the joints between two links can change the distance of shapes on them.
+
+    A joint that moves one link of a pair and not the other changes their distance at most by its speed times the
+    largest distance from it of the shape on that link. For a shape these are the joints from its link towards the root,
+    up to the first one that moves both links: a part of the same sum for all of its pairs.
+
+    Args:
+        moves: 1 where a component of v moves a link, (links, nv).
+        links: index of the link of each shape, (s,).
+        reach: largest distance of each shape from each joint, (s, nv).
+        pairs: indices of the two shapes of each pair, (k, 2).
+
+    Returns:
+        `starts`, `components`, `levers` and `ends`, as `kernels.self_collision.near_pairs` takes them.
+    """
+    starts, components, levers, ends = [0], [], [], np.zeros(pairs.shape, dtype=np.int64)
+    for shape, link in enumerate(links):
+        own = np.flatnonzero(moves[link])[::-1]  # Pinocchio numbers them from the root on
+        where = pairs == shape
+        others = links[pairs[:, ::-1][where]]
+        counts = np.count_nonzero(moves[others][:, own] == 0, axis=1)
+        ends[where] = np.where(counts > 0, starts[-1] + counts, 0)
+        own = own[: counts.max(initial=0)]
+        components.append(own)
+        levers.append(reach[shape, own])
+        starts.append(starts[-1] + len(own))
+    return np.array(starts, dtype=np.int64), np.concatenate(components), np.concatenate(levers), ends
 
 
 def _places(model: pin.Model) -> np.ndarray:
     """Where the position of each joint with one degree of freedom stands in q, by component of v; else -1; (nv,)."""
-    places = np.full(model.nv, -1, dtype=np.intp)
+    places = np.full(model.nv, -1, dtype=np.int64)
     for joint in model.joints:
         if joint.nq == joint.nv == 1:
             places[joint.idx_v] = joint.idx_q

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class Dynamics:
         self.moves = moved_by(model.pinocchio)
         self.links = np.zeros((model.pinocchio.njoints, 12))
         self.joints = placements(data)
-        parts = [_table([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
+        parts = [in_one_piece([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
         gravity = np.array([*model.pinocchio.gravity.linear, pin.computeTotalMass(model.pinocchio)])
         made = self.links, self._per_mass.T, self.com_velocity, self.com_drift, self.centroidal_drift
@@ -167,18 +168,18 @@ def placements(data: pin.Data) -> Array:
 
 def placement_table(placements: Any) -> Array:
     """Placements that Pinocchio keeps as a vector, (n, 12), in its memory: the rotation by columns, the translation."""
-    return _table([placement.rotation for placement in placements], 12)
+    return in_one_piece([placement.rotation for placement in placements], 12)
 
 
-def _table(parts: list[Array], size: int) -> Array:
+def in_one_piece(parts: Sequence[Array], size: int) -> Array:
     """One read-only array, (n, size), over the memory of n parts that lie one after the other.
 
     Args:
-        parts: the first numbers of each, in Pinocchio's memory.
+        parts: the first numbers of each, in Pinocchio's memory or coal's.
         size: of each part.
 
     Raises:
-        RuntimeError: where they do not lie so: this release of Pinocchio keeps them in another way.
+        RuntimeError: where they do not lie so: this release keeps them in another way.
     """
     places = [part.__array_interface__["data"][0] for part in parts]
     if any(after - before != 8 * size for before, after in zip(places, places[1:])):  # noqa: B905, RUF007
