@@ -5,6 +5,7 @@ import importlib.util
 import logging
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from wbc_controller import kernels
 from wbc_controller.kernels import compiled
 from wbc_controller.kernels.active_set import residuals
+from wbc_controller.kernels.compiled import Bound
 
 SOURCE = """
 from wbc_controller.kernels.compiled import NUMBER, VECTOR, compiled
@@ -85,6 +87,29 @@ def test_types_that_were_not_named_are_refused_and_not_compiled(file):
     assert total(frozen, 2) == 6.0  # reading needs no more
     with pytest.raises(TypeError, match="No matching definition"):  # and writing does
         residuals(np.ones((1, 2)), np.ones((2, 1)), frozen)
+
+
+def test_a_table_holds_numbers_as_they_are_and_arrays_by_address_and_keeps_them():
+    values, weak = np.arange(6.0).reshape(2, 3), []
+    bound = Bound(2, 3, values, np.arange(3))
+    weak.append(weakref.ref(values))
+    assert bound.table.tolist()[:3] == [2, 3, values.ctypes.data]
+    del values
+    assert weak[0]() is not None  # as long as compiled code may read it
+    del bound
+    assert weak[0]() is None
+
+
+@pytest.mark.parametrize("array", [np.ones((3, 2)).T, np.ones(6)[::2], np.asfortranarray(np.ones((2, 3)))])
+def test_an_array_with_gaps_or_by_columns_is_not_bound(array):
+    with pytest.raises(ValueError, match="row by row"):
+        Bound(1, array)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int32, np.bool_, np.complex128])
+def test_an_array_of_other_numbers_than_compiled_code_reads_is_not_bound(kind):
+    with pytest.raises(TypeError, match="float64, int64 and int8"):
+        Bound(np.ones(3, dtype=kind))
 
 
 def test_where_nothing_can_be_kept_it_is_compiled_and_says_so(caplog):

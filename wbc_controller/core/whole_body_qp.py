@@ -169,12 +169,11 @@ class WholeBodyQP:
             hierarchy = self._hierarchies[layout.key]
             answer = hierarchy.solve(layout.problem, layout.levels)
             return answer, hierarchy.reports, hierarchy.unsolved
-        started, level = self._timer(), layout.levels[0]
+        started = self._timer()
         answer = self._solver_of(layout).solve(layout.problem)
         if answer.x is None:
             return answer, (), ()
-        cost = level.cost.value(answer.x) if answer.cost is None else answer.cost
-        return answer, (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),), ()
+        return answer, (self._report(layout.levels[0], answer.x, answer, started),), ()
 
     def solve(
         self,

@@ -16,7 +16,7 @@ from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.estimation.move import HERE, Move
 from wbc_controller.estimation.rolling import Rolling
-from wbc_controller.kernels.frames import base_of_imu
+from wbc_controller.kernels.leg_kinematics import base_of_imu
 from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.

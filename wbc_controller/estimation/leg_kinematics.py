@@ -11,7 +11,7 @@ import pinocchio as pin
 from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
 from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placements
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.frames import imu_on_base, sights
+from wbc_controller.kernels.leg_kinematics import imu_on_base, sights
 from wbc_controller.records import Array
 
 #: Points of a sole that are followed: three that are not on a line tell its orientation too.

@@ -4,7 +4,7 @@ A twist is [linear, angular]. At the world's origin and in world axes it is the 
 at a point p its linear part is v₀ + ω × p. So it is with the spatial acceleration, whose linear part at p lacks
 ω × v(p) to be that of the point, and with the columns of a Jacobian: Pinocchio's, where the joint moves the link.
 
-A placement is (12,): the columns of its rotation, and the translation.
+Placements are those of `placements`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,8 @@ import math
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
-    ANY_MATRIX,
     ANY_VECTOR,
-    INDICES,
-    INTEGER,
-    NUMBER,
     ROWS,
-    ROWS_OUT,
-    SIGN_ROWS,
     TABLE,
     VECTOR,
     VECTOR_OUT,
@@ -32,36 +26,12 @@ from wbc_controller.kernels.compiled import (
     signs,
     vector,
 )
+from wbc_controller.kernels.placements import cross, place, quaternion, turn, turn_back
 from wbc_controller.records import Array
 
 #: Kinds of instructions of `fill_rows`: tasks on a frame, on the centre of mass and on single joints, contacts of a
 #: surface and of a ball, and the rate of the momentum.
 FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
-
-
-@part
-def _turn(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """R (x, y, z) for the rotation of a placement."""
-    return (
-        R[0] * x + R[3] * y + R[6] * z,
-        R[1] * x + R[4] * y + R[7] * z,
-        R[2] * x + R[5] * y + R[8] * z,
-    )
-
-
-@part
-def _turn_back(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Rᵀ (x, y, z)."""
-    return (
-        R[0] * x + R[1] * y + R[2] * z,
-        R[3] * x + R[4] * y + R[5] * z,
-        R[6] * x + R[7] * y + R[8] * z,
-    )
-
-
-@part
-def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return b * z - c * y, c * x - a * z, a * y - b * x
 
 
 @compiled(TABLE, VECTOR)
@@ -99,9 +69,9 @@ def link_terms(table: np.ndarray, velocity: Array) -> None:
         R = joints[i]
         for half in range(2):
             local = v[i] if half == 0 else a[i]
-            x, y, z = _turn(R, local[0], local[1], local[2])
-            wx, wy, wz = _turn(R, local[3], local[4], local[5])
-            cx, cy, cz = _cross(wx, wy, wz, R[9], R[10], R[11])
+            x, y, z = turn(R, local[0], local[1], local[2])
+            wx, wy, wz = turn(R, local[3], local[4], local[5])
+            cx, cy, cz = cross(wx, wy, wz, R[9], R[10], R[11])
             to = links[i, 6 * half :]
             to[0], to[1], to[2], to[3], to[4], to[5] = x - cx, y - cy, z - cz, wx, wy, wz
         for k in range(3):
@@ -110,9 +80,9 @@ def link_terms(table: np.ndarray, velocity: Array) -> None:
         drift[k] = 0.0
     for root in roots:
         R, local = joints[root], f[root]
-        x, y, z = _turn(R, local[0], local[1], local[2])
-        nx, ny, nz = _turn(R, local[3], local[4], local[5])
-        cx, cy, cz = _cross(R[9] - com[0], R[10] - com[1], R[11] - com[2], x, y, z)
+        x, y, z = turn(R, local[0], local[1], local[2])
+        nx, ny, nz = turn(R, local[3], local[4], local[5])
+        cx, cy, cz = cross(R[9] - com[0], R[10] - com[1], R[11] - com[2], x, y, z)
         drift[0], drift[1], drift[2] = drift[0] + x, drift[1] + y, drift[2] + z
         drift[3], drift[4], drift[5] = drift[3] + nx + cx, drift[4] + ny + cy, drift[5] + nz + cz
     for k in range(3):
@@ -127,21 +97,11 @@ def link_terms(table: np.ndarray, velocity: Array) -> None:
 
 
 @part
-def _place(frame: Array, mount: Array, out: Array) -> None:
-    """The placement of something that is mounted on a frame."""
-    for column in range(3):
-        x, y, z = _turn(frame, mount[3 * column], mount[3 * column + 1], mount[3 * column + 2])
-        out[3 * column], out[3 * column + 1], out[3 * column + 2] = x, y, z
-    x, y, z = _turn(frame, mount[9], mount[10], mount[11])
-    out[9], out[10], out[11] = frame[9] + x, frame[10] + y, frame[11] + z
-
-
-@part
 def _seen(C: Array, motion: Array, out: Array) -> None:
     """A motion at the world's origin as seen at the origin of a placement, along its axes: both (6,)."""
-    cx, cy, cz = _cross(motion[3], motion[4], motion[5], C[9], C[10], C[11])
-    out[0], out[1], out[2] = _turn_back(C, motion[0] + cx, motion[1] + cy, motion[2] + cz)
-    out[3], out[4], out[5] = _turn_back(C, motion[3], motion[4], motion[5])
+    cx, cy, cz = cross(motion[3], motion[4], motion[5], C[9], C[10], C[11])
+    out[0], out[1], out[2] = turn_back(C, motion[0] + cx, motion[1] + cy, motion[2] + cz)
+    out[3], out[4], out[5] = turn_back(C, motion[3], motion[4], motion[5])
 
 
 @part
@@ -165,7 +125,7 @@ def _contact_rows(
         out: for J, and -ν̇ at v̇ = 0 in the last column, (r, …).
     """
     C, column, nu, carried, nu_dot = np.empty(12), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    _place(joints[link], mount, C)
+    place(joints[link], mount, C)
     for j in range(len(twists)):
         sign = moves[link, j] - moves[other, j]
         if sign == 0:
@@ -183,10 +143,10 @@ def _contact_rows(
         nu[i] -= carried[i]
         nu_dot[i] -= column[i]
     a, b, c = nu[3], nu[4], nu[5]
-    x, y, z = _cross(a, b, c, carried[0], carried[1], carried[2])
-    u, v, w = _cross(nu[0], nu[1], nu[2], carried[3], carried[4], carried[5])
+    x, y, z = cross(a, b, c, carried[0], carried[1], carried[2])
+    u, v, w = cross(nu[0], nu[1], nu[2], carried[3], carried[4], carried[5])
     nu_dot[0], nu_dot[1], nu_dot[2] = nu_dot[0] + x + u, nu_dot[1] + y + v, nu_dot[2] + z + w
-    x, y, z = _cross(a, b, c, carried[3], carried[4], carried[5])
+    x, y, z = cross(a, b, c, carried[3], carried[4], carried[5])
     nu_dot[3], nu_dot[4], nu_dot[5] = nu_dot[3] + x, nu_dot[4] + y, nu_dot[5] + z
     right = out.shape[1] - 1
     for i in range(len(rows)):
@@ -211,7 +171,7 @@ def _ball_rows(
         out: for J, and the required J v̇ at J v = 0 in the last column, (3, …).
     """
     at, motion, axes = joints[link], links[link], numbers[6:]
-    px, py, pz = _turn(at, numbers[0], numbers[1], numbers[2])
+    px, py, pz = turn(at, numbers[0], numbers[1], numbers[2])
     px, py, pz = px + at[9], py + at[10], pz + at[11]
     x, y, z = px + numbers[3], py + numbers[4], pz + numbers[5]
     for j in range(len(twists)):
@@ -219,13 +179,13 @@ def _ball_rows(
             for i in range(3):
                 out[i, j] = 0.0
             continue
-        cx, cy, cz = _cross(twists[j, 3], twists[j, 4], twists[j, 5], x, y, z)
+        cx, cy, cz = cross(twists[j, 3], twists[j, 4], twists[j, 5], x, y, z)
         cx, cy, cz = cx + twists[j, 0], cy + twists[j, 1], cz + twists[j, 2]
         for i in range(3):
             out[i, j] = axes[3 * i] * cx + axes[3 * i + 1] * cy + axes[3 * i + 2] * cz
-    vx, vy, vz = _cross(motion[3], motion[4], motion[5], px, py, pz)
-    ux, uy, uz = _cross(motion[3], motion[4], motion[5], motion[0] + vx, motion[1] + vy, motion[2] + vz)
-    cx, cy, cz = _cross(motion[9], motion[10], motion[11], x, y, z)
+    vx, vy, vz = cross(motion[3], motion[4], motion[5], px, py, pz)
+    ux, uy, uz = cross(motion[3], motion[4], motion[5], motion[0] + vx, motion[1] + vy, motion[2] + vz)
+    cx, cy, cz = cross(motion[9], motion[10], motion[11], x, y, z)
     cx, cy, cz = motion[6] + cx + ux, motion[7] + cy + uy, motion[8] + cz + uz
     right = out.shape[1] - 1
     for i in range(3):
@@ -233,33 +193,13 @@ def _ball_rows(
 
 
 @part
-def _quaternion(R: Array, out: Array) -> None:
-    """The quaternion (x, y, z, w) of a placement's rotation, by its largest component (Shepperd)."""
-    trace = R[0] + R[4] + R[8]
-    if trace > 0.0:
-        s = 2.0 * math.sqrt(1.0 + trace)
-        out[0], out[1], out[2], out[3] = (R[5] - R[7]) / s, (R[6] - R[2]) / s, (R[1] - R[3]) / s, 0.25 * s
-        return
-    i = 0
-    for k in range(1, 3):
-        if R[4 * k] > R[4 * i]:
-            i = k
-    j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(1.0 + R[4 * i] - R[4 * j] - R[4 * k])
-    out[i] = 0.25 * s
-    out[j] = (R[3 * i + j] + R[3 * j + i]) / s
-    out[k] = (R[3 * i + k] + R[3 * k + i]) / s
-    out[3] = (R[3 * j + k] - R[3 * k + j]) / s
-
-
-@part
 def _rotation_error(R: Array, reference: Array, out: Array) -> None:
     """R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,), from the rotation of a placement to a quaternion (x, y, z, w)."""
     q = np.empty(4)
-    _quaternion(R, q)
+    quaternion(R, q)
     x, y, z, w = reference[0], reference[1], reference[2], reference[3]
     # reference · conjugate of q, of any length
-    cx, cy, cz = _cross(x, y, z, q[0], q[1], q[2])
+    cx, cy, cz = cross(x, y, z, q[0], q[1], q[2])
     ex, ey, ez = q[3] * x - w * q[0] - cx, q[3] * y - w * q[1] - cy, q[3] * z - w * q[2] - cz
     ew = w * q[3] + x * q[0] + y * q[1] + z * q[2]
     if ew < 0.0:
@@ -292,24 +232,24 @@ def _frame_rows(
         error: for the task error, (r,) in m and rad.
     """
     at = np.empty(12)
-    _place(joints[link], numbers, at)
+    place(joints[link], numbers, at)
     px, py, pz = at[9], at[10], at[11]
     for j in range(len(twists)):
         if moves[link, j] == 0:
             for i in range(len(rows)):
                 out[i, j] = 0.0
             continue
-        cx, cy, cz = _cross(twists[j, 3], twists[j, 4], twists[j, 5], px, py, pz)
+        cx, cy, cz = cross(twists[j, 3], twists[j, 4], twists[j, 5], px, py, pz)
         for i in range(len(rows)):
             row = first + rows[i]
             out[i, j] = twists[j, row] + (cx if row == 0 else cy if row == 1 else cz if row == 2 else 0.0)
     twist, drift, wanted = np.empty(6), np.empty(6), np.empty(6)
     motion = links[link]
-    cx, cy, cz = _cross(motion[3], motion[4], motion[5], px, py, pz)
+    cx, cy, cz = cross(motion[3], motion[4], motion[5], px, py, pz)
     twist[0], twist[1], twist[2] = motion[0] + cx, motion[1] + cy, motion[2] + cz
     twist[3], twist[4], twist[5] = motion[3], motion[4], motion[5]
-    cx, cy, cz = _cross(motion[9], motion[10], motion[11], px, py, pz)
-    ux, uy, uz = _cross(motion[3], motion[4], motion[5], twist[0], twist[1], twist[2])
+    cx, cy, cz = cross(motion[9], motion[10], motion[11], px, py, pz)
+    ux, uy, uz = cross(motion[3], motion[4], motion[5], twist[0], twist[1], twist[2])
     drift[0], drift[1], drift[2] = motion[6] + cx + ux, motion[7] + cy + uy, motion[8] + cz + uz
     drift[3], drift[4], drift[5] = motion[9], motion[10], motion[11]
     end = 12 + 2 * size  # of the gains
@@ -459,141 +399,3 @@ def feedback(
         right[i] = gains[0, i] * error[i] + gains[1, i] * (velocity_wanted[i] - velocity[i]) + acceleration_wanted[i]
         if len(drift):
             right[i] -= drift[i]
-
-
-@compiled(
-    ROWS, ANY_MATRIX, SIGN_ROWS, INDICES, INTEGER, VECTOR, INDICES, ROWS, VECTOR, NUMBER, NUMBER, ROWS_OUT, ROWS_OUT,
-    ROWS_OUT,
-)  # fmt: skip
-def sights(
-    joints: Array, J: Array, moves: np.ndarray, links: np.ndarray, own: int, imu: Array, ends: np.ndarray,
-    points: Array, v: Array, joint_noise: float, point_noise: float, places: Array, covariance: Array, turning: Array,
-) -> None:  # fmt: skip
-    """Points of links as seen from an IMU, in its axes: Rᵀ r, and d (Rᵀ r) = Rᵀ (dr + r × dθ) as the IMU turns by dθ.
-
-    Args:
-        joints: placements of the links, (n, 12).
-        J: joint Jacobians, (6, nv).
-        moves: 1 where a joint moves a link, (n, nv).
-        links: index of each link with points, (c,).
-        own: index of the link with the IMU.
-        imu: placement of the IMU, (12,).
-        ends: after which of the points those of each link end, (c,).
-        points: in the axes of their link, (k, 3) in m.
-        v: velocity, (nv,); its first 6 components, those of the base, do not count.
-        joint_noise: of each joint's position, rad, one standard deviation.
-        point_noise: of each coordinate of a point beside that, m, one standard deviation.
-        places: for Rᵀ r, (k, 3) in m.
-        covariance: for its covariance, (3 k, 3 k) in m².
-        turning: for the angular velocity of each link, (c, 3) in rad/s.
-    """
-    k, c = len(points), len(links)
-    seen, change = np.empty((k, 3)), np.empty(3 * k)
-    covariance[:] = 0.0
-    turning[:] = 0.0
-    start = 0
-    for i in range(c):
-        at = joints[links[i]]
-        for n in range(start, ends[i]):
-            x, y, z = _turn(at, points[n, 0], points[n, 1], points[n, 2])
-            seen[n, 0], seen[n, 1], seen[n, 2] = x + at[9], y + at[10], z + at[11]
-            places[n, 0], places[n, 1], places[n, 2] = _turn_back(
-                imu, seen[n, 0] - imu[9], seen[n, 1] - imu[10], seen[n, 2] - imu[11]
-            )
-        start = ends[i]
-    for j in range(6, J.shape[1]):
-        wx, wy, wz = J[3, j], J[4, j], J[5, j]
-        low, high = 3 * k, 0  # the rows between are moved by this joint
-        start = 0
-        for i in range(c):
-            moved = moves[links[i], j] != 0
-            if moved:
-                turning[i, 0] += wx * v[j]
-                turning[i, 1] += wy * v[j]
-                turning[i, 2] += wz * v[j]
-            if moved or moves[own, j] != 0:
-                low, high = min(low, 3 * start), 3 * ends[i]
-            for n in range(start, ends[i]):
-                x, y, z = 0.0, 0.0, 0.0
-                px, py, pz = seen[n, 0], seen[n, 1], seen[n, 2]
-                if moved:
-                    cx, cy, cz = _cross(wx, wy, wz, px, py, pz)
-                    x, y, z = J[0, j] + cx, J[1, j] + cy, J[2, j] + cz
-                if moves[own, j] != 0:
-                    cx, cy, cz = _cross(wx, wy, wz, imu[9], imu[10], imu[11])
-                    dx, dy, dz = _cross(px - imu[9], py - imu[10], pz - imu[11], wx, wy, wz)
-                    x, y, z = x - J[0, j] - cx + dx, y - J[1, j] - cy + dy, z - J[2, j] - cz + dz
-                change[3 * n], change[3 * n + 1], change[3 * n + 2] = _turn_back(imu, x, y, z)
-            start = ends[i]
-        for a in range(low, high):
-            share = joint_noise**2 * change[a]
-            for b in range(low, high):
-                covariance[a, b] += share * change[b]
-    for a in range(3 * k):
-        covariance[a, a] += point_noise**2
-
-
-@compiled(ROWS, ANY_MATRIX, SIGN_ROWS, INTEGER, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
-def imu_on_base(
-    joints: Array, J: Array, moves: np.ndarray, own: int, mount: Array, v: Array, imu: Array, motion: Array
-) -> None:  # fmt: skip
-    """Placement of an IMU on a base in the world's origin, and its motion against it, in the base's axes.
-
-    Args:
-        joints: placements of the links, (n, 12).
-        J: joint Jacobians, (6, nv).
-        moves: 1 where a joint moves a link, (n, nv).
-        own: index of the link with the IMU.
-        mount: placement of the IMU on that link, (12,).
-        v: velocity, (nv,); its first 6 components, those of the base, do not count.
-        imu: for its placement on the base, (12,).
-        motion: for its twist, (6,) in m/s and rad/s.
-    """
-    _place(joints[own], mount, imu)
-    motion[:] = 0.0
-    for j in range(6, J.shape[1]):
-        if moves[own, j] != 0:
-            for i in range(6):
-                motion[i] += J[i, j] * v[j]
-    x, y, z = _cross(motion[3], motion[4], motion[5], imu[9], imu[10], imu[11])
-    motion[0], motion[1], motion[2] = motion[0] + x, motion[1] + y, motion[2] + z
-
-
-@compiled(ROWS, ROWS, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
-def base_of_imu(
-    R: Array, columns: Array, angular_velocity: Array, bias: Array, imu: Array, motion: Array, world: Array,
-    shift: Array, pose: Array, twist: Array,
-) -> None:  # fmt: skip
-    """Pose and twist of the base from those of the IMU, in a world that is turned about the vertical and shifted.
-
-    Args:
-        R: from the axes of the IMU to the filter's world, (3, 3).
-        columns: velocity and position of the IMU in that world are the first two, (3, n).
-        angular_velocity: as the gyroscope measures it, (3,) in rad/s.
-        bias: of the gyroscope, (3,) in rad/s.
-        imu: placement of the IMU on the base, (12,).
-        motion: twist of the IMU against the base, at the IMU and in the base's axes, (6,).
-        world: cosine and sine of the turn from the filter's world to the other, (2,).
-        shift: from the one to the other, (3,) in m.
-        pose: for position and quaternion (x, y, z, w) of the base in the other world, (7,).
-        twist: for the base's twist in its own axes, (6,).
-    """
-    wx, wy, wz = _turn(imu, angular_velocity[0] - bias[0], angular_velocity[1] - bias[1], angular_velocity[2] - bias[2])
-    wx, wy, wz = wx - motion[3], wy - motion[4], wz - motion[5]
-    B, turned = np.empty(9), np.empty(9)  # the base's axes by columns: R times the rows of the IMU's
-    for j in range(3):
-        for i in range(3):
-            B[3 * j + i] = R[i, 0] * imu[j] + R[i, 1] * imu[3 + j] + R[i, 2] * imu[6 + j]
-    vx, vy, vz = _turn_back(B, columns[0, 0], columns[1, 0], columns[2, 0])
-    cx, cy, cz = _cross(wx, wy, wz, imu[9], imu[10], imu[11])
-    twist[0], twist[1], twist[2] = vx - cx - motion[0], vy - cy - motion[1], vz - cz - motion[2]
-    twist[3], twist[4], twist[5] = wx, wy, wz
-    x, y, z = _turn(B, imu[9], imu[10], imu[11])
-    x, y, z = columns[0, 1] - x, columns[1, 1] - y, columns[2, 1] - z
-    cosine, sine = world[0], world[1]
-    pose[0], pose[1], pose[2] = cosine * x - sine * y + shift[0], sine * x + cosine * y + shift[1], z + shift[2]
-    for j in range(3):
-        turned[3 * j] = cosine * B[3 * j] - sine * B[3 * j + 1]
-        turned[3 * j + 1] = sine * B[3 * j] + cosine * B[3 * j + 1]
-        turned[3 * j + 2] = B[3 * j + 2]
-    _quaternion(turned, pose[3:])

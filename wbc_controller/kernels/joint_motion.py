@@ -11,7 +11,7 @@ from wbc_controller.records import Array
 
 
 @part
-def _clipped(value: float, lower: float, upper: float) -> float:
+def clipped(value: float, lower: float, upper: float) -> float:
     """A value clipped to bounds: upper where they cross, and NaN stays NaN."""
     if value < lower:
         value = lower
@@ -41,7 +41,7 @@ def _position_bound(
         else:  # turns at the limit
             bound = -(speed**2) / (2.0 * room)
     late = bound < -most
-    bound = _clipped(bound, -most, most)
+    bound = clipped(bound, -most, most)
     if late:
         harder = max(_braking(speed, room + stopping), -speed / period)
         if harder < -most:
@@ -96,5 +96,5 @@ def acceleration_bounds(table: np.ndarray, q_all: Array, v_all: Array) -> None:
             else:
                 high = low
         # Where velocity and position limits conflict, the position limit takes precedence.
-        lower[column] = _clipped(_clipped(-_velocity_bound(-v, speed, period, slowing), -most, most), low, high)
-        upper[column] = _clipped(_clipped(_velocity_bound(v, speed, period, slowing), -most, most), low, high)
+        lower[column] = clipped(clipped(-_velocity_bound(-v, speed, period, slowing), -most, most), low, high)
+        upper[column] = clipped(clipped(_velocity_bound(v, speed, period, slowing), -most, most), low, high)

@@ -28,26 +28,12 @@ from wbc_controller.kernels.compiled import (
     signs,
     vector,
 )
+from wbc_controller.kernels.placements import cross, turn
 from wbc_controller.records import Array
 
 #: Numbers that coal keeps of each pair, and where among them are the distance, the normal, and the nearest points on
 #: the first and on the second shape.
 RESULT, DISTANCE, NORMAL, FIRST, SECOND = 20, 7, 8, 11, 14
-
-
-@part
-def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return b * z - c * y, c * x - a * z, a * y - b * x
-
-
-@part
-def _turn(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """R (x, y, z) for the rotation of a placement."""
-    return (
-        R[0] * x + R[3] * y + R[6] * z,
-        R[1] * x + R[4] * y + R[7] * z,
-        R[2] * x + R[5] * y + R[8] * z,
-    )
 
 
 @part
@@ -76,8 +62,8 @@ def _of_balls(
         twist_a: twist of the first link at the world's origin, (6,).
         twist_b: that of the second link, (6,).
     """
-    ax, ay, az = _turn(a, mount_a[0], mount_a[1], mount_a[2])
-    bx, by, bz = _turn(b, mount_b[0], mount_b[1], mount_b[2])
+    ax, ay, az = turn(a, mount_a[0], mount_a[1], mount_a[2])
+    bx, by, bz = turn(b, mount_b[0], mount_b[1], mount_b[2])
     ax, ay, az, bx, by, bz = ax + a[9], ay + a[10], az + a[11], bx + b[9], by + b[10], bz + b[11]
     x, y, z = bx - ax, by - ay, bz - az
     length, radii = math.sqrt(x * x + y * y + z * z), mount_a[3] + mount_b[3]
@@ -86,7 +72,7 @@ def _of_balls(
     radius, px, py, pz = mount_b[3], bx, by, bz
     if mount_a[3] < mount_b[3]:
         radius, px, py, pz = mount_a[3], ax, ay, az
-    vx, vy, vz = _cross(wx, wy, wz, px, py, pz)
+    vx, vy, vz = cross(wx, wy, wz, px, py, pz)
     vx, vy, vz = vx + twist_b[0] - twist_a[0], vy + twist_b[1] - twist_a[1], vz + twist_b[2] - twist_a[2]
     speed = vx * vx + vy * vy + vz * vz
     if length > radii:
@@ -198,7 +184,7 @@ def _about(motion: Array, n: Array, p: Array, centre: Array, side: float) -> flo
     """
     a, b, c = side * n[0], side * n[1], side * n[2]
     wx, wy, wz = motion[3], motion[4], motion[5]
-    x, y, z = _cross(a, b, c, wx, wy, wz)
+    x, y, z = cross(a, b, c, wx, wy, wz)
     nw, ww = a * wx + b * wy + c * wz, wx * wx + wy * wy + wz * wz
     carried = motion[0] * x + motion[1] * y + motion[2] * z
     carried += nw * (wx * centre[0] + wy * centre[1] + wz * centre[2])
@@ -229,7 +215,7 @@ def distance_rows(table: np.ndarray, chosen: np.ndarray, rows: Array, rates: Arr
         result, one, other = results[chosen[i]], pairs[2 * chosen[i]], pairs[2 * chosen[i] + 1]
         normal, p = result[NORMAL : NORMAL + 3], result[FIRST : FIRST + 3]
         a, b = shape_links[one], shape_links[other]
-        x, y, z = _cross(p[0], p[1], p[2], normal[0], normal[1], normal[2])
+        x, y, z = cross(p[0], p[1], p[2], normal[0], normal[1], normal[2])
         for j in range(nv):
             sign, J = moves[b, j] - moves[a, j], twists[j]
             along = normal[0] * J[0] + normal[1] * J[1] + normal[2] * J[2] + x * J[3] + y * J[4] + z * J[5]

@@ -21,6 +21,7 @@ from wbc_controller.kernels.compiled import (
     part,
     vector,
 )
+from wbc_controller.kernels.joint_motion import clipped
 from wbc_controller.records import Array
 
 #: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
@@ -60,14 +61,6 @@ def _repeats(before: Array, now: Array, index: np.ndarray) -> bool:
         if not _same(before[i], now[i]):
             return False
     return True
-
-
-@part
-def _clipped(value: float, lower: float, upper: float) -> float:
-    """A value clipped to bounds: upper where they cross, and NaN stays NaN."""
-    if value < lower:
-        value = lower
-    return upper if value > upper else value
 
 
 @part
@@ -189,7 +182,7 @@ def compared(
             mismatch[i] = keep * mismatch[i] + (change[i] - 0.5 * dt * (v_before[i] + v[i]))
         else:
             reach = abs(dt) * fastest[i]
-            mismatch[i] = change[i] - _clipped(change[i], -reach, reach)
+            mismatch[i] = change[i] - clipped(change[i], -reach, reach)
         jumped = jumped or not abs(mismatch[i]) <= tolerance[i]
     if jumped:
         found |= JUMPED
@@ -234,7 +227,7 @@ def upward(q: Array) -> tuple[float, float, float]:
 def tilt(q: Array, x: float, y: float, z: float) -> float:
     """Angle between the world's z axis in the axes of a floating base, at a configuration, (nq,), and another, rad."""
     a, b, c = _upward(q)
-    return math.acos(_clipped(a * x + b * y + c * z, -1.0, 1.0))
+    return math.acos(clipped(a * x + b * y + c * z, -1.0, 1.0))
 
 
 @compiled(ANY_VECTOR, INDICES, ROWS, ROWS, INDICES, ROWS)
@@ -277,7 +270,7 @@ def height(q: Array, parents: np.ndarray, placements: Array, axes: Array, links:
 
 @part
 def _limited(tau: float, before: float, step: float, lower: float, upper: float) -> float:
-    return _clipped(_clipped(tau, before - step, before + step), lower, upper)
+    return clipped(clipped(tau, before - step, before + step), lower, upper)
 
 
 @compiled(VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, VECTOR_OUT)

@@ -135,7 +135,6 @@ class Layout:
         self.available = np.zeros((3, na))
         #: Whether compiled code knows all of the contacts' motion.
         self.compiled = not self.by_themselves and not self.anchored
-        self.motion: Bound
         self.bound: Bound
         self.levels: list[Level] = []
         self.labels = self._labels(model)
