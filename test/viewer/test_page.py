@@ -210,6 +210,33 @@ def test_switches_and_sliders(rig, browser):
     browser.until(lambda: rig.said()[-1] == "fault clear")
 
 
+def test_what_a_user_sets_is_sent_whatever_the_controller_says_meanwhile():
+    """The controls follow what the controller says a thousand times a second here, in place of five."""
+    rig, ended = Rig(commands=True), threading.Event()
+
+    def show():
+        while not ended.wait(1e-3):
+            rig.page._controls.show(rig.story.now, mock=True)
+
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
+    page = Browser(rig.gate.port)
+    try:
+        page.until(lambda: rig.server.get_clients() and "/handles/com" in page.positions)
+        wanted = {"weight of com becomes 20": ("weight", 20.0)}
+        wanted |= {f"contact {name} goes off": (name, False) for name in rig.robot.contacts}
+        rig.story.now = replace(rig.story.now, forces={name: np.ones(6) for name in rig.robot.contacts})
+        for words, (label, value) in wanted.items():
+            page.set(label, value)
+            page.until(lambda words=words: rig.sent and words in rig.said()[-1], patience=5.0)
+        assert len(rig.sent) == len(wanted)
+    finally:
+        ended.set()
+        thread.join()
+        page.close()
+        rig.close()
+
+
 def test_a_handle_that_is_dragged_sends_setpoints_and_nothing_after_it_is_let_go(rig, browser):
     browser.drag("com", "start")
     for i in range(60):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
+from browser import Browser
+
 from wbc_controller.recording.reading import Recorded
 from wbc_controller.viewer.moment import Robot
-from wbc_controller.viewer.playback import Playback, strip
+from wbc_controller.viewer.playback import Playback, TimeLine, strip
+from wbc_controller.viewer.server import Gate, open_server
 
 
 @pytest.fixture
@@ -66,3 +70,33 @@ def test_time_passes_only_while_it_plays_and_ends_at_the_end(recorded):
     time.sleep(0.05)
     playback.moment()
     assert (playback.time, playback.playing) == (playback.duration, False)
+
+
+@pytest.mark.live
+def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(recorded):
+    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
+    gate, ended = Gate("127.0.0.1"), threading.Event()
+    server = open_server("127.0.0.1", 0, gate)
+    line = TimeLine(server, playback)
+    playback.speed = 1e-3
+
+    def show():
+        while not ended.wait(1e-3):
+            playback.moment()
+            line.show()
+
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
+    page = Browser(gate.port)
+    try:
+        page.until(lambda: any(props.get("label") == "Time [s]" for props in page.controls.values()))
+        for wanted in 20 * (0.04, 0.02):
+            playback.playing = True
+            page.set("Time [s]", wanted)
+            page.until(lambda: not playback.playing)
+            assert playback.time == pytest.approx(wanted)
+    finally:
+        ended.set()
+        thread.join()
+        page.close()
+        server.stop()

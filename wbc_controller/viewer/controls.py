@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import viser
 
 from wbc_controller.settings import Settings
+from wbc_controller.user.status_view import Heard
 from wbc_controller.viewer.moment import Moment, Robot
 from wbc_controller.viewer.sending import Sender
 
@@ -31,7 +31,11 @@ _LASTS = 3600.0
 
 
 class Controls:
-    """The controls on the page's panel, shared by all pages."""
+    """The controls on the page's panel, shared by all pages.
+
+    What users have set is read, and what the controller says is shown, on the server's event loop. On any other thread
+    the controls could be set back to what the controller says before the user's value has been read.
+    """
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: Sender) -> None:
         """Put them into the panel.
@@ -42,6 +46,7 @@ class Controls:
             sender: sends what they ask for.
         """
         self._gui, self._settings, self._sender = server.gui, robot.settings, sender
+        self._loop = server.get_event_loop()
         self._touched: dict[int, float] = {}
         self._tasks: dict[str, tuple[Any, Any | None]] = {}
         self._contacts: dict[str, Any] = {}
@@ -58,16 +63,18 @@ class Controls:
                 self._task(name, robot.settings)
 
     def show(self, moment: Moment, mock: bool) -> None:
-        """Follow what the controller says, where no user has just asked for something else.
+        """Follow what the controller says, soon, where no user has just asked for something else.
 
         Args:
             moment: the newest.
             mock: whether the robot is a mock robot.
         """
         self._mock.visible = mock
-        if moment.references is None or moment.heard is None:
-            return
-        values = moment.heard.values
+        if moment.references is not None and moment.heard is not None:
+            self._loop.call_soon_threadsafe(self._show, moment, moment.heard)
+
+    def _show(self, moment: Moment, heard: Heard) -> None:
+        values = heard.values
         for name, (switch, slider) in self._tasks.items():
             weight = float(values.get(f"task_weight/{name}", "nan"))
             if weight == weight:
@@ -110,17 +117,14 @@ class Controls:
             for label, most, step, unit, fault in _TROUBLES
         ]
 
-        in_turn = threading.Lock()  # viser calls on several threads: what was read last has to be sent last
-
-        def changed(event: Any) -> None:
+        async def changed(event: Any) -> None:
             if event.client_id is None:
                 return
-            with in_turn:
-                faults = [fault(slider.value) for slider, fault in sliders if slider.value > 0.0]
-                if as_built.value:
-                    faults.append(f"{{kind: slippery_floor, friction: {friction.value:g}")
-                listed = ", ".join(f"{fault}, duration: {_LASTS:g}}}" for fault in faults)
-                self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
+            faults = [fault(slider.value) for slider, fault in sliders if slider.value > 0.0]
+            if as_built.value:
+                faults.append(f"{{kind: slippery_floor, friction: {friction.value:g}")
+            listed = ", ".join(f"{fault}, duration: {_LASTS:g}}}" for fault in faults)
+            self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
 
         controls: list[Any] = [as_built, friction, *(slider for slider, _ in sliders)]
         for control in controls:
@@ -139,7 +143,7 @@ class Controls:
     def _switch(self, label: str, on: bool, *words: str) -> Any:
         switch = self._gui.add_checkbox(label, on)
 
-        def switched(event: Any) -> None:
+        async def switched(event: Any) -> None:
             if event.client_id is not None:
                 self._touched[id(switch)] = time.monotonic()
                 self._sender.say(*words, "on" if switch.value else "off")
@@ -152,7 +156,7 @@ class Controls:
             return None
         slider = self._gui.add_slider(label, 0.0, _RANGE * value, value / 50.0, value)
 
-        def moved(event: Any) -> None:
+        async def moved(event: Any) -> None:
             if event.client_id is not None:
                 self._touched[id(slider)] = time.monotonic()
                 self._sender.drag(f"{first} {key}", event.client_id, [first, subject, f"{slider.value:.6g}"])
@@ -163,7 +167,7 @@ class Controls:
     def _gain(self, label: str, value: float, task: str) -> None:
         slider = self._gui.add_slider(label, 0.0, _RANGE * value, value / 50.0, value)
 
-        def moved(event: Any) -> None:
+        async def moved(event: Any) -> None:
             if event.client_id is not None:
                 text = f"{{tasks: {{{task}: {{{label}: {slider.value:.6g}}}}}}}"
                 self._sender.drag(f"{label} {task}", event.client_id, ["update", text])

@@ -180,11 +180,15 @@ class Playback:
 
 
 class TimeLine:
-    """The time line on the page."""
+    """The time line on the page.
+
+    Like `Controls`, it reads what users set, and shows the time, on the server's event loop.
+    """
 
     def __init__(self, server: viser.ViserServer, playback: Playback) -> None:
         """Put it into the panel."""
         self._playback, gui = playback, server.gui
+        self._loop = server.get_event_loop()
         with gui.add_folder("Recording"):
             self._play = gui.add_button("Pause")
             self._play.on_click(self._pressed)
@@ -199,7 +203,10 @@ class TimeLine:
                 jump.on_update(lambda event: self._go(names[jump.value]))
 
     def show(self) -> None:
-        """Follow the time."""
+        """Follow the time, soon."""
+        self._loop.call_soon_threadsafe(self._show)
+
+    def _show(self) -> None:
         self._play.label = "Pause" if self._playback.playing else "Play"
         shown = min(round(self._playback.time, 2), self._slider.max)
         if abs(shown - self._slider.value) > 0.005:
@@ -211,7 +218,7 @@ class TimeLine:
             playback.seek(0.0)
         playback.playing = not playback.playing
 
-    def _moved(self, event: Any) -> None:
+    async def _moved(self, event: Any) -> None:
         if event.client_id is not None:
             self._go(self._slider.value)
 
