@@ -188,6 +188,7 @@ def compile_all() -> None:
     slp, numba.config.SLP_VECTORIZE = numba.config.SLP_VECTORIZE, 1  # vectors of sums that stand side by side
     if _nowhere_kept:
         _log.warning("compiled at every start: %s; NUMBA_CACHE_DIR can name a folder", _nowhere_kept[0])
+        _nowhere_kept.clear()
     for count, (dispatcher, arguments) in enumerate(_pending, 1):
         dispatcher.compile(arguments)
         dispatcher.disable_compile()
