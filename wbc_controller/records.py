@@ -9,10 +9,10 @@ frame (Pinocchio's free flyer, and the twist of nav_msgs/Odometry after REP 105)
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -168,24 +168,45 @@ class LevelReport(NamedTuple):
     seconds: float
 
 
-class Solution(NamedTuple):
-    """The solution of the quadratic program, with the residuals of its constraints.
-
-    Its mappings may be computed lazily, on first access.
+class Details(Protocol):
+    """What is read of a solution after the torques are on their way, if at all; it may be computed on first access.
 
     Attributes:
-        v_dot: generalized acceleration, (nv,).
-        tau: torques of the actuators in the order of the command, (na,) in N·m.
         forces: per active contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
         residuals: largest absolute violation of each group of constraints, by name.
         task_errors: Euclidean norm of each task error, in the unit of the reference: m, rad, kg·m/s, N·m·s, N or N·m.
         binding: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: the cost would fall by
             this much per unit by which the bound is relaxed; in N⁻¹ for contacts, (N·m)⁻¹ for torques, (rad/s²)⁻¹ for
             joint motion.
+        levels: the quadratic programs that were solved, highest priority first.
+    """
+
+    @property
+    def forces(self) -> Mapping[str, Array]: ...  # noqa: D102 - above
+
+    @property
+    def residuals(self) -> Mapping[str, float]: ...  # noqa: D102
+
+    @property
+    def task_errors(self) -> Mapping[str, float]: ...  # noqa: D102
+
+    @property
+    def binding(self) -> Mapping[str, float]: ...  # noqa: D102
+
+    @property
+    def levels(self) -> Sequence[LevelReport]: ...  # noqa: D102
+
+
+class Solution(NamedTuple):
+    """The solution of the quadratic program, with the residuals of its constraints.
+
+    Attributes:
+        v_dot: generalized acceleration, (nv,).
+        tau: torques of the actuators in the order of the command, (na,) in N·m.
+        details: contact forces, residuals and more, which are attributes of the solution, too.
         relaxed: groups of constraints that had to be relaxed for a solution to exist, and lower priority levels whose
             solver failed; normally empty.
         iterations: the solver's own count.
-        levels: the quadratic programs that were solved, highest priority first.
         stage_seconds: time spent in each stage of the computation, in s.
         external_wrenches: the known external wrenches that the solution accounts for, as in `References`.
         disturbance: what acts beside the model, likewise.
@@ -193,16 +214,37 @@ class Solution(NamedTuple):
 
     v_dot: Array
     tau: Array
-    forces: Mapping[str, Array]
-    residuals: Mapping[str, float]
-    task_errors: Mapping[str, float]
-    binding: Mapping[str, float]
-    iterations: int
-    levels: tuple[LevelReport, ...] = ()
+    details: Details
     relaxed: tuple[str, ...] = ()
+    iterations: int = 0
     stage_seconds: Mapping[str, float] = MappingProxyType({})
     external_wrenches: Mapping[str, Array] = MappingProxyType({})
     disturbance: Disturbance | None = None
+
+    @property
+    def forces(self) -> Mapping[str, Array]:
+        """Those of `details`."""
+        return self.details.forces
+
+    @property
+    def residuals(self) -> Mapping[str, float]:
+        """Those of `details`."""
+        return self.details.residuals
+
+    @property
+    def task_errors(self) -> Mapping[str, float]:
+        """Those of `details`."""
+        return self.details.task_errors
+
+    @property
+    def binding(self) -> Mapping[str, float]:
+        """That of `details`."""
+        return self.details.binding
+
+    @property
+    def levels(self) -> Sequence[LevelReport]:
+        """Those of `details`."""
+        return self.details.levels
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,13 +21,13 @@ def condensed(problem, sides, largest=LARGEST, precise=PRECISE):
     squares, found = problem.cost.squares, memory(problem)
     work = work_memory(problem, squares, 0)
     outcome, *returned = one_level(problem, squares, sides, work, 0, 0, found, largest, precise)
-    residuals = Residuals(found, len(sides), *returned[1:])
+    residuals = Residuals(found, len(sides), len(problem.b), *returned[1:])
     return (outcome == kernel.SOLVED, *returned), residuals, residuals.multipliers
 
 
 def memory(problem):
     """For what the kernel finds."""
-    return np.full(4 * problem.bounds.shape[1] + len(problem.b), np.nan)
+    return np.full(4 * problem.bounds.shape[1] + len(problem.b) + len(problem.offset), np.nan)
 
 
 def one_level(problem, squares, sides, work, count, kept, found, largest=LARGEST, precise=PRECISE, other=None):
@@ -230,6 +230,7 @@ def test_residuals_are_those_of_the_definition_and_keep_a_nan():
     value = np.concatenate([x, problem.C @ x])
     np.testing.assert_allclose(found.value, value, atol=1e-13)
     np.testing.assert_allclose(found.equalities, np.abs(problem.A @ x - problem.b), atol=1e-13)
+    np.testing.assert_allclose(found.outputs, problem.C[:3] @ x + problem.offset, atol=1e-13)
     np.testing.assert_allclose(found.room, [value - problem.bounds[0], problem.bounds[1] - value], atol=1e-13)
     assert found.least_room == found.room.min()
     assert found.violation == max(0.0, -found.room.min(), found.equalities.max())

@@ -86,7 +86,7 @@ def test_types_that_were_not_named_are_refused_and_not_compiled(file):
     frozen.setflags(write=False)
     assert total(frozen, 2) == 6.0  # reading needs no more
     with pytest.raises(TypeError, match="No matching definition"):  # and writing does
-        residuals(np.ones((1, 2)), np.ones((2, 1)), frozen)
+        residuals(np.ones((1, 2)), np.ones((2, 1)), np.zeros(0), frozen)
 
 
 def test_a_table_holds_numbers_as_they_are_and_arrays_by_address_and_keeps_them():

@@ -28,9 +28,9 @@ def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects, shar
     lower, upper, bias = np.empty((3, NA))
     bound = Bound(
         len(columns), FREE, NA, NF, len(memory), NF + 2, starts, columns, split[rows, columns], damping, memory,
-        lower, upper, M, np.array([100.0]), np.stack([low, high, limits]),
+        lower, upper, M, np.array([100.0]), np.stack([low, high, limits]), bias,
     )  # fmt: skip
-    kernel.fill_dynamics(bound.table, h, v, before, share, bias)
+    kernel.fill_dynamics(bound.table, h, v, before, share)
     filled, projected = memory[NF + 2 :], split @ h
     held, step = (before, np.inf) if share < 0.0 else (np.clip(before, low, high), share * limits)
     least, most = (low, high) if share < 0.0 else (np.maximum(low, held - step), np.minimum(high, held + step))

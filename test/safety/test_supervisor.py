@@ -33,8 +33,7 @@ def limits(**changes):
 
 def solution(model, tau):
     return Solution(
-        v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), forces={}, residuals={}, task_errors={},
-        binding=(), relaxed=(), iterations=1, stage_seconds={},
+        v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), details=None, relaxed=(), iterations=1,
     )  # fmt: skip
 
 

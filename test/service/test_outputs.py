@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from composed import whole
@@ -20,13 +22,13 @@ def report(**changes):
 
 
 def solution(**changes):
-    values = {
-        "v_dot": np.zeros(18), "tau": np.zeros(12), "forces": {}, "residuals": {"contact_motion": 1e-9},
-        "task_errors": {"com": 0.01}, "binding": {"torque:knee:upper": 0.25},
-        "levels": (LevelReport(("com",), 0.5, 7, 5e-5),), "relaxed": (), "iterations": 7,
-        "stage_seconds": {},
+    """With details, and changes of them and of the rest."""
+    details = {
+        "forces": {}, "residuals": {"contact_motion": 1e-9}, "task_errors": {"com": 0.01},
+        "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),),
     }  # fmt: skip
-    return Solution(**{**values, **changes})
+    details |= {key: changes.pop(key) for key in details.keys() & changes.keys()}
+    return Solution(np.zeros(18), np.zeros(12), SimpleNamespace(**details), **{"iterations": 7, **changes})
 
 
 def test_both_command_topics_say_the_same(bench):

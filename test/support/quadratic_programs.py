@@ -5,9 +5,10 @@ import numpy as np
 from wbc_controller.core.program.problem import QuadraticProgram, Squares
 
 
-def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4):
+def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4, outputs=3):
     """Such as the controller makes them: few rows, and a diagonal that leaves out the first columns."""
-    problem = QuadraticProgram.empty(n, equalities, inequalities, rows)
+    problem = QuadraticProgram.empty(n, equalities, inequalities, rows, outputs)
+    problem.offset[:] = rng.normal(size=outputs)
     problem.memory[:rows] = rng.normal(size=(rows, n + 1))
     problem.A[:], inside = rng.normal(size=(equalities, n)), rng.normal(size=n)
     problem.A[equalities - first :, :first] += 5.0 * np.eye(first)  # as that of a base is, far from singular

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from wbc_controller.core.contacts import Contact
+from wbc_controller.core.program.answer import NOT_FINITE, Answer
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.infeasibility import explain
 from wbc_controller.core.program.layout import Layout
-from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals
 from wbc_controller.core.program.relaxation import (
     hindering_contacts,
     lost_contacts,
@@ -23,34 +23,17 @@ from wbc_controller.core.program.relaxation import (
 from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.solvers import Answer, Solver, make_solver
+from wbc_controller.core.solvers import Solver, make_solver
 from wbc_controller.core.solvers.daqp import INFEASIBLE, solve_carefully
 from wbc_controller.core.solvers.hierarchy import Hierarchy
-from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.core.tasks import Task
 from wbc_controller.errors import ConfigurationError, NoSolution
-from wbc_controller.records import Array, Infeasibility, LevelReport, References, RobotState, Solution
+from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution
 
 #: Room that strict priorities leave at relaxed bounds, in the problem's units, so that rounding does not close it.
 _ROOM = 1.0e-6
 #: Share of what joints miss to stop at their limits that may be left where contacts are given up for it.
 _WORTH = 0.5
-
-
-class _Attempt(NamedTuple):
-    """What came of solving a built problem.
-
-    Attributes:
-        answer: of the solver.
-        residuals: of the answer; None where it cannot be used.
-        levels: the quadratic programs that were solved.
-        relaxed: groups in which a bound is missed, and lower levels that failed.
-    """
-
-    answer: Answer
-    residuals: Residuals | None
-    levels: tuple[LevelReport, ...]
-    relaxed: tuple[str, ...]
 
 
 class WholeBodyQP:
@@ -161,19 +144,11 @@ class WholeBodyQP:
             self._current = layout, self._solvers[layout.key]
         return self._current[1]
 
-    def _solve(self, layout: Layout) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...]]:
-        """Solve one quadratic program, or one per level; also gives level reports and the lower levels that failed."""
-        if self._priorities:
-            if layout.key not in self._hierarchies:
-                self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
-            hierarchy = self._hierarchies[layout.key]
-            answer = hierarchy.solve(layout.problem, layout.levels)
-            return answer, hierarchy.reports, hierarchy.unsolved
-        started = self._timer()
-        answer = self._solver_of(layout).solve(layout.problem)
-        if answer.x is None:
-            return answer, (), ()
-        return answer, (self._report(layout.levels[0], answer.x, answer, started),), ()
+    def _by_levels(self, layout: Layout) -> Answer:
+        """Solve one quadratic program per level."""
+        if layout.key not in self._hierarchies:
+            self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+        return self._hierarchies[layout.key].solve(layout.problem, layout.levels)
 
     def solve(
         self,
@@ -203,14 +178,13 @@ class WholeBodyQP:
         started = self._timer()
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
-        found = self._attempt(layout, references)
-        if found.relaxed and found.residuals is not None and not {*found.relaxed} <= {"torque_rate"}:
-            layout, references, found = self._without_contacts(
-                layout, references, found, found.residuals.value, state, tau_before
+        answer = self._attempt(layout, references)
+        if answer.relaxed and answer.residuals is not None and not {*answer.relaxed} <= {"torque_rate"}:
+            layout, references, answer = self._without_contacts(
+                layout, references, answer, answer.residuals.value, state, tau_before
             )
         solved = self._timer()
-        answer, residuals = found.answer, found.residuals
-        if answer.x is None or residuals is None:
+        if answer.residuals is None:
             failed = layout.snapshot()
             failure = NoSolution(
                 f"no accelerations, torques and contact forces satisfy the equations of motion, the contacts "
@@ -222,10 +196,7 @@ class WholeBodyQP:
             )
             raise failure.explained() if explained else failure
         stages = {"build": built - started, "solve": solved - built}
-        solution = unpack(
-            self.formulation, layout, answer.x, answer.multipliers, residuals, references,
-            answer.iterations, found.levels, found.relaxed, stages,
-        )  # fmt: skip
+        solution = unpack(self.formulation, layout, answer, references, stages)
         stages["unpack"] = self._timer() - solved
         return solution
 
@@ -233,15 +204,15 @@ class WholeBodyQP:
         self,
         layout: Layout,
         references: References,
-        found: _Attempt,
+        found: Answer,
         value: Array,
         state: RobotState,
         tau_before: Array | None,
-    ) -> tuple[Layout, References, _Attempt]:
+    ) -> tuple[Layout, References, Answer]:
         """Give up the contacts that hold nothing, and those that keep a joint from stopping, where that helps.
 
         Returns:
-            The problem, references and attempt without them; those of the arguments where no contact is given up.
+            The problem, references and answer without them; those of the arguments where no contact is given up.
         """
         lost = lost_contacts(self.formulation, layout)
         given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
@@ -257,47 +228,53 @@ class WholeBodyQP:
         )
         if not helps:
             return layout, references, found
-        other.answer.iterations += found.answer.iterations
-        return lifted, without, other._replace(relaxed=("contact_motion", *other.relaxed))
+        other.iterations += found.iterations
+        other.relaxed = ("contact_motion", *other.relaxed)
+        return lifted, without, other
 
-    def _attempt(self, layout: Layout, references: References) -> _Attempt:
+    def _attempt(self, layout: Layout, references: References) -> Answer:
         """Solve a built problem, with as little as possible relaxed.
+
+        Returns:
+            An answer whose residuals are within the tolerance, and computed; else one without residuals.
 
         Raises:
             NoSolution: where a value of the problem is not finite.
         """
-        answer, levels, unsolved = self._solve(layout)
+        solver = self._solver_of(layout)
+        answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
+        if self._usable(answer, layout, solver.tolerance):
+            return answer
         if answer.status == NOT_FINITE:
             raise NoSolution(
                 "the state, the references or the torques before hold a value that is not finite",
                 "not solved",
                 layout.problem.copy(),
             )
-        tolerance = self._solver_of(layout).tolerance
-        residuals = _usable(answer, layout.problem, tolerance)
-        if residuals is not None:
-            return _Attempt(answer, residuals, levels, unsolved)
-        iterations = answer.iterations
-        answer, levels, unsolved, relaxed = self._relax(layout, references, answer)
-        residuals = _usable(answer, layout.problem, tolerance)
-        answer.iterations += iterations
-        return _Attempt(answer, residuals, levels, (*relaxed, *unsolved))
+        relaxed = self._relax(layout, references, answer)
+        relaxed.iterations += answer.iterations
+        if self._usable(relaxed, layout, solver.tolerance):
+            return relaxed
+        return Answer(None, relaxed.status, relaxed.iterations)
 
-    def _relax(
-        self, layout: Layout, references: References, failed: Answer
-    ) -> tuple[Answer, tuple[LevelReport, ...], tuple[str, ...], tuple[str, ...]]:
-        """Solve a problem for which the solver has found no solution, with as little as possible relaxed.
+    def _usable(self, answer: Answer, layout: Layout, tolerance: float) -> bool:
+        """Whether an answer has an x that violates no constraint beyond the tolerance; what it lacks is computed."""
+        if answer.x is None:
+            return False
+        if answer.residuals is None:
+            answer.residuals = layout.problem.residuals(answer.x)
+        if answer.cost is None and not answer.levels:
+            answer.cost = layout.levels[0].cost.value(answer.x)
+        return answer.residuals.violation <= tolerance  # not for NaN
 
-        Returns:
-            What `_solve` returns, and the names of the groups in which a bound is missed.
-        """
-        started, problem, level = self._timer(), layout.problem, layout.levels[0]
-        answer, priorities = failed, self._priorities
+    def _relax(self, layout: Layout, references: References, failed: Answer) -> Answer:
+        """Solve a problem for which the solver has found no solution, with as little as possible relaxed."""
+        problem, answer, priorities = layout.problem, failed, self._priorities
         infeasible = self._solver_name == "daqp" and failed.status == INFEASIBLE
         if not infeasible and not priorities:  # the solver may have failed on a feasible problem
             answer = solve_carefully(problem)
             if answer.x is not None:
-                return answer, (self._report(level, answer.x, answer, started),), (), ()
+                return answer
         for groups in relaxations(self.formulation, layout, references):
             answer = solve_carefully(problem, soften(layout, groups))
             if answer.x is None:
@@ -305,15 +282,12 @@ class WholeBodyQP:
             # The minimizer of the problem with soft constraints is that of the problem with bounds widened to it.
             relaxed = widen(layout, groups, problem.residuals(answer.x).value, _ROOM if priorities else 0.0)
             if priorities:
-                return *self._solve(layout), relaxed
-            answer.residuals = problem.residuals(answer.x)
-            return answer, (self._report(level, answer.x, answer, started),), (), relaxed
-        return Answer(None, answer.status, answer.iterations), (), (), ()
-
-    def _report(self, level: Level, x: Array, answer: Answer, started: float) -> LevelReport:
-        """The report of the only level."""
-        cost = level.cost.value(x) if answer.cost is None else answer.cost
-        return LevelReport(level.tasks, cost, answer.iterations, self._timer() - started)
+                answer = self._by_levels(layout)
+            else:
+                answer.residuals = None  # of the bounds that were widened
+            answer.relaxed = (*relaxed, *answer.relaxed)
+            return answer
+        return Answer(None, answer.status, answer.iterations)
 
     def explain(
         self, state: RobotState, references: References, tau_before: Array | None = None
@@ -334,11 +308,3 @@ class WholeBodyQP:
         if not layout.problem.is_finite:
             return None
         return explain(layout, self.model, self.formulation.effort_bounds(references))
-
-
-def _usable(answer: Answer, problem: QuadraticProgram, tolerance: float) -> Residuals | None:
-    """Residuals of an answer; None if it has no x, is not finite, or violates a constraint beyond the tolerance."""
-    if answer.x is None:
-        return None
-    residuals = answer.residuals or problem.residuals(answer.x)
-    return residuals if residuals.violation <= tolerance else None  # None for NaN

@@ -15,6 +15,7 @@ from wbc_controller.kernels.compiled import (
     NUMBER,
     ROWS,
     TABLE,
+    VECTOR,
     VECTOR_OUT,
     compiled,
     matrix,
@@ -308,7 +309,9 @@ def _product(row: Array, x: Array) -> float:
 
 
 @part
-def _residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array) -> tuple[float, float]:
+def _residuals(
+    rows: Array, bounds: Array, offset: Array, value: Array, room: Array, off: Array, outputs: Array
+) -> tuple[float, float]:
     m, n = len(off), rows.shape[1] - 1
     x = value[:n]
     most, least = 0.0, math.inf
@@ -318,6 +321,8 @@ def _residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array
             most = off[i]
     for i in range(m, len(rows)):
         value[n + i - m] = _product(rows[i], x)
+    for i in range(len(offset)):
+        outputs[i] = value[n + i] + offset[i]
     for side in range(2):
         sign = 1.0 - 2.0 * side
         for i in range(len(value)):
@@ -328,22 +333,24 @@ def _residuals(rows: Array, bounds: Array, value: Array, off: Array, room: Array
     return least, most
 
 
-@compiled(ROWS, ROWS, VECTOR_OUT)
-def residuals(rows: Array, bounds: Array, found: Array) -> tuple[float, float]:
+@compiled(ROWS, ROWS, VECTOR, VECTOR_OUT)
+def residuals(rows: Array, bounds: Array, offset: Array, found: Array) -> tuple[float, float]:
     """Residuals of constraints A x = b, lower <= [x; C x] <= upper at a point x.
 
     Args:
         rows: [A, b] and below it [C, 0], (m_eq + m_in, n + 1).
         bounds: lower and upper bounds, (2, n + m_in).
+        offset: r of the outputs C x + r of its first rows, (k,).
         found: x, and after it memory for C x; n + m_in others, which stay; then memory for the distances from the lower
-            and from the upper bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
+            and from the upper bounds, (2, n + m_in), for |A x - b|, (m_eq,), and for the outputs, (k,).
 
     Returns:
         The smallest room and the largest |A x - b|; NaN where one of them is.
     """
     total = bounds.shape[1]
-    room = found[2 * total : 4 * total].reshape(2, total)
-    return _residuals(rows, bounds, found[:total], found[4 * total :], room)
+    end = len(found) - len(offset)
+    room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : end]
+    return _residuals(rows, bounds, offset, found[:total], room, off, found[end:])
 
 
 @part
@@ -371,7 +378,7 @@ def condensed(
 
     Args:
         table: the number of columns n, of rows R (k), of columns that the last rows of A determine (first), of rows of
-            A (m_eq) and of C (m_in); and, in this order,
+            A (m_eq) and of C (m_in), and of outputs; and, in this order,
             stack: [R, r] in its first rows, (≥ k, n + 1).
             slack: 1 / w of the rows R, (k,).
             inverse: d⁻¹, (n + 1,).
@@ -381,6 +388,7 @@ def condensed(
             sides: which of them are active: 1 at the upper bound, -1 at the lower one, else 0; and below them, for the
                 sides to be tried next if the active set is wrong: without constraints whose multiplier has the wrong
                 sign, and with those that are violated, (2, n + m_in).
+            offset: r of the outputs C x + r of its first rows.
             limits: largest violation of a constraint; largest residual of the condensed system's rows for which p is
                 not refined; and largest norm of p: beyond it the system is nearly singular, (3,).
         constant: the cost where all squares are zero.
@@ -389,19 +397,19 @@ def condensed(
         count: number of these rows below N; 0 for the first level, which fills N and the equality constraints.
         kept: number of rows of R, from the first on, that are added with their values at the solution.
         found: for [x; C x], for the multipliers of the active constraints, where a higher level has not set them, both
-            (n + m_in,), for the distances from the bounds, (2, n + m_in), and for |A x - b|, (m_eq,).
+            (n + m_in,), for the distances from the bounds, (2, n + m_in), for |A x - b|, (m_eq,), and for the outputs.
 
     Returns:
         `SOLVED`, `WRONG_SET`, `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
         `NOT_FOUND`; the cost, the smallest room, and the largest |A x - b|.
     """
     n, soft, first, end, total = table[0], table[1], table[2], table[3], table[0] + table[4]
-    stack, slack = matrix(table[5], soft, n + 1), vector(table[6], soft)
-    inverse, minus_target = vector(table[7], n + 1), vector(table[8], n + 1)
-    rows, bounds = matrix(table[9], end + table[4], n + 1), matrix(table[10], 2, total)
+    stack, slack = matrix(table[6], soft, n + 1), vector(table[7], soft)
+    inverse, minus_target = vector(table[8], n + 1), vector(table[9], n + 1)
+    rows, bounds = matrix(table[10], end + table[4], n + 1), matrix(table[11], 2, total)
     value, multipliers = found[:total], found[total : 2 * total]
     room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : 4 * total + end]
-    both, limits = signs(table[11], 2, total), vector(table[12], 3)
+    both, constants, limits = signs(table[12], 2, total), vector(table[13], table[5]), vector(table[14], 3)
     sides, other, feasible, precise, largest = both[0], both[1], limits[0], limits[1], limits[2]
     number = 0
     for i in range(total):
@@ -499,7 +507,7 @@ def condensed(
         value[i] = -_product(N[i], z)
     for j in range(width - 1):  # what copies a slice takes seconds to compile
         value[first + j] = z[j]
-    least, most = _residuals(rows, bounds, value, off, room)
+    least, most = _residuals(rows, bounds, constants, value, room, off, found[4 * total + end :])
     if not (most <= feasible and lost <= feasible and least == least):
         return NOT_FOUND, 0.0, least, most
     right = -least <= feasible

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, VECTOR_OUT, compiled, indices, matrix, vector
+from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, compiled, indices, matrix, vector
 from wbc_controller.records import Array
 
 
-@compiled(TABLE, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT)
-def fill_dynamics(table: np.ndarray, h: Array, v: Array, before: Array, share: float, bias: Array) -> None:
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, NUMBER)
+def fill_dynamics(table: np.ndarray, h: Array, v: Array, before: Array, share: float) -> None:
     """N (M v̇ - Jᵀf) = -N h, and τ = T (M v̇ - Jᵀf) + T h with its bounds; and the damping of contacts, J v̇ = … - D J v.
 
     The torques are bounded by what is available, and by a share of their limits from what is available of τ_before.
@@ -29,18 +29,18 @@ def fill_dynamics(table: np.ndarray, h: Array, v: Array, before: Array, share: f
             M: joint-space inertia matrix, (nv, nv), symmetric.
             unit: of f, (1,) in N and N·m.
             available: least and largest torques that are available, and τ_max, (3, na) in N·m.
+            bias: for T h, (na,) in N·m.
         h: bias forces, (nv,).
         v: generalized velocity, (nv,).
         before: τ_before, (na,) in N·m.
         share: rate Δt; below 0 the change of the torques is not bounded.
-        bias: for T h, (na,).
     """
     count, free, na, nf, begin, nv = table[0], table[1], table[2], table[3], table[5], len(v)
     right = nv + nf
     starts, columns, values = indices(table[6], free + na + 1), indices(table[7], count), vector(table[8], count)
     damping, rows = vector(table[9], nf), matrix(table[10], table[4], right + 1)
     lower, upper, M = vector(table[11], na), vector(table[12], na), matrix(table[13], nv, nv)
-    unit, available = vector(table[14], 1)[0], matrix(table[15], 3, na)
+    unit, available, bias = vector(table[14], 1)[0], matrix(table[15], 3, na), vector(table[16], na)
     for i in range(nf):
         speed = 0.0
         for j in range(nv):

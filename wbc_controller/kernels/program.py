@@ -16,10 +16,8 @@ _fill_dynamics, _acceleration_bounds = as_part(fill_dynamics), as_part(accelerat
 _SIZE = 32
 
 
-@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT, VECTOR_OUT)
-def fill_program(
-    tables: np.ndarray, q: Array, v: Array, h: Array, before: Array, share: float, errors: Array, bias: Array
-) -> float:  # fmt: skip
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT)
+def fill_program(tables: np.ndarray, q: Array, v: Array, h: Array, before: Array, share: float, errors: Array) -> float:
     """The motion of links, rows of contacts and tasks, equations of motion, and bounds of torques and accelerations.
 
     It is `frames.link_terms`, `frames.fill_rows`, `equations_of_motion.fill_dynamics` and
@@ -33,13 +31,12 @@ def fill_program(
         before: τ_before, (na,) in N·m.
         share: rate Δt; below 0 the change of the torques is not bounded.
         errors: for the task errors.
-        bias: for the constant part of the torques, (na,) in N·m.
 
     Returns:
         The cost that no acceleration avoids, of the tasks on single accelerations.
     """
     _link_terms(indices(tables[0], _SIZE), v)
     rest = _fill_rows(indices(tables[1], _SIZE), q, v, errors)
-    _fill_dynamics(indices(tables[2], _SIZE), h, v, before, share, bias)
+    _fill_dynamics(indices(tables[2], _SIZE), h, v, before, share)
     _acceleration_bounds(indices(tables[3], _SIZE), q, v)
     return rest

@@ -324,10 +324,10 @@ def torque_bounds(limit, before, v, period):
     share = -1.0 if before is None else limit.rate * period
     bound = Bound(
         n, 0, n, 0, n, 0, each, each[:-1], np.ones(n), np.zeros(0), np.zeros((n, n + 1)), lower, upper,
-        np.zeros((n, n)), np.ones(1), np.stack([*available, limit.effort_limits]),
+        np.zeros((n, n)), np.ones(1), np.stack([*available, limit.effort_limits]), bias,
     )  # fmt: skip
     before = v if before is None else before
-    fill_dynamics(bound.table, np.zeros(n), v, before, share, bias)
+    fill_dynamics(bound.table, np.zeros(n), v, before, share)
     return lower, upper
 
 

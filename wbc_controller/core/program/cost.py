@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,18 +23,9 @@ from wbc_controller.records import Array, References
 ROTATION_LENGTH = 0.1
 
 
-class Errors(NamedTuple):
-    """Task errors of one level, which later cycles do not change.
-
-    Attributes:
-        places: name of each task whose error is in `values`, and where.
-        values: their errors, one after the other.
-        others: errors of other tasks.
-    """
-
-    places: Sequence[tuple[str, slice]]
-    values: Array
-    others: dict[str, Array]
+#: Task errors of one level, which later cycles do not change: name of each task whose error is in an array, and where;
+#: the array; and the errors of other tasks.
+Errors = tuple[Sequence[tuple[str, slice]], Array, dict[str, Array]]
 
 
 @dataclass(slots=True)
@@ -188,7 +178,7 @@ class LevelCost:
                 asked, others[task.name] = task.right(dynamics, wanted[task.name])
                 squares.minus_target[columns] = minus_share * asked
                 squares.constant += 0.5 * float((share * asked).dot(asked))
-        return Errors(plan.rows.places, errors, others)
+        return plan.rows.places, errors, others
 
     def level_of(self, layout: Layout, dynamics: Dynamics, references: References, errors: Errors) -> Level:
         """The level of one cycle, with the tasks on forces and torques and those with a tolerance.
@@ -203,7 +193,7 @@ class LevelCost:
         if not self._others:
             return plan.level  # only its cost and the values of its rows change from cycle to cycle
         level = replace(plan.level)
-        self._add_others(level, layout, dynamics, references, errors.others)
+        self._add_others(level, layout, dynamics, references, errors[2])
         return level
 
     def _plan(self, layout: Layout, dynamics: Dynamics) -> _Plan:

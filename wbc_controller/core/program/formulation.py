@@ -166,26 +166,25 @@ class Formulation:
         ):
             ready = self._ready = self._prepare(references)
         layout = ready.layout
-        errors, bias = ready.rows.follow(references.tasks), np.empty(len(layout.torque_lower))
-        layout.torque_bias = bias
+        errors = ready.rows.follow(references.tasks)
         if ready.falling:
             layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
         before, share = (layout.available[2], -1.0) if tau_before is None else (tau_before, ready.share)
         if layout.compiled:
             known = references.disturbance is not None or references.external_wrenches  # beside the model
             h, table = self.bias(references) if known else dynamics.h, ready.tables.table
-            rest = fill_program(table, q, v, h, before, share, errors, bias)
+            rest = fill_program(table, q, v, h, before, share, errors)
         else:
             link_terms(dynamics.bound.table, v)
             rest = fill_rows(ready.rows.bound.table, q, v, errors)
             self._fill_contacts(layout, references)
             h = self.bias(references)
-            fill_dynamics(layout.bound.table, h, v, before, share, bias)
+            fill_dynamics(layout.bound.table, h, v, before, share)
             acceleration_bounds(ready.motion.table, q, v)
         if ready.squares is not None:
             ready.squares.constant = rest
             layout.problem.cost.formed = False
-            self.task_errors = (Errors(ready.rows.places, errors, _NO_OTHERS),)
+            self.task_errors = ((ready.rows.places, errors, _NO_OTHERS),)
         else:
             self._complete(layout, references, rest, errors)
         if self.row_limits:

@@ -73,7 +73,8 @@ class Layout:
         limit_parts: for each row limit its columns of v̇ in these rows, and their lower and upper bounds: views of the
             problem's arrays.
         joints: columns of the joint accelerations in x, (nj,).
-        torque_bias: the constant part of the torques, (na,) in N·m: τ = C x + torque_bias for the torque rows of C.
+        torque_bias: the constant part of the torques, (na,) in N·m: τ = C x + torque_bias for the torque rows of C, the
+            problem's outputs.
         levels: the cost of each priority level, highest priority first; `H` and `g` of the problem are those of the
             first level.
         key: names of the active contacts.
@@ -98,7 +99,7 @@ class Layout:
         for limit in limits:
             self.limits.append(slice(inequality, inequality + len(limit.names)))
             inequality += len(limit.names)
-        self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows)
+        self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows, na)
         self.limit_parts = [(problem.C[rows, :nv], problem.lower[rows], problem.upper[rows]) for rows in self.limits]
         problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
         self.J = problem.A[:nf, :nv]
@@ -131,7 +132,7 @@ class Layout:
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
-        self.torque_bias = np.zeros(na)
+        self.torque_bias = problem.offset
         self.available = np.zeros((3, na))
         #: Whether compiled code knows all of the contacts' motion.
         self.compiled = not self.by_themselves and not self.anchored
@@ -147,8 +148,9 @@ class Layout:
         sizes = len(projection[2]), free, na, len(self.damping), len(rows), self.mechanism.stop - free
         bounds = self.torque_lower, self.torque_upper
         self.bound = Bound(
-            *sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]), self.available
-        )
+            *sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]),
+            self.available, self.torque_bias,
+        )  # fmt: skip
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
         n = self.problem.n
@@ -187,7 +189,8 @@ class Layout:
     def snapshot(self) -> Layout:
         """A copy with a problem that later cycles do not change; its `places` remain views of this layout's problem."""
         kept = copy.copy(self)
-        kept.problem, kept.torque_bias = self.problem.copy(), np.array(self.torque_bias)
+        kept.problem = self.problem.copy()
+        kept.torque_bias = kept.problem.offset
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:

@@ -121,6 +121,7 @@ class QuadraticProgram:
         memory: rows of the cost, then [A, b], then C, in one block, as they are used together,
             (room + m_eq + m_in, n + 1).
         room: number of rows for the cost.
+        offset: r of the outputs C x + r that are wanted of the first rows of C, (k,).
         n: number of decision variables.
         A: equality constraints, view of `memory`, (m_eq, n).
         b: right-hand sides of the equality constraints, view of `memory`, (m_eq,).
@@ -136,6 +137,7 @@ class QuadraticProgram:
     bounds: Array
     memory: Array
     room: int
+    offset: Array = field(default_factory=lambda: np.zeros(0))
     n: int = field(init=False)
     A: Array = field(init=False)
     b: Array = field(init=False)
@@ -157,19 +159,20 @@ class QuadraticProgram:
         self.constraints = rows
 
     @classmethod
-    def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0) -> QuadraticProgram:
-        """Allocate a problem with infinite bounds, and room for some rows of the cost."""
+    def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> QuadraticProgram:
+        """Allocate a problem with infinite bounds, room for some rows of the cost, and some outputs."""
         return cls(
             Quadratic(np.zeros((n, n)), np.zeros(n)),
             np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
             np.zeros((room + equalities + inequalities, n + 1)),
             room,
+            np.zeros(outputs),
         )
 
     def copy(self) -> QuadraticProgram:
         """A copy that the next cycle does not overwrite."""
         cost = Quadratic(self.H.copy(), self.g.copy(), self.cost.constant)
-        return QuadraticProgram(cost, self.bounds.copy(), self.memory[self.room :].copy(), 0)
+        return QuadraticProgram(cost, self.bounds.copy(), self.memory[self.room :].copy(), 0, self.offset.copy())
 
     @property
     def H(self) -> Array:
@@ -189,10 +192,11 @@ class QuadraticProgram:
 
     def residuals(self, x: Array) -> Residuals:
         """Residuals of the constraints at x."""
-        count = self.bounds.shape[1]
-        found = np.zeros(4 * count + len(self.b))
+        count, equalities = self.bounds.shape[1], len(self.b)
+        found = np.zeros(4 * count + equalities + len(self.offset))
         found[: self.n] = x
-        return Residuals(found, count, *kernel.residuals(self.constraints, self.bounds, found))
+        least, off = kernel.residuals(self.constraints, self.bounds, self.offset, found)
+        return Residuals(found, count, equalities, least, off)
 
     def rows(self, places: np.ndarray) -> Array:
         """Rows of [I; C], (k, n)."""
@@ -211,24 +215,26 @@ class Residuals:
 
     Attributes:
         found: x and C x; the multipliers of their bounds, where a solver has found them; the distances of x and C x
-            from their lower and upper bounds; and |A x - b|, all one after the other, (4 (n + m_in) + m_eq,).
+            from their lower and upper bounds; |A x - b|; and the outputs, all one after the other,
+            (4 (n + m_in) + m_eq + k,).
         least_room: the smallest value of `room`.
         violation: largest violation of a constraint, 0 where all hold; NaN if x or the problem contains NaN.
     """
 
-    __slots__ = ("_count", "found", "least_room", "violation")
+    __slots__ = ("_count", "_equalities", "found", "least_room", "violation")
 
-    def __init__(self, found: Array, count: int, least_room: float, off: float) -> None:
+    def __init__(self, found: Array, count: int, equalities: int, least_room: float, off: float) -> None:
         """Store what was found.
 
         Args:
             found: as above.
             count: n + m_in.
+            equalities: m_eq.
             least_room: the smallest room.
             off: the largest of `equalities`.
         """
         self.found = found
-        self._count = count
+        self._count, self._equalities = count, equalities
         self.least_room = least_room
         # max loses a NaN
         self.violation = max(0.0, -least_room, off) if least_room == least_room and off == off else math.nan
@@ -251,7 +257,12 @@ class Residuals:
     @property
     def equalities(self) -> Array:
         """|A x - b|, (m_eq,)."""
-        return self.found[4 * self._count :]
+        return self.found[4 * self._count :][: self._equalities]
+
+    @property
+    def outputs(self) -> Array:
+        """C x + r for its first rows, (k,)."""
+        return self.found[4 * self._count + self._equalities :]
 
 
 @dataclass(frozen=True, slots=True)

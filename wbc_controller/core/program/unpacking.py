@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.cost import Errors
 from wbc_controller.core.program.formulation import Formulation
-from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
+from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.program.problem import Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, freeze, frozen_mapping
 
@@ -22,109 +24,111 @@ _LARGEST = 1.0e9
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-class _Read(Mapping[str, Any]):
-    """A read-only mapping that is computed on first access, as most are never read and would delay the torques."""
+class _Later:
+    """`records.Details` of an answer: most are never read, and would delay the torques.
 
-    __slots__ = ("_made", "_make", "_parts")
+    Of the layout it uses what no later cycle changes.
+    """
 
-    def __init__(self, make: Callable[..., dict[str, Any]], parts: tuple[Any, ...]) -> None:
-        """Store the function and its arguments, which must not be modified afterwards."""
-        self._make = make
-        self._parts = parts
-        self._made: dict[str, Any] | None = None
+    def __init__(
+        self,
+        layout: Layout,
+        answer: Answer,
+        residuals: Residuals,
+        errors: Sequence[Errors],
+        stages: Mapping[str, float],
+    ) -> None:
+        self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
+        self._answer, self._residuals = answer, residuals
+        self._errors, self._stages = errors, stages
 
-    def _all(self) -> dict[str, Any]:
-        if self._made is None:
-            self._made = self._make(*self._parts)
-        return self._made
+    @cached_property
+    def forces(self) -> Mapping[str, Array]:
+        """The force of each contact, (k,) in N and N·m."""
+        layout = self._layout
+        first = layout.problem.n - len(layout.contact_motion)
+        forces = freeze(FORCE_UNIT * self._residuals.value[first : layout.problem.n])
+        return MappingProxyType({place.contact.name: forces[place.motion] for place in layout.places})
 
-    def __getitem__(self, key: str) -> Any:
-        return self._all()[key]
+    @cached_property
+    def residuals(self) -> Mapping[str, float]:
+        """The largest violation in each group of constraints."""
+        equalities, contact_rows = self._residuals.equalities.tolist(), self._layout.mechanism.start
+        return MappingProxyType(
+            {
+                "equations_of_motion": max(equalities[contact_rows:], default=0.0),
+                "contact_motion": max(equalities[:contact_rows], default=0.0),
+                "inequalities": max(0.0, -self._residuals.least_room),
+            }
+        )
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._all())
+    @cached_property
+    def task_errors(self) -> Mapping[str, float]:
+        """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
+        errors: dict[str, Array] = {}
+        for places, values, others in self._errors:
+            errors |= {name: values[place] for name, place in places} | others
+        return MappingProxyType({name: math.sqrt(error.dot(error)) for name, error in errors.items()})
 
-    def __len__(self) -> int:
-        return len(self._all())
+    @cached_property
+    def binding(self) -> Mapping[str, float]:
+        """The binding constraints, each with its multiplier per SI unit of its bound."""
+        return MappingProxyType(_binding(self._labels, self._residuals, self._answer.multipliers))
 
-    def __repr__(self) -> str:
-        return repr(self._all())
+    @cached_property
+    def levels(self) -> Sequence[LevelReport]:
+        """The quadratic programs that were solved."""
+        answer = self._answer
+        if answer.levels or answer.cost is None:
+            return answer.levels
+        return (LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self._stages.get("solve", 0.0)),)
 
 
 def unpack(
     formulation: Formulation,
     layout: Layout,
-    x: Array,
-    multipliers: Array,
-    residuals: Residuals,
+    answer: Answer,
     references: References,
-    iterations: int = 0,
-    levels: tuple[LevelReport, ...] = (),
-    relaxed: tuple[str, ...] = (),
     stages: Mapping[str, float] = _NONE,
 ) -> Solution:
-    """Make a solution of a minimizer.
+    """Make a solution of an answer.
 
     Args:
         formulation: the formulation that built the problem.
         layout: with the problem, as it was given to the solver.
-        x: the minimizer, (n,).
-        multipliers: of the bounds of x and the rows of C, (n + m_in,), as in `solvers.Answer`.
-        residuals: residuals of the problem's constraints at x.
+        answer: with a minimizer and its residuals.
         references: the references for which the problem was built.
-        iterations: the solver's own count.
-        levels: the quadratic programs that were solved.
-        relaxed: groups in which a bound is missed, and lower levels that failed.
         stages: time spent in each stage, in s.
+
+    Raises:
+        ValueError: where the answer has no residuals.
     """
-    nv, n, bias = formulation.model.nv, len(x), layout.torque_bias
-    tau = residuals.found[n : n + len(bias)] + bias
-    x.setflags(write=False)
-    tau.setflags(write=False)
-    errors = formulation.task_errors
-    for task in formulation.effort_tasks:
-        if references.weights.get(task.name, 0.0) > 0.0:
-            equation = task.equation(layout, references.tasks[task.name])
-            if equation is not None:
-                errors += (Errors((), x, {task.name: equation[0] @ x - equation[1]}),)
+    residuals, errors = answer.residuals, formulation.task_errors
+    if residuals is None:
+        raise ValueError(f"the answer {answer.status!r} has no residuals")
+    found = residuals.found
+    found.setflags(write=False)  # and so its parts
+    if formulation.effort_tasks:
+        errors += tuple(_effort_errors(formulation, layout, residuals.value[: layout.problem.n], references))
     return Solution(
-        x[:nv],
-        tau,
-        _Read(_forces, (layout.places, x[nv:])),
-        _Read(_violations, (residuals, layout.mechanism.start)),
-        _Read(_norms, (errors,)),
-        _Read(_binding, (layout.labels, residuals, multipliers)),
-        iterations,
-        levels,
-        relaxed,
+        found[: formulation.model.nv],
+        residuals.outputs,
+        _Later(layout, answer, residuals, errors, stages),
+        answer.relaxed,
+        answer.iterations,
         MappingProxyType(stages),
         frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
         references.disturbance,
     )
 
 
-def _forces(places: Sequence[ContactPlace], f: Array) -> dict[str, Array]:
-    """The force of each contact, (k,) in N and N·m."""
-    forces = freeze(FORCE_UNIT * f)
-    return {place.contact.name: forces[place.motion] for place in places}
-
-
-def _violations(residuals: Residuals, contact_rows: int) -> dict[str, float]:
-    """The largest violation in each group of constraints."""
-    equalities = residuals.equalities.tolist()
-    return {
-        "equations_of_motion": max(equalities[contact_rows:], default=0.0),
-        "contact_motion": max(equalities[:contact_rows], default=0.0),
-        "inequalities": max(0.0, -residuals.least_room),
-    }
-
-
-def _norms(parts: Sequence[Errors]) -> dict[str, float]:
-    """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
-    errors: dict[str, Array] = {}
-    for places, values, others in parts:
-        errors |= {name: values[place] for name, place in places} | others
-    return {name: math.sqrt(error.dot(error)) for name, error in errors.items()}
+def _effort_errors(formulation: Formulation, layout: Layout, x: Array, references: References) -> Iterator[Errors]:
+    """The errors of tasks on contact forces or torques."""
+    for task in formulation.effort_tasks:
+        if references.weights.get(task.name, 0.0) > 0.0:
+            equation = task.equation(layout, references.tasks[task.name])
+            if equation is not None:
+                yield (), x, {task.name: equation[0] @ x - equation[1]}
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:

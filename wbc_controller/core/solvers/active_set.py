@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.problem import QuadraticProgram, Residuals, Squares
-from wbc_controller.core.solvers.solver import Answer
 from wbc_controller.kernels import active_set as kernel
 from wbc_controller.kernels.compiled import Bound
 from wbc_controller.records import Array
@@ -61,7 +61,7 @@ class ActiveSet:
         self._work = np.zeros(0)
         self._bound_of: tuple[object, object, object] = (None, None, None)
         self._bound: Bound
-        self._space = 4 * (n + inequalities) + equalities  # for what the compiled code finds
+        self._x = slice(n)
 
     def learn(self, multipliers: Array) -> None:
         """Take over the active set of a solution from its multipliers, (n + m_in,) as in `Answer`."""
@@ -88,14 +88,14 @@ class ActiveSet:
             return self._full(problem)
         if not len(self._work):
             self._work = work_memory(problem, squares, 0)
+            self._space = 4 * len(self.side) + self._m + len(problem.offset)  # for what the compiled code finds
         found = np.empty(self._space)
         outcome, cost, least, off = kernel.condensed(
             self._table(problem, squares), squares.constant, self._work, 0, 0, found
         )
         if outcome != kernel.SOLVED:
             return None
-        residuals = Residuals(found, len(self.side), least, off)
-        return Answer(found[: self._n], "optimal", 1, residuals.multipliers, residuals, cost)
+        return Answer(found[self._x], "optimal", 1, None, Residuals(found, len(self.side), self._m, least, off), cost)
 
     def condensed(
         self, problem: QuadraticProgram, squares: Squares, work: Array, count: int, kept: int, found: Array, tries: int
@@ -176,9 +176,9 @@ def bind(
     """
     rows, equalities = problem.constraints, len(problem.b)
     return Bound(
-        problem.n, len(squares.slack), squares.first, equalities, len(rows) - equalities,
+        problem.n, len(squares.slack), squares.first, equalities, len(rows) - equalities, len(problem.offset),
         squares.stack, squares.slack, squares.inverse, squares.minus_target, rows, problem.bounds,
-        sides, np.array(limits),
+        sides, problem.offset, np.array(limits),
     )  # fmt: skip
 
 

@@ -8,9 +8,10 @@ from typing import Any
 import daqp
 import numpy as np
 
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.problem import QuadraticProgram, Residuals, Soft
 from wbc_controller.core.solvers.active_set import ActiveSet
-from wbc_controller.core.solvers.solver import Answer, Solver
+from wbc_controller.core.solvers.solver import Solver
 from wbc_controller.records import Array
 
 _ACTIVE = 1
@@ -65,18 +66,15 @@ class DaqpSolver(Solver):
         self._lower = np.zeros(n + rows)
         self._sense = np.zeros(n + rows, dtype=np.int32)
         self._sense[n + inequalities :] = _EQUALITY
-        self._active_set = ActiveSet(n, equalities, inequalities)
-
-    def _guess(self, problem: QuadraticProgram) -> Answer | None:
-        return self._active_set.solve(problem)
+        self.active_set: ActiveSet = ActiveSet(n, equalities, inequalities)
 
     def memory(self) -> dict[str, Any] | None:
         """What it remembers of the last problem: its active set."""
-        return self._active_set.memory()
+        return self.active_set.memory()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
-        self._active_set.recall(memory)
+        self.active_set.recall(memory)
 
     def _search(self, problem: QuadraticProgram) -> Answer:
         m = self._inequalities
@@ -85,14 +83,14 @@ class DaqpSolver(Solver):
         for out, bound in ((self._lower, problem.bounds[0]), (self._upper, problem.bounds[1])):
             np.clip(bound, -_INFINITY, _INFINITY, out=out[:m])
             out[m:] = problem.b
-        side = self._active_set.side
+        side = self.active_set.side
         self._sense[:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
         constraints = self._rows, self._upper, self._lower, self._sense
         answer = _checked(problem, *_run(*_set_up(problem.H, problem.g, constraints, _SETTINGS)))
         if answer.x is None:
             iterations, answer = answer.iterations, solve_carefully(problem)
             answer.iterations += iterations
-        self._active_set.learn(np.zeros(m) if answer.x is None else answer.multipliers)
+        self.active_set.learn(np.zeros(m) if answer.x is None else answer.multipliers)
         return answer
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
+from wbc_controller.core.program.answer import NOT_FINITE
 from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals, Squares
 from wbc_controller.core.solvers import Answer, Solver
 from wbc_controller.core.solvers.active_set import ActiveSet, work_memory
-from wbc_controller.core.solvers.solver import NOT_FINITE
 from wbc_controller.kernels import active_set as kernel
 from wbc_controller.records import Array, LevelReport
 
@@ -45,10 +45,6 @@ class Hierarchy:
     of the levels above have reached are equality constraints of it. This takes costs that are squares: no tolerances,
     and no tasks on forces or torques.
 
-    Attributes:
-        reports: a report of each level that was solved in the last call.
-        unsolved: one sentence for each level below the first whose solver failed in the last call; the solution of
-            the other levels is used.
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
@@ -58,8 +54,6 @@ class Hierarchy:
             make_solver: makes a solver for problems of the same size as the one given.
             timer: returns the time in s.
         """
-        self.reports: tuple[LevelReport, ...] = ()
-        self.unsolved: tuple[str, ...] = ()
         self._make_solver = make_solver
         self._timer = timer
         self._solvers: dict[tuple[int, int, int], Solver] = {}
@@ -103,9 +97,9 @@ class Hierarchy:
 
         Returns:
             The solution in the problem's decision variables. The multiplier of each constraint is that of the first
-            level in which it is binding. If the first level has no solution, x is None, as from a solver.
+            level in which it is binding. If the first level has no solution, x is None, as from a solver. Where the
+            solver of a lower level fails, the solution of the others is used, and `relaxed` has a sentence on it.
         """
-        self.reports, self.unsolved = (), ()
         answer = self._guess(problem, levels)
         if answer is not None:
             return answer
@@ -129,7 +123,8 @@ class Hierarchy:
             self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
         work = work_memory(problem, costs[0], sum(len(level.kept) for level in levels))
         bounds = problem.bounds.shape[1]
-        found = np.empty(4 * bounds + len(problem.b))
+        equalities = len(problem.b)
+        found = np.empty(4 * bounds + equalities + len(problem.offset))
         count, iterations, reports = 0, 0, []
         for level, squares, active_set in zip(levels, costs, self._active_sets, strict=True):
             if not level.tasks and level is not levels[-1]:
@@ -144,13 +139,14 @@ class Hierarchy:
                 self._misses += 1
                 self._rest = min(2 ** (self._misses - 1) - 1, _LONGEST_REST)
                 return None
-            residuals = Residuals(found, bounds, least, off)
-            count = (count or len(problem.b) - squares.first) + len(level.kept)
+            residuals = Residuals(found, bounds, equalities, least, off)
+            count = (count or equalities - squares.first) + len(level.kept)
             iterations += number
             reports.append(LevelReport(level.tasks, cost, number, self._timer() - started))
         self._misses = 0
-        self.reports = tuple(reports)
-        return Answer(found[: problem.n], "optimal", iterations, residuals.multipliers, residuals)
+        answer = Answer(found[: problem.n], "optimal", iterations, None, residuals)
+        answer.levels = tuple(reports)
+        return answer
 
     def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
         """Solve each level in the null space of those above, and learn the active sets."""
@@ -163,22 +159,24 @@ class Hierarchy:
         upper = np.concatenate([problem.x_upper, problem.upper])
         multipliers = np.zeros(len(rows))
         iterations = 0
+        reports: tuple[LevelReport, ...] = ()
+        unsolved: tuple[str, ...] = ()
         self._active_sets = [ActiveSet(n, len(problem.b), len(problem.upper)) for _ in levels]
         for index, level in enumerate(levels):
             last = index == len(levels) - 1
             if not (level.tasks or last) or free.shape[1] + len(level.G) == 0:
                 continue
             started = self._timer()
-            reduced = _reduced(level, x, free, rows, lower, upper, widened=bool(self.reports))
+            reduced = _reduced(level, x, free, rows, lower, upper, widened=bool(reports))
             size = (index, len(reduced.g), len(reduced.upper))
             if size not in self._solvers:
                 self._solvers[size] = self._make_solver(reduced)
             answer = self._solvers[size].solve(reduced)
             iterations += answer.iterations
             if answer.x is None or not (reduced.violation(answer.x) <= self._solvers[size].tolerance):
-                if not self.reports:
+                if not reports:
                     return Answer(None, answer.status, iterations)
-                self.unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
+                unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
                 continue
             z, slack = np.split(answer.x, [free.shape[1]])
             x = x + free @ z
@@ -191,10 +189,12 @@ class Hierarchy:
             lower = np.concatenate([lower, np.minimum(level.lower, value)])
             upper = np.concatenate([upper, np.maximum(level.upper, value)])
             cost = level.cost.value(x) + 0.5 * float(slack @ slack)
-            self.reports += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
+            reports += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
             if not last:
                 free = free @ _null_space(level.kept @ free)
-        return Answer(x, "optimal", iterations, multipliers)
+        solved = Answer(x, "optimal", iterations, multipliers)
+        solved.levels, solved.relaxed = reports, unsolved
+        return solved
 
 
 def _reduced(

@@ -8,8 +8,9 @@ import numpy as np
 import osqp
 from scipy import sparse
 
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.problem import QuadraticProgram
-from wbc_controller.core.solvers.solver import Answer, Solver
+from wbc_controller.core.solvers.solver import Solver
 
 
 class OsqpSolver(Solver):

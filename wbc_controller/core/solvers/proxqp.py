@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import proxsuite
 
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.problem import QuadraticProgram
-from wbc_controller.core.solvers.solver import Answer, Solver
+from wbc_controller.core.solvers.solver import Solver
 
 _proxqp = proxsuite.proxqp
 

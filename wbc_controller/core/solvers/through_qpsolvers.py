@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import qpsolvers
 
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.problem import QuadraticProgram
-from wbc_controller.core.solvers.solver import Answer, Solver
+from wbc_controller.core.solvers.solver import Solver
 
 
 class ThroughQpsolvers(Solver):
