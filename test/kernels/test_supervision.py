@@ -35,6 +35,15 @@ def test_values_at_their_limits_are_within_and_what_is_not_finite_never_is(value
     assert kernel.within(values[::-1], np.ones(N)) == (abs(value) <= 1.0)
 
 
+def supervised(q, v, *, watched=None, dt=math.nan, some_untold=False, axis=None, command=None, following=()):
+    """Calls the kernel with some of its parts."""
+    parts = watched and watched.table, axis, command and command.table
+    tables = Bound(*(0 if part is None else part for part in parts))
+    nothing = np.zeros(0)
+    tau, v_dot, before, share, kept, step, out = following or (nothing, nothing, nothing, 0.0, 0.0, 0.0, nothing)
+    return kernel.supervised(tables.table, q, v, dt, some_untold, tau, v_dot, before, share, kept, step, out)
+
+
 class Watched:
     """Two states of a free flyer with joints in any order and a follower, and what is remembered."""
 
@@ -67,11 +76,16 @@ class Watched:
         return np.concatenate([pin.difference(model, self.before[:7], self.q[:7]), joints])
 
     def compare(self):
-        bound = Bound(int(self.floating), len(self.q_index), self.q_index, self.v_index, self.limits)
-        return kernel.compared(
-            bound.table, self.before, self.v_before, self.q, self.v, self.dt, self.magnitude, self.mismatch,
-            self.untold, self.some_untold,
+        kept = [each.copy() for each in (self.before, self.v_before)]
+        watched = Bound(
+            int(self.floating), len(self.q_index), self.q_index, self.v_index, self.limits, np.array([self.magnitude]),
+            *kept, self.mismatch, self.untold,
         )  # fmt: skip
+        found, tilted, usable = supervised(self.q, self.v, watched=watched, dt=self.dt, some_untold=self.some_untold)
+        assert (tilted, usable) == (0.0, False)
+        expected = [self.before, self.v_before] if found & ABSURD else [self.q, self.v]
+        assert all(each.tobytes() == other.tobytes() for each, other in zip(kept, expected, strict=True))
+        return found
 
     def expect(self):
         """What NumPy makes of it: what is found, mismatches, and what is untold."""
@@ -230,11 +244,16 @@ def test_the_tilt_is_the_angle_between_the_vertical_before_and_after(seed, spoil
     before, q = (pin.SE3ToXYZQUAT(pin.exp6(3.0 * rng.normal(size=6))) for _ in range(2))
     vertical = [pin.XYZQUATToSE3(each).rotation[2] for each in (before, q)]
     np.testing.assert_allclose(kernel.upward(before), vertical[0], atol=1e-12)
-    found = kernel.tilt(q, *kernel.upward(before))
-    assert math.cos(found) == pytest.approx(np.dot(*vertical), abs=1e-12)
-    assert kernel.tilt(before, *kernel.upward(before)) == pytest.approx(0.0, abs=1e-6)
+
+    def tilt(q):
+        found, tilted, usable = supervised(q, np.zeros(6), axis=np.array(kernel.upward(before)))
+        assert (found, usable) == (0, False)
+        return tilted
+
+    assert math.cos(tilt(q)) == pytest.approx(np.dot(*vertical), abs=1e-12)
+    assert tilt(before) == pytest.approx(0.0, abs=1e-6)
     q[4] += spoilt
-    assert (kernel.tilt(q, *vertical[0]) <= math.pi) == (spoilt == 0.0)
+    assert (tilt(q) <= math.pi) == (spoilt == 0.0)
 
 
 @settings(deadline=None)
@@ -251,8 +270,9 @@ def test_the_command_of_a_solution_is_what_numpy_makes_of_it_where_its_torques_a
     q, v, v_dot = rng.normal(size=NV + 1), rng.normal(size=NV), rng.normal(size=NV)
     v_index = rng.permutation(NV)[:7]
     out = np.empty(N + 14)
-    bound = Bound(N, 7, limits, rate, v_index + 1, v_index)
-    usable = kernel.followed(bound.table, tau, v_dot, q, v, before, share, kept, lower, upper, 0.05, 0.1, 0.002, out)
+    bound = Bound(N, 7, limits, rate, v_index + 1, v_index, np.stack([lower, upper]), np.array([0.05, 0.002]))
+    found, tilted, usable = supervised(q, v, command=bound, following=(tau, v_dot, before, share, kept, 0.1, out))
+    assert (found, tilted) == (0, 0.0)
     assert usable == ((tau >= lower - 0.05 * limits) & (tau <= upper + 0.05 * limits)).all()
     if usable:
         wanted = kept * before + (1.0 - kept) * (share * tau)
@@ -271,24 +291,22 @@ def test_torques_are_usable_up_to_a_solver_s_tolerance_beyond_their_limits(place
     wanted, ones, nothing = np.zeros(N), np.ones(N), np.zeros(0, dtype=np.int64)
     wanted[place] = tau
     sent = np.empty(N)
-    bound = Bound(N, 0, ones, 10.0 * ones, nothing, nothing)
-    found = kernel.followed(bound.table, wanted, ones, ones, ones, ones, 1.0, 0.0, -ones, ones, 0.01, 1.0, 0.1, sent)
+    bound = Bound(N, 0, ones, 10.0 * ones, nothing, nothing, np.stack([-ones, ones]), np.array([0.01, 0.1]))
+    *_, found = supervised(ones, ones, command=bound, following=(wanted, ones, ones, 1.0, 0.0, 1.0, sent))
     assert found == usable
     assert not usable or abs(sent[place]) == 1.0
 
 
-@pytest.mark.parametrize("which", [7, 8, 9])
+@pytest.mark.parametrize("which", ["lower", "upper", "limits"])
 def test_where_what_is_available_is_not_a_number_nothing_is_usable(which):
     ones, nothing = np.ones(N), np.zeros(0, dtype=np.int64)
-    limits, rest = ones.copy(), (0.01, 1.0, 0.1, np.empty(N))
-    bound = Bound(N, 0, limits, ones, nothing, nothing)
-    given_values = [0.0 * ones, ones, ones, ones, ones, 1.0, 0.0, -ones, ones]
-    assert kernel.followed(bound.table, *given_values, *rest)
-    if which == 9:
-        limits[5] = np.nan
-    else:
-        given_values[which] = np.where(np.arange(N) == 5, np.nan, given_values[which])
-    assert not kernel.followed(bound.table, *given_values, *rest)
+    limits, available = ones.copy(), np.stack([-ones, ones])
+    bound = Bound(N, 0, limits, ones, nothing, nothing, available, np.array([0.01, 0.1]))
+    following = 0.0 * ones, ones, ones, 1.0, 0.0, 1.0, np.empty(N)
+    assert supervised(ones, ones, command=bound, following=following)[2]
+    spoilt = limits if which == "limits" else available[int(which == "upper")]
+    spoilt[5] = np.nan
+    assert not supervised(ones, ones, command=bound, following=following)[2]
 
 
 @settings(deadline=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from types import SimpleNamespace
 
@@ -269,7 +270,7 @@ def test_a_fixed_base_does_not_fall(robot_of, changed):
     watch.begin()
     for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
         q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
-        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12))) is None
+        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12)), math.nan) is None
 
 
 def test_single_solutions_do_not_renew_the_time_for_holding(body):
@@ -460,14 +461,14 @@ def test_what_is_untold_is_remembered_until_all_joints_move(body):
     robot.v[:] = 0.01
     robot.step(10)
     watch, (place, v) = robot.supervisor._watch, joint(robot.model, 4)
-    assert not watch._some_untold
+    assert not watch.some_untold
     kept = watch._state.q[place]
     robot.step(sensed=lambda q, speeds: (np.where(np.arange(len(q)) == place, kept, q), speeds))
-    assert watch._some_untold
+    assert watch.some_untold
     assert watch._untold[v] == pytest.approx(0.01 * PERIOD)
     assert np.count_nonzero(watch._untold) == 1
     robot.step()
-    assert not watch._some_untold
+    assert not watch.some_untold
     assert not watch._untold.any()
 
 

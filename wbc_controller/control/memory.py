@@ -59,7 +59,7 @@ def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
             if value is not None:
                 give_back(present, value)
         elif isinstance(present, np.ndarray) and present.flags.writeable:
-            setattr(owner, name, np.array(value))
+            present[...] = value  # in place: compiled code may be bound to it
         else:
             setattr(owner, name, type(present)(value) if isinstance(present, deque | dict | tuple) else value)
 

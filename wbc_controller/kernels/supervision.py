@@ -31,6 +31,8 @@ MEMORY = 0.2
 GAP = 0.05
 #: Σ of squares of mismatches, rad² and m², below which none is left.
 SETTLED = 1.0e-12
+#: More than any table has.
+_SIZE = 32
 #: What `compared` finds, as a sum; 0 where all values move, or rest, as the velocities say.
 ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_STILL, JOINTS_REPEAT, BASE_STILL, BASE_REPEATS = (1 << i for i in range(8))
 
@@ -123,11 +125,8 @@ def _rests(before: Array, v_before: Array, q: Array, v: Array, mismatch: Array) 
     return True
 
 
-@compiled(TABLE, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, NUMBER, NUMBER, VECTOR_OUT, VECTOR_OUT, FLAG)
-def compared(
-    table: np.ndarray, before: Array, v_before: Array, q: Array, v: Array, dt: float, magnitude: float,
-    mismatch: Array, untold: Array, some_untold: bool,
-) -> int:  # fmt: skip
+@part
+def compared(table: np.ndarray, q: Array, v: Array, dt: float, some_untold: bool) -> int:
     """Compare a state with the one before it: what is remembered changes in place, unless the state is absurd or rests.
 
     With the change of the configuration Δq, and the motion that the velocities tell, d = Δt (v₁ + v₂) / 2, the mismatch
@@ -140,15 +139,15 @@ def compared(
             q_index: index in q of each measured joint, (nj,).
             v_index: index in v of each, (nj,).
             limits: largest |v|, |x| and |u|, (3, nv).
-        before: configuration before, (nq,): of a base that floats in seven coordinates, or of none, and of joints with
-            one coordinate each.
-        v_before: generalized velocity before, (nv,).
+            magnitude: largest |q|, (1,).
+            before: configuration before, (nq,): of a base that floats in seven coordinates, or of none, and of joints
+                with one coordinate each. This one takes its place.
+            v_before: generalized velocity before, (nv,), likewise.
+            mismatch: x, (nv,), in place.
+            untold: u, (nv,), in place.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
         dt: Δt, s.
-        magnitude: largest |q|.
-        mismatch: x, (nv,), in place.
-        untold: u, (nv,), in place.
         some_untold: whether u is not zero.
 
     Returns:
@@ -159,6 +158,8 @@ def compared(
     """
     floating, limits = table[0] > 0, matrix(table[4], 3, len(v))
     q_index, v_index = indices(table[2], table[1]), indices(table[3], table[1])
+    magnitude, before, v_before = vector(table[5], 1)[0], vector(table[6], len(q)), vector(table[7], len(v))
+    mismatch, untold = vector(table[8], len(v)), vector(table[9], len(v))
     for i in range(len(q)):
         if not abs(q[i]) <= magnitude:
             return ABSURD
@@ -208,6 +209,10 @@ def compared(
         found |= BASE_STILL
         if _repeats(before, q, np.arange(7)) and _repeats(v_before, v, np.arange(6)):
             found |= BASE_REPEATS
+    for i in range(len(q)):
+        before[i] = q[i]
+    for i in range(len(v)):
+        v_before[i] = v[i]
     return found
 
 
@@ -223,11 +228,11 @@ def upward(q: Array) -> tuple[float, float, float]:
     return _upward(q)
 
 
-@compiled(ANY_VECTOR, NUMBER, NUMBER, NUMBER)
-def tilt(q: Array, x: float, y: float, z: float) -> float:
+@part
+def tilt(q: Array, axis: Array) -> float:
     """Angle between the world's z axis in the axes of a floating base, at a configuration, (nq,), and another, rad."""
     a, b, c = _upward(q)
-    return math.acos(clipped(a * x + b * y + c * z, -1.0, 1.0))
+    return math.acos(clipped(a * axis[0] + b * axis[1] + c * axis[2], -1.0, 1.0))
 
 
 @compiled(ANY_VECTOR, INDICES, ROWS, ROWS, INDICES, ROWS)
@@ -280,13 +285,10 @@ def limited(tau: Array, before: Array, rate: Array, dt: float, lower: Array, upp
         out[i] = _limited(tau[i], before[i], dt * rate[i], lower[i], upper[i])
 
 
-@compiled(
-    TABLE, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER,
-    NUMBER, VECTOR_OUT,
-)  # fmt: skip
+@part
 def followed(
     table: np.ndarray, tau: Array, v_dot: Array, q: Array, v: Array, before: Array, share: float, kept: float,
-    lower: Array, upper: Array, tolerance: float, dt: float, period: float, out: Array,
+    dt: float, out: Array,
 ) -> bool:  # fmt: skip
     """The command that follows a solution, if its torques are usable: available but for a tolerance, and not NaN.
 
@@ -296,6 +298,9 @@ def followed(
             rate: torque rate limit, (na,) in N·m/s.
             q_index: index in q of each joint, (nj,).
             v_index: index in v of each, (nj,).
+            available: least and largest torques available, (2, na) in N·m.
+            numbers: the share of an effort limit by which a torque may be beyond what is available, as it is clipped;
+                and the period T in s, (2,).
         tau: torques of the solution, (na,) in N·m.
         v_dot: its generalized acceleration v̇, (nv,).
         q: configuration, (nq,).
@@ -303,11 +308,7 @@ def followed(
         before: torques sent before, (na,) in N·m.
         share: share of the solution's torques that is sent.
         kept: share of the torques before in those sent.
-        lower: least torques available, (na,) in N·m.
-        upper: largest, (na,) in N·m.
-        tolerance: share of an effort limit by which a torque may be beyond what is available; it is clipped.
         dt: time for which the torque rate limit counts, s.
-        period: T, s.
         out: the torques to be sent, (na,) in N·m, the joint positions a period ahead, q + T of the velocities, (nj,),
             and the velocities then, v + T v̇, (nj,).
 
@@ -317,6 +318,8 @@ def followed(
     na, nj = table[0], table[1]
     limits, rate = vector(table[2], na), vector(table[3], na)
     q_index, v_index = indices(table[4], nj), indices(table[5], nj)
+    available, numbers = matrix(table[6], 2, na), vector(table[7], 2)
+    lower, upper, tolerance, period = available[0], available[1], numbers[0], numbers[1]
     for i in range(na):
         excess = tolerance * limits[i]
         if not (tau[i] >= lower[i] - excess and tau[i] <= upper[i] + excess):
@@ -330,3 +333,41 @@ def followed(
         out[na + i] = q[q_index[i]] + period * ahead
         out[na + nj + i] = ahead
     return True
+
+
+@compiled(
+    TABLE, ANY_VECTOR, ANY_VECTOR, NUMBER, FLAG, ANY_VECTOR, ANY_VECTOR, VECTOR, NUMBER, NUMBER, NUMBER, VECTOR_OUT
+)
+def supervised(
+    tables: np.ndarray, q: Array, v: Array, elapsed: float, some_untold: bool, tau: Array, v_dot: Array, before: Array,
+    share: float, kept: float, dt: float, out: Array,
+) -> tuple[int, float, bool]:  # fmt: skip
+    """All that the supervisor computes in a cycle: `compared`, `tilt` and `followed`, which say what the arguments are.
+
+    Args:
+        tables: of `compared`, 0 where states are not compared; the axis of `tilt`, (3,), 0 where there is none; and the
+            table of `followed`.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        elapsed: time since the state before, s; NaN where there is none.
+        some_untold: as `compared` has it.
+        tau: torques of the solution, (na,) in N·m; (0,) where there is none to be followed.
+        v_dot: its generalized acceleration, (nv,).
+        before: torques sent before, (na,) in N·m.
+        share: share of the solution's torques that is sent.
+        kept: share of the torques before in those sent.
+        dt: time for which the torque rate limit counts, s.
+        out: as `followed` has it.
+
+    Returns:
+        What `compared` has found, 0 where it was not called; the tilt in rad, likewise; and whether the torques are
+        usable.
+    """
+    found, tilted, usable = 0, 0.0, False
+    if tables[0] != 0 and elapsed == elapsed:
+        found = compared(indices(tables[0], _SIZE), q, v, elapsed, some_untold)
+    if tables[1] != 0:
+        tilted = tilt(q, vector(tables[1], 3))
+    if len(tau):
+        usable = followed(indices(tables[2], _SIZE), tau, v_dot, q, v, before, share, kept, dt, out)
+    return found, tilted, usable

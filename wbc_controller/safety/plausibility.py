@@ -25,9 +25,7 @@ from wbc_controller.kernels.supervision import (
     JUMPED,
     STUCK,
     UNTOLD,
-    compared,
     height,
-    tilt,
     upward,
     within,
 )
@@ -78,9 +76,14 @@ class StateWatch:
 
     Attributes:
         doubt: what is wrong with the newest state; None where it is plausible.
+        some_untold: whether a velocity tells of a motion that a position does not.
+        bound: limits, and what is remembered, for `kernels.supervision.compared`.
     """
 
-    MEMORY = ("doubt", "_state", "_mismatch", "_untold", "_some_untold", "_joint_values", "_base_values")
+    MEMORY = (
+        "doubt", "_state", "_before", "_v_before", "_mismatch", "_untold", "some_untold", "_joint_values",
+        "_base_values",
+    )  # fmt: skip
 
     def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
         self.doubt: Fault | None = None
@@ -100,39 +103,42 @@ class StateWatch:
         if model.floating_base:
             self._fastest[:3], self._fastest[3:6] = limits.base_speed, limits.base_turn
             self._tolerance[:3], self._tolerance[3:6] = limits.base_mismatch, limits.base_turn_mismatch
-        self._bound = Bound(int(model.floating_base), model.nj, model.q_index, model.v_index, self._bounds)
         self._state: RobotState | None = None
+        self._before, self._v_before = np.zeros(model.nq), np.zeros(model.nv)
         self._mismatch = np.zeros(model.nv)  # change of the positions less the integrated velocities, with MEMORY
         self._untold = np.zeros(model.nv)  # integrated velocities while the position stays, with MEMORY
-        self._some_untold = False  # whether any of these is not zero
+        self.some_untold = False
+        self.bound = Bound(
+            int(model.floating_base), model.nj, model.q_index, model.v_index, self._bounds,
+            np.array([limits.magnitude]), self._before, self._v_before, self._mismatch, self._untold,
+        )  # fmt: skip
 
-    def look(self, state: RobotState) -> Fault | None:
-        """Compare a state with the limits and with those before it; the same state twice counts once."""
+    def since(self, state: RobotState) -> float:
+        """Time since the state before, s; NaN where there is none, or it is the same."""
+        before = self._state
+        return math.nan if before is None or before is state else 1.0e-9 * (state.stamp - before.stamp)
+
+    def judge(self, state: RobotState, found: int) -> Fault | None:
+        """Say what follows from a comparison; the same state twice counts once.
+
+        Args:
+            state: the state.
+            found: by `kernels.supervision.compared`; 0 where it has not been compared (`since`).
+        """
         before = self._state
         if state is before:
             return self.doubt
         if before is None:
-            found = 0 if self._absurd(state) is None else ABSURD
-        else:
-            dt = 1.0e-9 * (state.stamp - before.stamp)
-            found = compared(
-                self._bound.table,
-                before.q,
-                before.v,
-                state.q,
-                state.v,
-                dt,
-                self._limits.magnitude,
-                self._mismatch,
-                self._untold,
-                self._some_untold,
-            )
+            if self._absurd(state) is None:
+                self._before[:], self._v_before[:] = state.q, state.v
+            else:
+                found = ABSURD
         if found & ABSURD:  # it is not compared with
             self.doubt = self._absurd(state)
             return self.doubt
         self._state = state
         if found == 0:
-            self.doubt, self._some_untold = None, False
+            self.doubt, self.some_untold = None, False
             self._joint_values.since = state.stamp
             if self._base_values is not None:
                 self._base_values.since = state.stamp
@@ -172,7 +178,7 @@ class StateWatch:
 
     def _judged(self, found: int, state: RobotState) -> Fault | None:
         """What follows from what a comparison has found; the first fault counts."""
-        self._some_untold = bool(found & UNTOLD)
+        self.some_untold = bool(found & UNTOLD)
         fault = None
         if found & JUMPED:
             fault = self._beyond(_JUMP, self._mismatch, self._tolerance)
@@ -278,36 +284,41 @@ class FallWatch:
     """Compares the base with where it was at the activation.
 
     Its height is counted from the lowest end of a limb and not from the ground, so that stairs and slopes do not count.
+
+    Attributes:
+        floating: whether the base floats: otherwise it falls never.
+        upward: the world's z axis in the base's axes at the activation, (3,).
     """
 
-    MEMORY = ("_upward", "_height", "_looked")
+    MEMORY = ("upward", "_begun", "_height", "_looked")
 
     def __init__(self, model: RobotModel, limits: FallLimits) -> None:
         self._limits = limits
-        self._floating = model.floating_base
+        self.floating = model.floating_base
         self._limbs = _limbs(model.pinocchio) if model.floating_base else ()
-        self._upward: tuple[float, float, float] | None = None  # world z in the base's axes at the activation
+        self.upward, self._begun = np.zeros(3), False
         self._height = 0.0  # at the activation, m
         self._looked = -math.inf
 
     def begin(self) -> None:
         """Start anew: the next state is the one of the activation."""
-        self._upward = None
+        self._begun = False
 
-    def look(self, now: float, state: RobotState) -> Fault | None:
+    def look(self, now: float, state: RobotState, tilted: float) -> Fault | None:
         """Compare a state with that of the activation.
 
         Args:
             now: s.
             state: plausible.
+            tilted: angle between `upward` and its present direction, rad (`kernels.supervision.tilt`).
         """
-        if not self._floating:
+        if not self.floating:
             return None
         limits = self._limits
-        if self._upward is None:
-            self._upward, self._height, self._looked = upward(state.q), self._height_of(state), now
+        if not self._begun:
+            self.upward[:], self._height, self._looked = upward(state.q), self._height_of(state), now
+            self._begun = True
             return None
-        tilted = tilt(state.q, *self._upward)
         if not (tilted <= limits.tilt):
             return Fault(
                 "FALLEN",

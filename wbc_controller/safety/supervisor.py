@@ -27,7 +27,7 @@ from wbc_controller.core.references.trajectories import Ramp
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.kernels.compiled import Bound
-from wbc_controller.kernels.supervision import followed, limited
+from wbc_controller.kernels.supervision import limited, supervised
 from wbc_controller.records import (
     REQUESTS,
     Array,
@@ -48,6 +48,7 @@ from wbc_controller.safety.checks import (
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
 
+_ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 #: Time within which a joint would reach its position limit that is held without its torque, s.
 _AHEAD = 0.05
 
@@ -108,6 +109,8 @@ class Supervisor:
         self.mode = Mode.INACTIVE
         self.fault: Fault | None = None
         self._model = model
+        self._effort_limits = (-model.effort_limits, model.effort_limits)
+        self._torques_available = np.array(self._effort_limits)  # for compiled code
         self._limits: SupervisorLimits | None = None
         self.limits = limits
         self._since = 0.0  # when the present mode began, s
@@ -118,10 +121,10 @@ class Supervisor:
         self._was_relaxed = False  # whether the last solution was
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # share of the solution's torques that is sent: ramps in and out
         self._tau = np.zeros(model.na)  # last torques sent
-        self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._held = self._tau  # the torques at the start of holding
         self._taken_over = False  # whether the torques have reached the solution's since activation
         self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
+        self._nothing = np.zeros(0)
         na, nj = model.na, model.nj
         self._size = na + 2 * nj  # of a command
         self._tau_part, self._q_part, self._v_part = slice(0, na), slice(na, na + nj), slice(na + nj, na + 2 * nj)
@@ -137,8 +140,6 @@ class Supervisor:
         old, self._limits = self._limits, limits
         self._period = self._passed = limits.period  # what passes until a command, s
         self._rate = limits.torque_rate * self._model.effort_limits  # N·m/s
-        places = self._model.q_index, self._model.v_index
-        self._bound = Bound(self._model.na, self._model.nj, self._model.effort_limits, self._rate, *places)
         self._filter = limits.torque_filter
         self._curve = limits.torque_speed
         # What takes time, or remembers, is made anew only where its own limits are other ones.
@@ -148,6 +149,21 @@ class Supervisor:
             self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
         if old is None or old.fall != limits.fall:
             self._fall = FallWatch(self._model, limits.fall) if limits.fall is not None else None
+        self._bind()
+
+    def _bind(self) -> None:
+        """Tell compiled code where it finds limits, and what is remembered."""
+        model, watch, fall = self._model, self._watch, self._fall
+        numbers = np.array([TORQUE_TOLERANCE, self._period])
+        self._own = Bound(
+            model.na, model.nj, model.effort_limits, self._rate, model.q_index, model.v_index, self._torques_available,
+            numbers,
+        )  # fmt: skip
+        self._tables = Bound(
+            0 if watch is None else watch.bound.table,
+            0 if fall is None or not fall.floating else fall.upward,
+            self._own.table,
+        )
 
     @property
     def solving(self) -> bool:
@@ -159,7 +175,7 @@ class Supervisor:
 
         It stays None after a short ramp until the torques sent are within one rate step of the solution's.
         """
-        if self.mode is Mode.ACTIVE and self._taken_over and self._share.sample(now) >= 1.0:
+        if self.mode is _ACTIVE and self._taken_over and self._share.sample(now) >= 1.0:
             return self._tau
         return None
 
@@ -257,16 +273,33 @@ class Supervisor:
             The command; None where nothing is to be sent.
         """
         self._pass(now)
-        if self._watch is not None and state is not None:
-            doubt = self._watch.look(state)
+        watch, fall, solving = self._watch, self._fall, self.mode is _ACTIVE or self.mode is _HOLDING
+        seen = self._no_state if state is None else state
+        elapsed, some_untold = math.nan, False
+        if watch is not None and state is not None:
+            elapsed, some_untold = watch.since(state), watch.some_untold
+        tau = v_dot = made = self._nothing
+        share, kept = 0.0, 0.0
+        if solving and isinstance(outcome, Solution):
+            tau, v_dot, share, made = outcome.tau, outcome.v_dot, self._share.sample(now), np.empty(self._size)
+            if self._filter > 0.0 and self._taken_over and share >= 1.0:
+                kept = math.exp(-self._passed / self._filter)
+            if self._curve is not None:
+                self._torques_available[:] = self._available(joint_velocity)
+        found, tilted, usable = supervised(
+            self._tables.table, seen.q, seen.v, elapsed, some_untold, tau, v_dot, self._tau, share, kept,
+            min(self._passed, self._period), made,
+        )  # fmt: skip
+        if watch is not None and state is not None:
+            doubt = watch.judge(state, found)
             problem = problem or doubt
-        if self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING:
-            if self._fall is not None and state is not None and problem is None:
-                problem = self._fall.look(now, state)
+        if solving:
+            if fall is not None and state is not None and problem is None:
+                problem = fall.look(now, state, tilted)
             if problem is not None:
                 self._enter(Mode.DAMPING, now, problem)
             elif isinstance(outcome, Solution):
-                command = self._follow(now, outcome, state, joint_velocity)
+                command = self._follow(now, outcome, seen.stamp, share, made if usable else None)
                 if command is not None:
                     return command
             elif isinstance(outcome, Fault):
@@ -283,36 +316,35 @@ class Supervisor:
         if not (elapsed >= 0.0):  # the clock went back: its times begin anew
             elapsed, self._since = 0.0, min(self._since, now)
         # A simulation may settle its torques before it begins: its time stands still from the activation on.
-        settling = now == self._activated and self.mode is Mode.ACTIVE
+        settling = now == self._activated and self.mode is _ACTIVE
         self._passed = self._period if settling else elapsed
-        if self.mode is Mode.HOLDING:
+        if self.mode is _HOLDING:
             self._held_time.spend(now, elapsed)
         if self._was_relaxed:
             self._relaxed_time.spend(now, elapsed)
             self._was_relaxed = False
 
     def _follow(
-        self, now: float, solution: Solution, state: RobotState | None, joint_velocity: Array | None
+        self, now: float, solution: Solution, stamp: int, share: float, made: Array | None
     ) -> JointCommand | None:
-        """Make the command of a solution; None where it cannot be followed, and the mode is another one now."""
-        model, seen = self._model, state if state is not None else self._no_state
-        lower, upper = self._effort_limits if self._curve is None else self._available(joint_velocity)
-        share, kept = self._share.sample(now), 0.0
-        if self._filter > 0.0 and self._taken_over and share >= 1.0:
-            kept = math.exp(-self._passed / self._filter)
-        made = np.empty(self._size)
-        usable = followed(
-            self._bound.table, solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept, lower, upper,
-            TORQUE_TOLERANCE, min(self._passed, self._period), self._period, made,
-        )  # fmt: skip
-        if not usable:
+        """Give the command that was made of a solution; None where it cannot be followed: the mode is another one now.
+
+        Args:
+            now: s.
+            solution: the solution.
+            stamp: of its state, ns.
+            share: share of its torques that is sent.
+            made: torques, positions and velocities of the command; None where the torques are not usable.
+        """
+        if made is None:
+            model, (lower, upper) = self._model, self._torques_available
             self._hold(now, unusable_torques(solution.tau, (lower, upper), model.effort_limits, model.actuators))
             return None
         fault = self._relaxing(now, solution) if solution.relaxed else None
         if fault is not None:
             self._enter(Mode.DAMPING, now, fault)
             return None
-        if self.mode is Mode.HOLDING:
+        if self.mode is _HOLDING:
             self._enter(Mode.ACTIVE, now, None)  # the ramp continues: holding interrupts neither ramping in nor out
         if share <= 0.0 and self._share.after <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
@@ -321,7 +353,7 @@ class Supervisor:
             self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
         made.setflags(write=False)  # and so the parts
         self._tau = made[self._tau_part]
-        return JointCommand(seen.stamp, self._tau, made[self._q_part], made[self._v_part])
+        return JointCommand(stamp, self._tau, made[self._q_part], made[self._v_part])
 
     def _relaxing(self, now: float, solution: Solution) -> Fault | None:
         """Count the time with relaxed constraints."""
