@@ -70,6 +70,10 @@ class Cycle:
         Raises:
             Stopped: where the supervisor left its active mode for good.
         """
+        return self.active(self.answer(state, references))
+
+    def answer(self, state: RobotState, references: References) -> JointCommand | None:
+        """The command for a state, in whatever mode."""
         self._now += self._period
         outcome: Solution | NoSolution
         try:
@@ -78,7 +82,14 @@ class Cycle:
         except NoSolution as failure:
             outcome = failure
             self.failures += 1
-        command = self.supervisor.step(self._now, state, state.v[self._v_index], None, outcome)
+        return self.supervisor.step(self._now, state, state.v[self._v_index], None, outcome)
+
+    def active(self, command: JointCommand | None) -> JointCommand:
+        """A command, where the supervisor still is active.
+
+        Raises:
+            Stopped: where it left its active mode for good.
+        """
         if command is None or self.supervisor.mode not in (Mode.ACTIVE, Mode.HOLDING):
             fault = self.supervisor.fault
             raise Stopped(f"{self.supervisor.mode.value}, {fault.sentence if fault is not None else 'no fault'}")

@@ -57,8 +57,9 @@ class Ours:
         state = cycle.state(q, v)
         failures = cycle.failures
         started = time.perf_counter()
-        cycle.step(state, references)
+        command = cycle.answer(state, references)
         seconds = time.perf_counter() - started
+        cycle.active(command)
         solution = cycle.solution
         if solution is None or cycle.failures > failures:
             return np.full(sum(self.hello["sizes"]) + len(self._stages) + 2, np.nan)

@@ -18,8 +18,9 @@ import pinocchio as pin
 from wbc_controller.assembly.program import make_qp
 from wbc_controller.assembly.references import make_board
 from wbc_controller.assembly.robot import make_model
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.solvers import Answer, make_solver
+from wbc_controller.core.solvers import make_solver
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 

@@ -84,7 +84,7 @@ EXPORTED = {
         "TorqueLimit",
         "TorqueSpeedCurve",
     },
-    "wbc_controller.core.solvers": {"Answer", "Solver", "available_solvers", "make_solver"},
+    "wbc_controller.core.solvers": {"Solver", "available_solvers", "make_solver"},
 }
 
 

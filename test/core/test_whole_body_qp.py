@@ -5,11 +5,12 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.core import whole_body_qp
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.layout import FORCE_UNIT
 from wbc_controller.core.program.problem import QuadraticProgram
 from wbc_controller.core.program.unpacking import unpack
 from wbc_controller.core.robot.dynamics import Dynamics
-from wbc_controller.core.solvers import Answer, make_solver
+from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import NoSolution
 from wbc_controller.fuzz.problems import room
 from wbc_controller.settings import PostureTask

@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 
 from wbc_controller.core import whole_body_qp
 from wbc_controller.core.program import infeasibility
+from wbc_controller.core.program.answer import Answer
 from wbc_controller.core.program.infeasibility import MAX_PROGRAMS, explain, named_constraints
-from wbc_controller.core.solvers import Answer
 from wbc_controller.errors import NoSolution
 
 ROBOTS = ("g1", "talos", "go2")

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from wbc_controller.core.program.answer import NOT_FINITE
+from wbc_controller.core.program.answer import NOT_FINITE, Answer
 from wbc_controller.core.program.problem import Level, QuadraticProgram, Residuals, Squares
-from wbc_controller.core.solvers import Answer, Solver
+from wbc_controller.core.solvers import Solver
 from wbc_controller.core.solvers.active_set import ActiveSet, work_memory
 from wbc_controller.kernels import active_set as kernel
 from wbc_controller.records import Array, LevelReport
