@@ -19,7 +19,9 @@ def main() -> None:
     flags, A = values > -10.0, rng.normal(size=(SIZE, SIZE))
     index = np.arange(6, 6 + SIZE // 2)
     part = arrays.as_slice(index)
+    one, other = rng.normal(size=(2, 3))
     pairs = {
+        "cross": (lambda: np.cross(one, other), lambda: arrays.cross(one, other)),
         "min, smallest": (lambda: values.min(), lambda: arrays.smallest(values)),
         "all, all_true": (lambda: flags.all(), lambda: arrays.all_true(flags)),
         "isfinite.all, all_finite": (lambda: np.isfinite(values).all(), lambda: arrays.all_finite(values)),

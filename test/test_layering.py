@@ -91,6 +91,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "mock": (
         (
+            "core/arrays",
             "core/robot",
             "core/contacts",
             "core/limits",

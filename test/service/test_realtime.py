@@ -20,7 +20,7 @@ import resource
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.service import realtime
 from wbc_controller.service.controller_service import run_controller
-from wbc_controller.service.realtime import apply, in_force
+from wbc_controller.service.realtime import apply, in_force, step_back
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.settings.config import load
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
@@ -208,6 +208,21 @@ def test_fifo_holds_for_all_threads_and_for_later_ones(restored, sleeper):
         assert os.sched_getscheduler(thread) == os.SCHED_FIFO
     assert sleeper.start_another()[1] == os.SCHED_FIFO
     assert in_force().startswith("fifo 2 on ")
+
+
+@pytest.mark.parametrize(("name", "priority", "then"), [("fifo", 7, 6), ("rr", 7, 6), ("fifo", 1, 1), ("other", 0, 0)])
+def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, priority, then):
+    number, asked = getattr(os, realtime._CLASSES[name]), [priority]
+    monkeypatch.setattr(os, "sched_getscheduler", lambda thread: number)
+    monkeypatch.setattr(os, "sched_getparam", lambda thread: os.sched_param(priority))
+
+    def schedule(thread, kind, parameter):
+        assert (thread, kind) == (0, number)  # the calling thread alone, which keeps its class
+        asked.append(parameter.sched_priority)
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    step_back()
+    assert asked[-1] == then
 
 
 def test_memory_is_locked_for_real_or_refused():

@@ -28,7 +28,7 @@ from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.live.processes import Processes, memory, processor_time, until, waiting_time
 from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
 from wbc_controller.mock.robot import MockRobot
-from wbc_controller.service.realtime import apply, in_force, processors
+from wbc_controller.service.realtime import apply, in_force, processors, step_back
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.transports.transport import Transport
@@ -260,9 +260,9 @@ class _Bench:
 
 @contextlib.contextmanager
 def _running(robot: _Robot) -> Iterator[None]:
-    """Let a robot run on a thread; what it raises is raised at the end."""
+    """Let a robot run on a thread, behind those that note when torques come; what it raises is raised at the end."""
     stop = threading.Event()
-    with concurrent.futures.ThreadPoolExecutor(1, "robot") as pool:
+    with concurrent.futures.ThreadPoolExecutor(1, "robot", step_back) as pool:
         running = pool.submit(robot.run, stop)
         try:
             yield

@@ -2,10 +2,10 @@
 
 A cycle makes some hundred calls on arrays of a few dozen numbers. There the run time of a NumPy call is mostly its
 overhead, which differs between functions. ``python benchmarks/small_arrays.py`` measures each function below against
-the plain NumPy call; on one machine, for 30 numbers, the NumPy equivalent took 3.4 times as long for `smallest`, 3.1
-for `all_true`, 1.9 for `all_finite`, 1.5 for `solved`, 2.1 for `sum_of_squares` and 1.3 for
-`as_slice`. Reductions are slow, `argmin` and `argmax` are not; `numpy.linalg.solve` is a Python wrapper around
-the function that is called here.
+the plain NumPy call; on one machine, for 30 numbers, the NumPy equivalent took 24 times as long for `cross`, 3.5 for
+`smallest`, 3.2 for `all_true`, 2.0 for `all_finite`, 1.7 for `solved`, 2.2 for `sum_of_squares` and 1.4 for
+`as_slice`. Reductions are slow, `argmin` and `argmax` are not; `numpy.linalg.solve` is a Python wrapper around the
+function that is called here.
 """
 
 from __future__ import annotations
@@ -25,6 +25,12 @@ def as_slice(index: np.ndarray) -> np.ndarray | slice:
     if len(index) and (np.diff(index) == 1).all():
         return slice(int(index[0]), int(index[-1]) + 1)
     return index
+
+
+def cross(a: Array, b: Array) -> Array:
+    """The cross product of two vectors, (3,) each."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def smallest(values: np.ndarray) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.assembly.contacts import make_loop_closure
+from wbc_controller.core.arrays import cross
 from wbc_controller.core.contacts import placement_of
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
@@ -165,5 +166,5 @@ def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
             total[3:] += 0.5 * _TORQUE_SCALE * link.rotation @ force[3:]
         else:
             arm = link.act(attachment.placements[1].act(attachment.points[index])) - origin
-            total[3:] += np.cross(arm, force[:3])
+            total[3:] += cross(arm, force[:3])
     return total

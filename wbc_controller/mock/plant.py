@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from wbc_controller.core.arrays import cross
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.robot.orientation import quaternion_of
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, valid_choices
@@ -216,7 +217,7 @@ class Plant:
         if self._robot.floating_base:
             rotation = self._base().rotation
             omega = self._data.qvel[3:6]
-            v_dot[:3] = rotation.T @ self._data.qacc[:3] - np.cross(omega, rotation.T @ self._data.qvel[:3])
+            v_dot[:3] = rotation.T @ self._data.qacc[:3] - cross(omega, rotation.T @ self._data.qvel[:3])
             v_dot[3:6] = self._data.qacc[3:6]
         return v_dot
 
@@ -258,7 +259,7 @@ class Plant:
             mujoco.mj_objectAcceleration(self._model, self._data, kind, body.id, acceleration, 0)
             arm = placement.translation - self._data.xpos[body.id]
             # In MuJoCo the world accelerates upwards instead of gravity: its acceleration is the specific force.
-            force = acceleration[3:] + np.cross(acceleration[:3], arm) + np.cross(turning, np.cross(turning, arm))
+            force = acceleration[3:] + cross(acceleration[:3], arm) + cross(turning, cross(turning, arm))
         return quaternion_of(placement.rotation), to_local @ turning, to_local @ force
 
     def _motion(self, body: _Body) -> tuple[Array, Array]:
@@ -266,7 +267,7 @@ class Plant:
         motion = np.zeros(6)
         mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_XBODY, body.id, motion, 0)
         arm = self._placement(body).translation - self._data.xpos[body.id]
-        return motion[:3], motion[3:] + np.cross(motion[:3], arm)
+        return motion[:3], motion[3:] + cross(motion[:3], arm)
 
     def contact_wrenches(self) -> dict[str, Array]:
         """Return the true force or wrench on the robot at each contact of the configuration.
@@ -507,7 +508,7 @@ class Plant:
             arm = self._placement(push.at).translation - self._data.xipos[push.at.id]
             force, torque = push.wrench[:3], push.wrench[3:]
             # MuJoCo takes wrenches about a body's centre of mass.
-            self._data.xfrc_applied[push.at.id] += np.concatenate([force, torque + np.cross(arm, force)])
+            self._data.xfrc_applied[push.at.id] += np.concatenate([force, torque + cross(arm, force)])
         self._data.qfrc_applied[self._dof] = self._robot.actuation.at_joints(self.applied_torques)
         mujoco.mj_fwdActuation(self._model, self._data)
         mujoco.mj_fwdAcceleration(self._model, self._data)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import gc
 import logging
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -49,6 +50,8 @@ SLOW_RATE = 100.0
 REPUBLISH_AFTER = 0.05
 #: Lateness at which the real-time schedule restarts, s: catching up on more would flood the controller.
 MAX_LATE = 0.2
+#: Longest time for which the interpreter leaves the physics running while torques wait to be stored, s.
+_SWITCH_INTERVAL = 1.0e-4
 #: Simulated time, at least, for which a patient robot goes on without new torques, s, and wall time for which it then
 #: waits for them: whoever has sent them may have ended.
 AHEAD, PATIENCE = 0.01, 0.5
@@ -163,6 +166,14 @@ class MockRobot:
         """
         gc.collect()
         gc.freeze()  # as in the control loop: a full garbage collection takes longer than the largest age of a state
+        switch_interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        try:
+            self._run(stop)
+        finally:
+            sys.setswitchinterval(switch_interval)
+
+    def _run(self, stop: threading.Event) -> None:
         deadline = self._clock()
         while not stop.is_set():
             self.publish()

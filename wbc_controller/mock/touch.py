@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.arrays import cross
 from wbc_controller.mock.mechanism import FLOOR, ON_THE_FLOOR, geom_names
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings
@@ -71,7 +72,7 @@ class Touch:
                 # The rows of a contact's frame are its axes, the normal first; the force acts on the second geom.
                 at_point = sign * touch.frame.reshape(3, 3).T @ local[:3]
                 force[name] += at_point
-                moment[name] += np.cross(touch.pos - frames[name].translation, at_point)
+                moment[name] += cross(touch.pos - frames[name].translation, at_point)
         return force, moment
 
     def bodies_elsewhere(self, data: Any) -> frozenset[int]:

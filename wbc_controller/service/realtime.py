@@ -52,6 +52,17 @@ def apply(settings: RealtimeSettings) -> None:
         _schedule(settings.scheduling, settings.priority)
 
 
+def step_back() -> None:
+    """Let the calling thread, where it has a real-time class, stand behind all others of its process.
+
+    A thread of that class that computes keeps a processor from others of its priority, such as those that receive.
+    """
+    if hasattr(os, "sched_getscheduler"):
+        number, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+        if number in (os.SCHED_FIFO, os.SCHED_RR) and priority > 1:
+            os.sched_setscheduler(0, number, os.sched_param(priority - 1))
+
+
 def processors() -> set[int]:
     """Numbers of the processors that this process may use; none where the system does not say."""
     return set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else set()

@@ -107,7 +107,7 @@ class RobotModel:
         kinds = (self.pinocchio.joints[self.pinocchio.getJointId(name)].shortname() for name in self.joints)
         return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
-    @property
+    @cached_property
     def base_link(self) -> str:
         """Name of the root link."""
         return root_link(self.pinocchio)
