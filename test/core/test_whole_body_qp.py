@@ -535,6 +535,13 @@ def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
     assert found.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
 
 
+def test_an_answer_without_residuals_is_no_solution(bench):
+    g1 = bench("g1")
+    layout = g1.controller.formulation.build(g1.state(), g1.references())
+    with pytest.raises(ValueError, match="'infeasible' has no residuals"):
+        unpack(g1.controller.formulation, layout, Answer(None, "infeasible", 3), g1.references())
+
+
 def test_task_errors_are_distances(robots):
     bench = robots["g1"]
     references = bench.references()

@@ -138,11 +138,11 @@ class WholeBodyQP:
 
     def _solver_of(self, layout: Layout) -> Solver:
         """The solver for one set of active contacts; each keeps its own warm start."""
-        if self._current is None or self._current[0] is not layout:
-            if layout.key not in self._solvers:
-                self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
-            self._current = layout, self._solvers[layout.key]
-        return self._current[1]
+        if layout.key not in self._solvers:
+            self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
+        solver = self._solvers[layout.key]
+        self._current = layout, solver
+        return solver
 
     def _by_levels(self, layout: Layout) -> Answer:
         """Solve one quadratic program per level."""
@@ -241,7 +241,8 @@ class WholeBodyQP:
         Raises:
             NoSolution: where a value of the problem is not finite.
         """
-        solver = self._solver_of(layout)
+        current = self._current
+        solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
         if self._usable(answer, layout, solver.tolerance):
             return answer

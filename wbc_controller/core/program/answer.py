@@ -24,7 +24,8 @@ class Answer:
         relaxed: groups in which a bound is missed, and lower levels that failed.
     """
 
-    __slots__ = ("_multipliers", "cost", "iterations", "levels", "relaxed", "residuals", "status", "x")
+    levels: tuple[LevelReport, ...] = ()
+    relaxed: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -42,8 +43,6 @@ class Answer:
         self._multipliers = multipliers
         self.residuals = residuals
         self.cost = cost
-        self.levels: tuple[LevelReport, ...] = ()
-        self.relaxed: tuple[str, ...] = ()
 
     @property
     def multipliers(self) -> Array:

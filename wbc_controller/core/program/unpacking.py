@@ -39,8 +39,7 @@ class _Later:
         stages: Mapping[str, float],
     ) -> None:
         self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
-        self._answer, self._residuals = answer, residuals
-        self._errors, self._stages = errors, stages
+        self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
 
     @cached_property
     def forces(self) -> Mapping[str, Array]:

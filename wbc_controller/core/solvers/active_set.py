@@ -89,10 +89,10 @@ class ActiveSet:
         if not len(self._work):
             self._work = work_memory(problem, squares, 0)
             self._space = 4 * len(self.side) + self._m + len(problem.offset)  # for what the compiled code finds
-        found = np.empty(self._space)
-        outcome, cost, least, off = kernel.condensed(
-            self._table(problem, squares), squares.constant, self._work, 0, 0, found
-        )
+        known, found = self._bound_of, np.empty(self._space)
+        same = squares is known[0] and squares.inverse is known[1] and problem is known[2]
+        table = self._bound.table if same else self._table(problem, squares)
+        outcome, cost, least, off = kernel.condensed(table, squares.constant, self._work, 0, 0, found)
         if outcome != kernel.SOLVED:
             return None
         return Answer(found[self._x], "optimal", 1, None, Residuals(found, len(self.side), self._m, least, off), cost)
