@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from typing import Any
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import AccelerationTask, Task
-from wbc_controller.records import References
+from wbc_controller.records import Array, References
 from wbc_controller.wire.decoding import Vocabulary
-from wbc_controller.wire.setpoints import setpoint_message
+from wbc_controller.wire.setpoints import SetpointTemplate
 from wbc_controller.wire.topics import TASK_TYPES
 
 
@@ -27,13 +26,14 @@ class TaskStates:
         self._tasks = {name: tasks[name] for name in vocabulary.kinds}
         self._vocabulary = vocabulary
         self._left: deque[str] = deque()
+        self._templates: dict[str, SetpointTemplate] = {}
 
     def begin(self) -> None:
         """Begin a round, where the last one is over."""
         if not self._left:
             self._left.extend(self._tasks)
 
-    def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, Any]] | None:
+    def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
         """The next task of the round; None where it is over.
 
         Args:
@@ -42,24 +42,27 @@ class TaskStates:
             references: those of the cycle.
 
         Returns:
-            Name of the task, and by row of the topic table its messages: ``task_reference``, and of a task with a
-            motion ``task_value``.
+            Name of the task, and by row of the topic table its serialized messages: ``task_reference``, and of a task
+            with a motion ``task_value``.
         """
         if not self._left:
             return None
         name = self._left.popleft()
-        task, words = self._tasks[name], self._vocabulary
+        task = self._tasks[name]
         positions = {"task_reference": references.tasks[name].position}
         if isinstance(task, AccelerationTask):
             positions["task_value"] = task.position(dynamics)
-        return name, {
-            key: setpoint_message(
-                TASK_TYPES[words.kinds[name]]["setpoint"],
-                words.kinds[name],
-                position,
-                frame=words.reference_frames.get(name, "world"),
-                stamp=stamp,
-                joints=words.joints.get(name, ()),
-            )
-            for key, position in positions.items()
-        }
+        template = self._templates.get(name) or self._lay_out(name, references.tasks[name].position)
+        return name, {key: template.write(stamp, position) for key, position in positions.items()}
+
+    def _lay_out(self, name: str, position: Array) -> SetpointTemplate:
+        """The messages of a task."""
+        words, kind = self._vocabulary, self._vocabulary.kinds[name]
+        template = self._templates[name] = SetpointTemplate(
+            TASK_TYPES[kind]["setpoint"],
+            kind,
+            position,
+            frame=words.reference_frames.get(name, "world"),
+            joints=words.joints.get(name, ()),
+        )
+        return template

@@ -23,11 +23,8 @@ from wbc_controller.records import CycleReport, Fault, Mode, References, RobotSt
 from wbc_controller.transports.transport import Publish, Transport
 from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, header, message, torques
-from wbc_controller.wire.setpoints import wrench_stamped
+from wbc_controller.wire.setpoints import WRENCH, wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint
-
-#: The numbers of a geometry_msgs/WrenchStamped: force, then torque.
-_WRENCH = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
 
 
 class Outputs:
@@ -85,7 +82,7 @@ class Outputs:
         )
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {
-            name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), _WRENCH)
+            name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), WRENCH)
             for name, contact in contacts.items()
         }
         self._mode_said: Mode | None = None
@@ -177,7 +174,7 @@ class Outputs:
         made = self._tasks.next(state.stamp, dynamics, references)
         if made is not None:
             for key, content in made[1].items():
-                self._send(key, content, made[0])
+                self._publish[key, made[0]](content)
 
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
@@ -218,5 +215,5 @@ class Outputs:
             yield
             self._send(key, composed)
 
-    def _send(self, key: str, content: object, subject: str = "") -> None:
-        self._publish[key, subject](encode(content))
+    def _send(self, key: str, content: object) -> None:
+        self._publish[key, ""](encode(content))

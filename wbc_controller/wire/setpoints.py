@@ -8,10 +8,22 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.records import Array
+from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import header, message
 
 #: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
 JOINT_FIELDS = {"posture": "position", "torque": "effort"}
+#: The numbers of a geometry_msgs/WrenchStamped: force, then torque.
+WRENCH = tuple(f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
+#: The numbers of the other types.
+_NUMBERS = {
+    "geometry_msgs/msg/PoseStamped": (
+        *(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{part}" for part in "xyzw"),
+    ),
+    "geometry_msgs/msg/WrenchStamped": WRENCH,
+    "geometry_msgs/msg/PointStamped": tuple(f"point.{axis}" for axis in "xyz"),
+    "geometry_msgs/msg/Vector3Stamped": tuple(f"vector.{axis}" for axis in "xyz"),
+}  # fmt: skip
 
 
 def setpoint_message(
@@ -43,6 +55,33 @@ def setpoint_message(
     if type_name == "geometry_msgs/msg/PointStamped":
         return message(type_name, header=top, point=_xyz("Point", values))
     return message(type_name, header=top, vector=_xyz("Vector3", values))
+
+
+class SetpointTemplate:
+    """Serializes the setpoints of one task: the bytes of `setpoint_message`, in which only stamp and numbers change."""
+
+    def __init__(
+        self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
+    ) -> None:
+        """Lay out the message; the arguments are those of `setpoint_message`."""
+        content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
+        paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
+        size = len(position) if kind in JOINT_FIELDS else len(paths)
+        self._template, self._numbers = Template(content, paths), np.zeros(size)
+        places = np.arange(min(len(position), size))
+        if type_name == "geometry_msgs/msg/PoseStamped":
+            places[-4:] = range(3, 7)  # after a position, which may lack coordinates
+        self._places = places
+
+    def write(self, stamp: int, position: Array) -> bytes:
+        """Serialize a setpoint.
+
+        Args:
+            stamp: for its header, ns.
+            position: of the same size as before.
+        """
+        self._numbers[self._places] = position[: len(self._numbers)]
+        return self._template.write(stamp, self._numbers)
 
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
