@@ -128,7 +128,7 @@ def test_a_meter_notes_what_passes_and_begins_anew_with_each_measurement(monkeyp
 
     monkeypatch.setattr(meter, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=pass_time))
     for _ in range(2):
-        found = robot.measure(5.0, 1.0)
+        found = robot.measure(5.0, 1.0)()
         np.testing.assert_allclose(found.seconds, [0.1, 0.2, 0.3])
     assert len(heard) == 12
     assert robot.answered

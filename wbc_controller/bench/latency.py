@@ -190,7 +190,7 @@ class _Bench:
                 heard = len(self._said)
                 first = first or memory(controller.pid)
                 used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
-                ours.append(self._meter.measure(seconds / blocks, self._period))
+                found = self._meter.measure(seconds / blocks, self._period)
                 spent = time.monotonic() - began
                 self._see_to_it_that_it_runs()
                 processor += (processor_time(controller.pid) - used) / spent
@@ -199,11 +199,13 @@ class _Bench:
                 last, scheduling = memory(controller.pid), in_force(controller.pid)
                 if not self._mock:
                     self._end_active()
+            ours.append(found())
             controller.send_signal(signal.SIGSTOP)
             with _running(self._echo_robot):
                 until(lambda: self._echo_meter.answered, "the echo")
                 time.sleep(_SETTLE)
-                bare.append(self._echo_meter.measure(seconds / blocks, self._period))
+                found = self._echo_meter.measure(seconds / blocks, self._period)
+            bare.append(found())
             progress(count * seconds / blocks, ours[-1], bare[-1])
         return Latency(
             joined(ours), joined(bare), processor / blocks, waiting / blocks, (first, last), scheduling, tuple(said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -154,18 +155,21 @@ class Meter:
         """Whether torques have come."""
         return bool(self._efforts)
 
-    def measure(self, seconds: float, period: float) -> RoundTrips:
-        """Let some time pass in which states are sent on another thread, and take their round trips.
+    def measure(self, seconds: float, period: float) -> Callable[[], RoundTrips]:
+        """Let some time pass in which states are sent on another thread, and note what comes.
 
         Args:
             seconds: duration, s.
             period: of the states, s.
+
+        Returns:
+            Finds the round trips: for when that thread has ended, as it takes the interpreter for hundreds of periods.
         """
         self._forget()
         time.sleep(seconds)
         states = self._states.copy()
         time.sleep(_LAST)
-        return round_trips(states, self._efforts.copy(), self._commands.copy(), period)
+        return functools.partial(round_trips, states, self._efforts.copy(), self._commands.copy(), period)
 
     def _forget(self) -> None:
         self._states: list[tuple[float, Stamp]] = []
