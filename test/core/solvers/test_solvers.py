@@ -268,10 +268,11 @@ def active_set_of(problem):
     return ActiveSet(problem.n, len(problem.b), len(problem.upper))
 
 
+@pytest.mark.parametrize("rows", [7, 24, 30])
 @pytest.mark.parametrize("seed", range(10))
-def test_the_smaller_system_has_the_answer_of_the_whole_one(seed):
-    """Without active inequalities and with them, bounds and rows."""
-    problem = squares_problem(np.random.default_rng(seed))
+def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
+    """Without active inequalities and with them, bounds and rows; with few rows of the cost, and more than unknowns."""
+    problem = squares_problem(np.random.default_rng(seed), rows=rows)
     squares = problem.cost.squares
     rows = squares.stack[: len(squares.slack)]
     x = np.random.default_rng(seed).normal(size=problem.n)

@@ -20,6 +20,8 @@ _FEASIBLE = 1.0e-8
 _PRECISE = 1.0e-11
 #: Largest norm of a solution before its linear system counts as nearly singular; 1e3 is usual.
 _LARGEST = 1.0e8
+#: The most rows of a cost, as a multiple of the unknowns, for which the condensed system is faster than the whole one.
+_MOST_ROWS = 1.25
 
 
 class ActiveSet:
@@ -44,9 +46,9 @@ class ActiveSet:
 
         z = t + d⁻¹ Bᵀp,    (B d⁻¹ Bᵀ + E) p = β - B t
 
-    where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system has half as many unknowns,
-    and is positive definite. Where weights differ much it loses digits, which two steps of iterative refinement bring
-    back. For a level of strict priority (`hierarchy`), B also has the rows that the levels above keep.
+    where E is 1 / w on the diagonal for the rows R' and 0 elsewhere. This condensed system mostly has half as many
+    unknowns, and is positive definite. Where weights differ much it loses digits, which two steps of iterative
+    refinement bring back. For a level of strict priority (`hierarchy`), B also has the rows that the levels above keep.
 
     Attributes:
         side: of each bound of x and row of C, 1 if it is active at its upper bound, -1 at the lower one, else 0.
@@ -84,7 +86,7 @@ class ActiveSet:
         if self._m + self._count > self._n:
             return None
         squares = problem.cost.squares
-        if squares is None or len(squares.stack) > self._n:
+        if squares is None or len(squares.slack) > _MOST_ROWS * self._n:
             return self._full(problem)
         if not len(self._work):
             self._work = work_memory(problem, squares, 0)
