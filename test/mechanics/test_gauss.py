@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, event, given, note, settings
+from hypothesis import assume, event, example, given, note, settings
 from hypothesis import strategies as st
 from mechanisms import ROBOTS, box, random_constraints, random_state, robot
 
@@ -82,6 +82,7 @@ def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
 
 @settings(max_examples=120, deadline=None)
 @given(names, seeds)
+@example("icub", 5904289)  # nearly redundant constraints, with multipliers of 3e14
 def test_constraints_hold_and_their_forces_do_no_work(name, seed):
     M, free, A, b, rng = problem(name, seed)
     motion = gauss(M, free, A, b)
@@ -95,7 +96,10 @@ def test_constraints_hold_and_their_forces_do_no_work(name, seed):
         size = max(1.0, np.linalg.norm(motion.constraint_force))
         assert np.abs(motion.constraint_force @ directions).max() < 1e-10 * size
     assert relative(M @ motion.v_dot, M @ free + motion.constraint_force) < 1e-9
-    assert relative(A.T @ motion.multipliers, motion.constraint_force) < 1e-9
+    # Where constraints are nearly redundant, the product of large multipliers cancels, and keeps their rounding.
+    rounding = 1e-15 * np.linalg.norm(np.abs(A).T @ np.abs(motion.multipliers))
+    rounding /= max(1.0, np.linalg.norm(motion.constraint_force))
+    assert relative(A.T @ motion.multipliers, motion.constraint_force) < max(1e-9, rounding)
 
 
 @settings(max_examples=80, deadline=None)
