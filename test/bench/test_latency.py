@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -53,6 +54,20 @@ def test_the_file_holds_the_same_figures():
     assert kept["controller"] == {"states": 100, "late": 2, "without_torques": 1}
     assert kept["rate_hz"] == pytest.approx(500.0)
     assert kept["controller_memory_kb"] == [102_400, 103_424]
+
+
+def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raised(monkeypatch):
+    behind, ran = [], []
+    monkeypatch.setattr(latency, "step_back", lambda: behind.append(threading.get_ident()))
+
+    def run(stop):
+        ran.append(threading.get_ident())
+        stop.wait()
+        raise WbcError("the simulation has diverged")
+
+    with pytest.raises(WbcError, match="diverged"), latency._running(SimpleNamespace(run=run)):
+        pass
+    assert ran == behind != [threading.get_ident()]
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])

@@ -1,5 +1,6 @@
 import itertools
 import logging
+import sys
 import threading
 import time
 
@@ -357,6 +358,21 @@ def test_real_time_keeps_absolute_deadlines(make):
     assert robot.rebased == 0
     assert len(peer.all("joint_states")) == 200
     assert robot.plant.time == pytest.approx(2.0 * now[0], abs=1e-9)
+
+
+def test_torques_are_let_in_while_it_computes(make):
+    """The interpreter changes threads often meanwhile, and as before afterwards."""
+    robot, peer = make(clock=lambda: 0.0)
+    stop, seen, before = threading.Event(), [], sys.getswitchinterval()
+
+    def controller(content):
+        seen.append(sys.getswitchinterval())
+        stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert seen == [pytest.approx(1e-4)]
+    assert sys.getswitchinterval() == before
 
 
 def test_lateness_is_given_up_and_counted(make):

@@ -42,6 +42,8 @@ VECTOR_OUT = types.Array(types.float64, 1, "C")
 ROWS_OUT = types.Array(types.float64, 2, "C")
 ANY_MATRIX_OUT = types.Array(types.float64, 2, "A")
 
+#: More entries than any table has.
+_MOST_ENTRIES = 32
 #: What `Bound` gives.
 TABLE = types.Array(types.int64, 1, "C", readonly=True)
 
@@ -174,6 +176,12 @@ def matrix(address: int, rows: int, columns: int) -> Any:
 def indices(address: int, size: int) -> Any:
     """Integers at an address in a table, (size,)."""
     return numba.carray(_to_indices(address), (size,))
+
+
+@part
+def table_at(address: int) -> Any:
+    """A table at an address in another one: its entries, with room for more than any table has."""
+    return numba.carray(_to_indices(address), (_MOST_ENTRIES,))
 
 
 @part

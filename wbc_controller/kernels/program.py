@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, VECTOR_OUT, as_part, compiled, indices
+from wbc_controller.kernels.compiled import NUMBER, TABLE, VECTOR, VECTOR_OUT, as_part, compiled, table_at
 from wbc_controller.kernels.equations_of_motion import fill_dynamics
 from wbc_controller.kernels.frames import fill_rows, link_terms
 from wbc_controller.kernels.joint_motion import acceleration_bounds
@@ -12,8 +12,6 @@ from wbc_controller.records import Array
 
 _link_terms, _fill_rows = as_part(link_terms), as_part(fill_rows)
 _fill_dynamics, _acceleration_bounds = as_part(fill_dynamics), as_part(acceleration_bounds)
-#: More than any table has.
-_SIZE = 32
 
 
 @compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR_OUT)
@@ -35,8 +33,8 @@ def fill_program(tables: np.ndarray, q: Array, v: Array, h: Array, before: Array
     Returns:
         The cost that no acceleration avoids, of the tasks on single accelerations.
     """
-    _link_terms(indices(tables[0], _SIZE), v)
-    rest = _fill_rows(indices(tables[1], _SIZE), q, v, errors)
-    _fill_dynamics(indices(tables[2], _SIZE), h, v, before, share)
-    _acceleration_bounds(indices(tables[3], _SIZE), q, v)
+    _link_terms(table_at(tables[0]), v)
+    rest = _fill_rows(table_at(tables[1]), q, v, errors)
+    _fill_dynamics(table_at(tables[2]), h, v, before, share)
+    _acceleration_bounds(table_at(tables[3]), q, v)
     return rest

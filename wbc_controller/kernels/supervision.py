@@ -19,6 +19,7 @@ from wbc_controller.kernels.compiled import (
     indices,
     matrix,
     part,
+    table_at,
     vector,
 )
 from wbc_controller.kernels.joint_motion import clipped
@@ -31,8 +32,6 @@ MEMORY = 0.2
 GAP = 0.05
 #: Σ of squares of mismatches, rad² and m², below which none is left.
 SETTLED = 1.0e-12
-#: More than any table has.
-_SIZE = 32
 #: What `compared` finds, as a sum; 0 where all values move, or rest, as the velocities say.
 ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_STILL, JOINTS_REPEAT, BASE_STILL, BASE_REPEATS = (1 << i for i in range(8))
 
@@ -365,9 +364,9 @@ def supervised(
     """
     found, tilted, usable = 0, 0.0, False
     if tables[0] != 0 and elapsed == elapsed:
-        found = compared(indices(tables[0], _SIZE), q, v, elapsed, some_untold)
+        found = compared(table_at(tables[0]), q, v, elapsed, some_untold)
     if tables[1] != 0:
         tilted = tilt(q, vector(tables[1], 3))
     if len(tau):
-        usable = followed(indices(tables[2], _SIZE), tau, v_dot, q, v, before, share, kept, dt, out)
+        usable = followed(table_at(tables[2]), tau, v_dot, q, v, before, share, kept, dt, out)
     return found, tilted, usable

@@ -286,7 +286,7 @@ class FallWatch:
     Its height is counted from the lowest end of a limb and not from the ground, so that stairs and slopes do not count.
 
     Attributes:
-        floating: whether the base floats: otherwise it falls never.
+        floating: whether the base floats; a fixed one never falls.
         upward: the world's z axis in the base's axes at the activation, (3,).
     """
 

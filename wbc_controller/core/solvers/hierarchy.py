@@ -44,7 +44,6 @@ class Hierarchy:
     still right, or nearly, a level is one linear system or a few, without null space and without search. What the rows
     of the levels above have reached are equality constraints of it. This takes costs that are squares: no tolerances,
     and no tasks on forces or torques.
-
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
