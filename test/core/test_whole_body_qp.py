@@ -646,23 +646,24 @@ def test_a_solution_outlives_the_next_one(robots):
 
 
 def said(solution):
-    """Everything that a solution says in mappings."""
+    """Everything that a solution says in mappings, and of its levels."""
     names = ("forces", "residuals", "task_errors", "binding", "external_wrenches")
-    return {name: {key: np.array(value) for key, value in getattr(solution, name).items()} for name in names}
+    found = {name: {key: np.array(value) for key, value in getattr(solution, name).items()} for name in names}
+    return found | {"levels": {level.tasks: np.array([level.cost, level.iterations]) for level in solution.levels}}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, robot):
     late, at_once, rng = bench(robot), bench(robot), np.random.default_rng(11)
     solutions, expected, bound = [], [], 0
-    for scale in (1.0, 300.0, 1.0, 200.0, 50.0):
+    for count, scale in enumerate((1.0, 300.0, 1.0, 200.0, 50.0)):
         state = late.near_stance(rng)
         references = busy(late, state, rng)
         kick = replace(references.tasks["posture"], acceleration=scale * rng.normal(size=late.model.na))
         references = replace(
             references,
             tasks={**references.tasks, "posture": kick},
-            weights={**references.weights, "posture": rng.uniform(1.0, 5.0)},
+            weights={**references.weights, "posture": rng.uniform(1.0, 5.0), "com": float(count % 2)},
             external_wrenches={late.model.base_link: 10.0 * rng.normal(size=6)},
         )
         solutions.append(late.controller.solve(state, references))
@@ -684,6 +685,20 @@ def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, rob
 
 def arrays(problem):
     return {name: np.array(getattr(problem, name)) for name in ("H", "g", "A", "b", "C", "bounds")}
+
+
+def test_a_snapshot_keeps_all_of_its_cycle(bench):
+    """What is infeasible is explained later."""
+    g1, rng = bench("g1"), np.random.default_rng(4)
+    layout = g1.controller.formulation.build(g1.near_stance(rng), g1.references())
+    kept, torque_bias = layout.snapshot(), np.array(layout.torque_bias)
+    problem = arrays(kept.problem)
+    g1.controller.formulation.build(g1.near_stance(rng), g1.references())
+    assert (layout.torque_bias != torque_bias).any()
+    np.testing.assert_array_equal(kept.torque_bias, torque_bias)
+    np.testing.assert_array_equal(kept.problem.offset, torque_bias)
+    for name, array in arrays(kept.problem).items():
+        np.testing.assert_array_equal(array, problem[name])
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
