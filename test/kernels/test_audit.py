@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.kernels import audit as kernel
+from wbc_controller.kernels.compiled import Bound
 
 NV, NA, GAP, TIME, MASS = 9, 5, 0.002, 0.02, 7.0
 
@@ -27,12 +28,16 @@ def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside
     S[:, base:] = rng.normal(size=(NA, NV - base)) * rng.integers(0, 2, size=(NA, NV - base))
     rows, columns = (np.ascontiguousarray(index) for index in np.nonzero(S))
     sums, vectors = np.zeros(kernel.SUMS), np.zeros((2, NV))
+    velocity, drift, jacobian = np.zeros(3), np.zeros(3), np.zeros((NV, 6))
+    drives = rows.astype(np.int64), columns.astype(np.int64), S[rows, columns]
+    bound = Bound(len(rows), NV, *drives, np.array([MASS]), velocity, jacobian, drift, sums, vectors)
     work = throughput = duration = 0.0
     impulse, missed, before = np.zeros(3), np.zeros(NV), None
     for predicts in [True, *sent]:
         q, v, v_dot, tau = (rng.normal(size=n) for n in (NV + bool(base), NV, NV, NA))
-        velocity, drift = rng.normal(size=(2, 3))
-        J = rng.normal(size=(6, NV))[:3]
+        velocity[:], drift[:] = rng.normal(size=(2, 3))
+        jacobian[:] = rng.normal(size=(NV, 6))
+        J = jacobian.T[:3]
         p = rng.normal(size=NV) if beside else np.zeros(0)
         moved = np.zeros(NV)
         if before is not None:
@@ -41,9 +46,8 @@ def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside
                 moved[:base] = rng.normal(size=base)
         last = before or {"q": q, "v": v, "v_dot": v_dot, "tau": tau}
         said = kernel.follow(
-            0.0 if before is None else GAP, last["tau"], rows, columns, S[rows, columns], p,
-            moved if beside else np.zeros(0), last["q"], q, last["v"], v, last["v_dot"], v_dot, tau,
-            tau if predicts else tau + [*np.zeros(NA - 1), 0.1], MASS, velocity, J, drift, sums, vectors,
+            bound.table, 0.0 if before is None else GAP, last["tau"], p, moved if beside else np.zeros(0), last["q"],
+            q, last["v"], v, last["v_dot"], v_dot, tau, tau if predicts else tau + [*np.zeros(NA - 1), 0.1],
         )  # fmt: skip
         assert said == predicts
         if before is not None:
@@ -53,7 +57,7 @@ def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside
                 duration += GAP
                 impulse += MASS * (velocity - before["velocity"]) - GAP * before["force"]
                 missed += v - before["v"] - GAP * before["v_dot"]
-        before = {"q": q, "v": v, "v_dot": v_dot, "tau": tau, "velocity": velocity, "predicts": predicts}
+        before = {"q": q, "v": v, "v_dot": v_dot, "tau": tau, "velocity": velocity.copy(), "predicts": predicts}
         before["force"] = MASS * (J @ v_dot + drift)
     found = sums[[kernel.WORK, kernel.THROUGHPUT, kernel.PREDICTED]]
     np.testing.assert_allclose(found, [work, throughput, duration], rtol=1e-10, atol=1e-9)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from wbc_controller.core.tasks.form import unit_quaternion
 from wbc_controller.kernels import messages as kernel
+from wbc_controller.kernels.compiled import Bound
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).filter(lambda q: math.hypot(*q) > 0.1))
@@ -26,8 +27,8 @@ def test_a_state_is_assembled_as_by_the_model(robot_of):
         positions, velocities = rng.normal(size=(2, model.nj))
         pose, twist = rng.normal(size=7), rng.normal(size=6)
         q, v = np.full(model.nq, np.nan), np.full(model.nv, np.nan)
-        places = model.q_index.astype(np.int64), model.v_index.astype(np.int64)
-        kernel.assemble(positions, velocities, *places, pose, twist, q, v)
+        places = Bound(model.nj, model.q_index.astype(np.int64), model.v_index.astype(np.int64))
+        kernel.assemble(places.table, positions, velocities, pose, twist, q, v)
         if model.followers is not None:
             model.followers.place(q)
             model.followers.move(v)

@@ -144,12 +144,14 @@ class _Bench:
         else:
             self._robot = StandingRobot(model, settings, self._meter, topics)
         self._echo_robot = StandingRobot(model, settings, self._echo_meter, self._echo_topics)
+        # The robot's process must not be what is late. As where processors are isolated, it, the guard and what writes
+        # recordings have others than the controller, where there are any.
+        asked = settings.control.realtime
+        others = sorted(processors() - set(asked.affinity)) if asked.affinity else []
+        apply(RealtimeSettings(affinity=others))
         self._start("controller")
         self._start("guard")
-        # The robot's process must not be what is late, nor take the controller's processor where there is another one.
-        asked = settings.control.realtime
-        others = processors() - set(asked.affinity) if asked.affinity else set()
-        apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=sorted(others)))
+        apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=others))
         self._echo_as = RealtimeSettings(affinity=asked.affinity)  # its class is inherited
 
     def _start(self, name: str) -> None:

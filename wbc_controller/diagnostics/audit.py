@@ -21,6 +21,7 @@ import numpy as np
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.kernels.audit import SUMS, THROUGHPUT, WORK, filter_residuals, follow, mechanical_energy
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
@@ -69,9 +70,10 @@ class ModelAudit:
         self._weight = model.mass * model.gravity
         self._span = _SPAN * limits.time_constant - 0.5 * limits.period  # the nearest number of periods
         self._largest_gap = _LARGEST_GAP * limits.period
-        rows, columns = np.nonzero(model.actuation.S)
-        self._drives = rows.astype(np.int64), columns.astype(np.int64), model.actuation.S[rows, columns]
         self._none = np.zeros(0)
+        self._sums, self._vectors = np.zeros(SUMS), np.zeros((2, model.nv))
+        self._bound_of: Dynamics | None = None
+        self._bound: Bound
         self._forget()
 
     def _forget(self) -> None:
@@ -80,7 +82,7 @@ class ModelAudit:
         self._solution: Solution | None = None  # springs, and the powers of known wrenches in it, W
         self._tau = self._springs = self._none
         self._powers: list[float] = []
-        self._sums, self._vectors = np.zeros(SUMS), np.zeros((2, self._model.nv))
+        self._sums[:], self._vectors[:] = 0.0, 0.0
         self._lasted = self._stored = 0.0  # time of the span so far, s, and the energy at its start, J
         self._energy = self._throughput = 0.0
         self._force = np.zeros(3 if self._model.floating_base else 0)
@@ -125,6 +127,17 @@ class ModelAudit:
             self._report = self._look_back(state, dynamics)
         return self._report
 
+    def _bind(self, dynamics: Dynamics) -> None:
+        """Tell compiled code where it finds what is the same in every cycle."""
+        S = self._model.actuation.S
+        rows, columns = np.nonzero(S)
+        *_, com_velocity, com_drift, per_mass, _, _ = dynamics.terms
+        self._bound_of = dynamics
+        self._bound = Bound(
+            len(rows), self._model.nv, rows.astype(np.int64), columns.astype(np.int64), S[rows, columns],
+            np.array([self._mass]), com_velocity, per_mass, com_drift, self._sums, self._vectors,
+        )  # fmt: skip
+
     def _energy_of(self, state: RobotState, dynamics: Dynamics) -> float:
         return float(mechanical_energy(dynamics.M, state.v, self._gravity, dynamics.com))
 
@@ -158,11 +171,11 @@ class ModelAudit:
                 for first, last in zip(self._powers, _powers(predicted, dynamics), strict=True):
                     self._sums[WORK] += 0.5 * gap * (first + last)
                     self._sums[THROUGHPUT] += 0.5 * gap * abs(first + last)
-        actuators, moved_by, ratios = self._drives
+        if dynamics is not self._bound_of:
+            self._bind(dynamics)
         predicts = follow(
-            gap, tau, actuators, moved_by, ratios, beside, moved, before.q, state.q, before.v, state.v, v_dot,
-            solution.v_dot, command.tau, solution.tau, self._mass, dynamics.com_velocity, dynamics.com_jacobian,
-            dynamics.com_drift, self._sums, self._vectors,
+            self._bound.table, gap, tau, beside, moved, before.q, state.q, before.v, state.v, v_dot, solution.v_dot,
+            command.tau, solution.tau,
         )  # fmt: skip
         self._before, self._tau = state, command.tau
         self._solution = solution if predicts else None  # torques that are not the solution's: it predicts nothing

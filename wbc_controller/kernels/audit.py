@@ -7,12 +7,15 @@ import numpy as np
 from wbc_controller.kernels.compiled import (
     ANY_MATRIX,
     ANY_VECTOR,
-    INDICES,
     NUMBER,
     ROWS_OUT,
+    TABLE,
     VECTOR,
     VECTOR_OUT,
     compiled,
+    indices,
+    matrix,
+    vector,
 )
 from wbc_controller.records import Array
 
@@ -43,15 +46,10 @@ def mechanical_energy(M: Array, v: Array, weight: Array, com: Array) -> float:
     return energy
 
 
-@compiled(
-    NUMBER, VECTOR, INDICES, INDICES, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR,
-    VECTOR, VECTOR, VECTOR, NUMBER, ANY_VECTOR, ANY_MATRIX, ANY_VECTOR, VECTOR_OUT, ROWS_OUT,
-)  # fmt: skip
+@compiled(TABLE, NUMBER, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)
 def follow(
-    gap: float, tau_before: Array, actuators: np.ndarray, moved_by: np.ndarray, ratios: Array, beside: Array,
-    moved: Array, q_before: Array, q: Array, v_before: Array, v: Array, v_dot_before: Array, v_dot: Array, tau: Array,
-    tau_found: Array, mass: float, com_velocity: Array, com_jacobian: Array, com_drift: Array, sums: Array,
-    vectors: Array,
+    table: np.ndarray, gap: float, tau_before: Array, beside: Array, moved: Array, q_before: Array, q: Array,
+    v_before: Array, v: Array, v_dot_before: Array, v_dot: Array, tau: Array, tau_found: Array,
 ) -> bool:  # fmt: skip
     """Go on from one state to the next, and add up what the laws of motion say of the time between them.
 
@@ -60,11 +58,19 @@ def follow(
     no work.
 
     Args:
+        table: the number k of entries of the actuation matrix S that are not zero, and nv; and, in this order,
+            actuators: row of each of these entries, (k,).
+            moved_by: its column, (k,).
+            ratios: the entry itself, (k,).
+            mass: m in kg, (1,).
+            com_velocity: ċ at this state, (3,) in m/s.
+            com_jacobian: J at this state, by columns, (nv, 6): its first three rows count.
+            com_drift: δ, c̈ at v̇ = 0, at this state, (3,) in m/s².
+            sums: what is summed, (SUMS,).
+            vectors: the unexplained change of the velocity, which is summed too, and room for a generalized force,
+                (2, nv).
         gap: Δt, s; 0 at the first state of all, before which there is nothing.
         tau_before: torques sent at the state before, (na,) in N·m.
-        actuators: row of each entry of the actuation matrix S that is not zero, (k,).
-        moved_by: its column, (k,).
-        ratios: the entry itself, (k,).
         beside: generalized force p that acts beside the torques, (nv,); (0,) where there is none.
         moved: change of the configuration, (nv,); (0,) to take it from q, for which no force may act on the base.
         q_before: configuration before, (nq,): of the base, and then of one joint after the other.
@@ -75,17 +81,14 @@ def follow(
         v_dot: v̇ of the solution at this state, (nv,).
         tau: torques sent at this state, (na,) in N·m.
         tau_found: torques of the solution at this state, (na,): where they are other ones, it predicts nothing.
-        mass: m, kg.
-        com_velocity: ċ at this state, (3,) in m/s.
-        com_jacobian: J at this state, (3, nv).
-        com_drift: δ, c̈ at v̇ = 0, at this state, (3,) in m/s².
-        sums: what is summed, (SUMS,).
-        vectors: the unexplained change of the velocity, which is summed too, and room for a generalized force, (2, nv).
 
     Returns:
         Whether the solution predicts the motion.
     """
-    nv = len(v)
+    entries, nv = table[0], table[1]
+    actuators, moved_by, ratios = indices(table[2], entries), indices(table[3], entries), vector(table[4], entries)
+    mass, com_velocity, com_drift = vector(table[5], 1)[0], vector(table[6], 3), vector(table[8], 3)
+    com_jacobian, sums, vectors = matrix(table[7], nv, 6), vector(table[9], SUMS), matrix(table[10], 2, nv)
     missed, force = vectors[0], vectors[1]
     predicted = sums[PREDICTS] > 0.0 and gap > 0.0
     if gap > 0.0:
@@ -111,7 +114,7 @@ def follow(
         momentum = mass * com_velocity[i]
         acceleration = com_drift[i]
         for j in range(nv):
-            acceleration += com_jacobian[i, j] * v_dot[j]
+            acceleration += com_jacobian[j, i] * v_dot[j]
         if predicted:
             sums[IMPULSE + i] += momentum - sums[MOMENTUM + i] - gap * sums[FORCE + i]
         sums[MOMENTUM + i], sums[FORCE + i] = momentum, mass * acceleration

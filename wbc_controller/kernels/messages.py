@@ -13,11 +13,14 @@ from wbc_controller.kernels.compiled import (
     BYTES,
     INDICES,
     INTEGER,
-    NUMBER,
+    TABLE,
     VECTOR,
     VECTOR_OUT,
     compiled,
+    indices,
     part,
+    signs,
+    vector,
 )
 from wbc_controller.records import Array
 
@@ -45,26 +48,23 @@ def _gather(payload: bytes, places: np.ndarray, largest: float, out: Array) -> b
     return good
 
 
-@compiled(BYTES, BYTES, INDICES, INTEGER, INDICES, INDICES, NUMBER, INTEGER, INDICES, NUMBER, VECTOR_OUT, VECTOR_OUT)
-def read(
-    payload: bytes, like: bytes, edges: np.ndarray, stamp: int, unmeasured: np.ndarray, first: np.ndarray,
-    first_largest: float, quaternion: int, second: np.ndarray, second_largest: float, one: Array, other: Array,
-) -> int:  # fmt: skip
+@compiled(BYTES, TABLE, VECTOR_OUT, VECTOR_OUT)
+def read(payload: bytes, table: np.ndarray, one: Array, other: Array) -> int:
     """Read a message that has the shape of another one, and two groups of numbers of it.
 
     Places are those of the first of eight bytes.
 
     Args:
         payload: the message.
-        like: the other one.
-        edges: begin and end of each piece of the bytes that make up the shape, (2 n,).
-        stamp: place of the time in the header.
-        unmeasured: places of numbers that are not -1, which says that there is no measurement.
-        first: places of the numbers of the first group.
-        first_largest: the largest magnitude that one of them may have.
-        quaternion: index in the first group of a unit quaternion, which is normalized; negative where there is none.
-        second: places of the numbers of the second group.
-        second_largest: the largest magnitude that one of them may have.
+        table: the sizes of `like`, `edges`, `unmeasured`, `first` and `second`; the place of the time in the header;
+            the index in the first group of a unit quaternion, which is normalized, negative where there is none; and,
+            in this order,
+            like: the other message, (size,).
+            edges: begin and end of each piece of the bytes that make up the shape, (2 n,).
+            unmeasured: places of numbers that are not -1, which says that there is no measurement.
+            first: places of the numbers of the first group.
+            second: of the second.
+            largest: the largest magnitude that a number of each group may have, (2,).
         one: takes the numbers of the first group, (len(first),).
         other: takes those of the second, (len(second),).
 
@@ -72,12 +72,18 @@ def read(
         The stamp, ns; negative where the shape is another one, or where a number or the stamp is none that this may
         take, or at the limit of that: then the codec's way finds out what to say.
     """
-    if len(payload) != len(like):
+    size, stamp, quaternion = table[0], table[5], table[6]
+    if len(payload) != size or len(one) != table[3] or len(other) != table[4]:
         return -1
-    differs = 0
+    like, edges = signs(table[7], 1, size)[0], indices(table[8], table[1])
+    unmeasured, first, second = (
+        indices(table[9], table[2]), indices(table[10], table[3]), indices(table[11], table[4])
+    )  # fmt: skip
+    largest = vector(table[12], 2)
+    differs = np.uint8(0)
     for k in range(0, len(edges), 2):
         for i in range(edges[k], edges[k + 1]):
-            differs |= payload[i] ^ like[i]
+            differs |= payload[i] ^ np.uint8(like[i])
     if differs:
         return -1
     time = _bits(payload, stamp)
@@ -87,8 +93,8 @@ def read(
     for i in range(len(unmeasured)):
         one_bits[0] = _bits(payload, unmeasured[i])
         good &= one[0] != -1.0
-    good &= _gather(payload, first, first_largest, one)
-    good &= _gather(payload, second, second_largest, other)
+    good &= _gather(payload, first, largest[0], one)
+    good &= _gather(payload, second, largest[1], other)
     if quaternion >= 0:
         good &= abs(_normalize(one, quaternion) - 1.0) <= _NORM
     return seconds * 1_000_000_000 + rest if good else -1
@@ -111,29 +117,28 @@ def normalize(values: Array, start: int) -> float:
     return _normalize(values, start)
 
 
-@compiled(VECTOR, VECTOR, INDICES, INDICES, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
+@compiled(TABLE, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR_OUT, VECTOR_OUT)
 def assemble(
-    positions: Array, velocities: Array, q_index: np.ndarray, v_index: np.ndarray, pose: Array, twist: Array, q: Array,
-    v: Array,
-) -> None:  # fmt: skip
+    table: np.ndarray, positions: Array, velocities: Array, pose: Array, twist: Array, q: Array, v: Array
+) -> None:
     """Assemble q and v from measurements, as `RobotModel.state` does.
 
     Args:
+        table: the number of joints nj, and of each joint the index in q and that in v, (nj,).
         positions: of the joints, (nj,).
         velocities: of the joints, (nj,).
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v of each joint, (nj,).
         pose: position and quaternion of a floating base, (7,); (0,) for a fixed one.
         twist: of that base, (6,); (0,) for a fixed one.
         q: takes the configuration, (nq,).
         v: takes the velocity, (nv,).
     """
+    q_index, v_index = indices(table[1], table[0]), indices(table[2], table[0])
     q[:], v[:] = 0.0, 0.0
     for i in range(len(pose)):
         q[i] = pose[i]
     for i in range(len(twist)):
         v[i] = twist[i]
-    for i in range(len(positions)):
+    for i in range(len(q_index)):
         q[q_index[i]] = positions[i]
         v[v_index[i]] = velocities[i]
 

@@ -279,16 +279,17 @@ class Supervisor:
         if watch is not None and state is not None:
             elapsed, some_untold = watch.since(state), watch.some_untold
         tau = v_dot = made = self._nothing
-        share, kept = 0.0, 0.0
-        if solving and isinstance(outcome, Solution):
-            tau, v_dot, share, made = outcome.tau, outcome.v_dot, self._share.sample(now), np.empty(self._size)
+        share, kept, passed = 0.0, 0.0, self._passed
+        solution = outcome if solving and isinstance(outcome, Solution) else None
+        if solution is not None:
+            tau, v_dot, share, made = solution.tau, solution.v_dot, self._share.sample(now), np.empty(self._size)
             if self._filter > 0.0 and self._taken_over and share >= 1.0:
-                kept = math.exp(-self._passed / self._filter)
+                kept = math.exp(-passed / self._filter)
             if self._curve is not None:
                 self._torques_available[:] = self._available(joint_velocity)
         found, tilted, usable = supervised(
             self._tables.table, seen.q, seen.v, elapsed, some_untold, tau, v_dot, self._tau, share, kept,
-            min(self._passed, self._period), made,
+            passed if passed < self._period else self._period, made,
         )  # fmt: skip
         if watch is not None and state is not None:
             doubt = watch.judge(state, found)
@@ -298,16 +299,16 @@ class Supervisor:
                 problem = fall.look(now, state, tilted)
             if problem is not None:
                 self._enter(Mode.DAMPING, now, problem)
-            elif isinstance(outcome, Solution):
-                command = self._follow(now, outcome, seen.stamp, share, made if usable else None)
+            elif solution is not None:
+                command = self._follow(now, solution, seen.stamp, share, made if usable else None)
                 if command is not None:
                     return command
             elif isinstance(outcome, Fault):
                 self._enter(Mode.DAMPING, now, outcome)
-            elif outcome is None:
-                self._hold(now, Fault("NO_SOLUTION", "no solution was computed"))
-            else:
+            elif isinstance(outcome, NoSolution):
                 self._hold(now, Fault("NO_SOLUTION", str(outcome), outcome.infeasibility))
+            else:
+                self._hold(now, Fault("NO_SOLUTION", "no solution was computed"))
         return self._do_without(now, state, joint_velocity)
 
     def _pass(self, now: float) -> None:

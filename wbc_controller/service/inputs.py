@@ -31,6 +31,7 @@ from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.holding import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.messages import assemble
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
@@ -230,7 +231,7 @@ class Inputs:
                 transport.subscribe(endpoint, partial(self._put_request, endpoint))
         self._trigger = next(box for box in self._boxes if box.endpoint.key == "joint_states")
         self._odometry = self._parts.get("odom")
-        self._places = model.q_index.astype(np.int64), model.v_index.astype(np.int64)
+        self._places = Bound(model.nj, model.q_index.astype(np.int64), model.v_index.astype(np.int64))
         self._no_base = np.zeros(0), np.zeros(0)
 
     def wait(self, seconds: float) -> bool:
@@ -343,8 +344,9 @@ class Inputs:
         """
         refused: list[str] = []
         for box in self._boxes:
-            self._collect(box)
             newest = box.newest
+            if not newest:  # as `wait` has not just taken them
+                self._collect(box)
             while newest:
                 received, payload = newest.popleft()
                 try:
@@ -563,7 +565,7 @@ class Inputs:
             pose, twist = self._base
         model = self._model
         q, v = np.empty(model.nq), np.empty(model.nv)
-        assemble(joints.q, joints.v, *self._places, pose, twist, q, v)
+        assemble(self._places.table, joints.q, joints.v, pose, twist, q, v)
         if model.followers is not None:
             model.followers.place(q)
             model.followers.move(v)

@@ -264,7 +264,7 @@ class _Stream:
         self._endpoint, self._reader = endpoint, reader
         self._guard = GuardCondition(participant)
         self._triggers = dds_raw.Triggers(participant)
-        self._triggers.attach_guard(self._guard)
+        self._wakes = self._triggers.attach_guard(self._guard)
         self._triggers.attach_reader(reader)
         self._closed = False
 
@@ -280,11 +280,12 @@ class _Stream:
         """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
         self._refuse_closed()
         try:
-            triggered = bool(self._triggers.wait(seconds))
-            self._guard.take()
+            triggered = self._triggers.wait(seconds)
+            if self._wakes in triggered:
+                self._guard.take()
         except DDSException as error:
             raise TransportError(f"cannot wait for {self._endpoint.name}: {error}") from error
-        return triggered
+        return bool(triggered)
 
     def wake(self) -> None:
         """End the wait, or the next one where nobody waits."""

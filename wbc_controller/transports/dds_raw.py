@@ -27,10 +27,12 @@ def write(writer: Any, payload: bytes) -> None:
         DDSException: if it could not be sent.
         ValueError: if the bytes cannot be a serialized message.
     """
-    if len(payload) < _ENCAPSULATION:
-        raise ValueError(f"{len(payload)} bytes are not a serialized message")
-    # DDS counts payloads in words of four bytes.
-    status = ddspy_write(writer._ref, payload.ljust(-(-len(payload) // 4) * 4, b"\0"))
+    size = len(payload)
+    if size % 4 or size < _ENCAPSULATION:
+        if size < _ENCAPSULATION:
+            raise ValueError(f"{size} bytes are not a serialized message")
+        payload = payload.ljust(-(-size // 4) * 4, b"\0")  # DDS counts payloads in words of four bytes
+    status = ddspy_write(writer._ref, payload)
     if status < 0:
         raise DDSException(status)
 
@@ -77,11 +79,12 @@ def delete(entity: Any) -> None:
 
 
 class Triggers:
-    """Waits for readers and guard conditions, and reports which have triggered. Any thread may attach."""
+    """Waits for readers and guard conditions, and reports which have triggered. Any thread may attach, one waits."""
 
     def __init__(self, participant: Any) -> None:
         self._waitset = WaitSet(participant)
         self._attached: list[Any] = []
+        self._numbers = (dds_c_t.attach * 0)()  # takes what has triggered
 
     def attach_guard(self, guard: Any) -> int:
         """Attach a guard condition; returns the number by which `wait` reports it."""
@@ -93,8 +96,9 @@ class Triggers:
 
     def wait(self, seconds: float = math.inf) -> list[int]:
         """Block until an attached entity has triggered, or the time is over; the numbers of some that have."""
-        room = len(self._attached)
-        numbers = (dds_c_t.attach * room)()
+        numbers, room = self._numbers, len(self._attached)
+        if len(numbers) != room:
+            numbers = self._numbers = (dds_c_t.attach * room)()
         timeout = dds_infinity if seconds == math.inf else round(1e9 * seconds)
         count = self._waitset._waitset_wait(self._waitset._ref, numbers, room, timeout)
         if count < 0:

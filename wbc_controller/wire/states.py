@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import InputRefused
+from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.messages import read
 from wbc_controller.records import Array
 from wbc_controller.wire import decoding
@@ -56,7 +57,7 @@ class StateReader(ABC):
 
     def __init__(self) -> None:
         self._shape: FixedShape | None = None
-        self._known: tuple[Any, ...] = ()  # what the kernel takes, beside the message and arrays for its numbers
+        self._known: Bound | None = None  # the shape and places, for the kernel
         self._sizes = 0, 0
         self._size = 0  # of the last message that was read by the codec
 
@@ -71,10 +72,10 @@ class StateReader(ABC):
             InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
                 that a state can have.
         """
-        if self._known:
+        if self._known is not None:
             sizes = self._sizes
             first, second = np.empty(sizes[0]), np.empty(sizes[1])
-            stamp: int = read(payload, *self._known, first, second)  # type: ignore[call-arg]  # it is one tuple of all
+            stamp = read(payload, self._known.table, first, second)
             if stamp >= 0:
                 return stamp, first, second
         return self._read(payload)
@@ -90,10 +91,12 @@ class StateReader(ABC):
         shape = FixedShape(content)
         if shape.fits(payload):  # it does not where a writer leaves other bytes than zero between fields
             self._shape, places = shape, self._find(shape)
-            self._sizes = len(places.first), len(places.second)
-            self._known = (
-                shape.like, shape.edges, int(bytes_at(shape.place("header.stamp"))[0]), places.unmeasured,
-                places.first, places.first_largest, places.quaternion, places.second, places.second_largest,
+            sizes = self._sizes = len(places.first), len(places.second)
+            stamped = int(bytes_at(shape.place("header.stamp"))[0])
+            self._known = Bound(
+                len(shape.like), len(shape.edges), len(places.unmeasured), *sizes, stamped, places.quaternion,
+                np.frombuffer(shape.like, dtype=np.int8), shape.edges, places.unmeasured, places.first, places.second,
+                np.array([places.first_largest, places.second_largest]),
             )  # fmt: skip
         return stamp, q, v
 

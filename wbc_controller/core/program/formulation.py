@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ class _Ready(NamedTuple):
     """What is laid out and weighed for all cycles in which nothing but state and references changes.
 
     Attributes:
+        read_only: activations and weights for which it was made, where they are read-only: these stay as they are.
         contacts: activations for which it was made.
         weights: weights for which it was made.
         limits: limits of joint motion and of torques for which it was made.
@@ -46,6 +48,7 @@ class _Ready(NamedTuple):
         falling: whether the available torques fall with the speed.
     """
 
+    read_only: tuple[Mapping[str, float] | None, ...]
     contacts: dict[str, float]
     weights: dict[str, float]
     limits: tuple[JointMotionLimit, TorqueLimit]
@@ -155,11 +158,11 @@ class Formulation:
         if tuning is not None and tuning is not self._tuning:
             self._tune(tuning)
         dynamics.compute(q, v)
-        ready = self._ready
+        ready, contacts, weights = self._ready, references.contacts, references.weights
         if (
             ready is None
-            or references.contacts != ready.contacts
-            or references.weights != ready.weights
+            or (contacts is not ready.read_only[0] and contacts != ready.contacts)
+            or (weights is not ready.read_only[1] and weights != ready.weights)
             or ready.limits[0] is not self.motion_limit
             or ready.limits[1] is not self.torque_limit
             or ready.changes != Tunable.changes
@@ -215,8 +218,10 @@ class Formulation:
         if len(self._costs) == 1 and first.compiled:  # only its numbers change from cycle to cycle
             squares, layout.levels = first.pose(), [first.posed]
         share = self.torque_limit.rate * self.period
+        given = activations, references.weights
+        read_only = tuple(each if isinstance(each, MappingProxyType) else None for each in given)
         weighed = dict(activations), dict(references.weights)
-        return _Ready(*weighed, limits, changes, layout, rows, motion, tables, squares, share, falling)
+        return _Ready(read_only, *weighed, limits, changes, layout, rows, motion, tables, squares, share, falling)
 
     def _complete(self, layout: Layout, references: References, rest: float, errors: Array) -> None:
         """Fill what compiled code does not know of the tasks, and the levels below the first."""

@@ -58,6 +58,8 @@ class Layout:
     Attributes:
         problem: the problem's arrays.
         places: rows and columns of each active contact, in order.
+        forces: columns of all contact forces in x.
+        forces_of: name of each active contact, and the indices of its force in f.
         J: the stacked Jacobians of the active contacts, (nf, nv).
         contact_motion: the required J v̇, (nf,).
         damping: D of each row of J, 1/s, (nf,).
@@ -118,6 +120,8 @@ class Layout:
             problem.C[rows, columns] = contact.cone
             problem.upper[rows] = 0.0
             row, cone = motion.stop, rows.stop
+        self.forces = slice(nv, nv + nf)
+        self.forces_of = [(place.contact.name, place.motion) for place in self.places]
         #: How compiled code fills the rows of contacts, with their first rows; and the others, which fill their own.
         self.instructions = [
             (instruction, place.motion.start)

@@ -17,17 +17,15 @@ from wbc_controller.records import Array, Reference
 class _Followed:
     """A task whose gains and reference are copied where compiled code reads them, when they change."""
 
-    __slots__ = (
-        "_acceleration", "_gains", "_position", "_task", "_velocity", "name", "reference", "shares",
-    )  # fmt: skip
+    __slots__ = ("_gains", "_length", "_newest", "_size", "_task", "_wanted", "name", "reference", "shares")
 
     def __init__(self, task: MotionTask, numbers: Array) -> None:
         """Take views of the numbers after the task's constants."""
         self.name, self._task = task.name, task
-        self.reference: Reference | None = None
-        size, length = task.size, task.form.size
-        ends = np.cumsum([2 * size, length, size, size])
-        gains, self._position, self._velocity, self._acceleration, self.shares = np.split(numbers, ends)
+        self.reference: Reference | None = None  # that need not be copied again
+        self._newest: Reference | None = None
+        self._size, self._length = size, length = task.size, task.form.size
+        gains, self._wanted, self.shares = np.split(numbers, np.cumsum([2 * size, length + 2 * size]))
         self._gains = gains.reshape(2, size)
 
     def follow(self, reference: Reference) -> None:
@@ -36,11 +34,16 @@ class _Followed:
         Raises:
             ValueError: where one of its arrays has another shape.
         """
-        arrays = reference.position, reference.velocity, reference.acceleration
-        self._position[:], self._velocity[:], self._acceleration[:] = arrays
-        # One that can be written may be another one in the next cycle.
-        fixed = not (arrays[0].flags.writeable or arrays[1].flags.writeable or arrays[2].flags.writeable)
-        self.reference = reference if fixed else None
+        arrays = position, velocity, acceleration = reference.position, reference.velocity, reference.acceleration
+        if len(position) != self._length or len(velocity) != self._size or len(acceleration) != self._size:
+            raise ValueError(
+                f"the reference of task {self.name!r} has {len(position)} positions, {len(velocity)} velocities and "
+                f"{len(acceleration)} accelerations; expected {self._length}, {self._size} and {self._size}"
+            )
+        np.concatenate(arrays, out=self._wanted)
+        again, self._newest = reference is self._newest, reference
+        # One that moves is not asked; one that can be written may be another one in the next cycle.
+        self.reference = reference if again and not any(array.flags.writeable for array in arrays) else None
 
     def tune(self) -> None:
         """Take over the gains."""

@@ -15,7 +15,7 @@ from wbc_controller.core.program.cost import Errors
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.program.problem import Residuals
-from wbc_controller.records import Array, LevelReport, References, Solution, freeze, frozen_mapping
+from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
 _BINDING = 1.0e-5
@@ -40,14 +40,16 @@ class _Later:
     ) -> None:
         self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
         self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
+        self._forces: Mapping[str, Array] | None = None
 
-    @cached_property
+    @property
     def forces(self) -> Mapping[str, Array]:
         """The force of each contact, (k,) in N and N·m."""
-        layout = self._layout
-        first = layout.problem.n - len(layout.contact_motion)
-        forces = freeze(FORCE_UNIT * self._residuals.value[first : layout.problem.n])
-        return MappingProxyType({place.contact.name: forces[place.motion] for place in layout.places})
+        if self._forces is None:  # in every cycle: what `cached_property` does takes as long as the rest
+            forces = FORCE_UNIT * self._residuals.found[self._layout.forces]
+            forces.setflags(write=False)
+            self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
+        return self._forces
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:

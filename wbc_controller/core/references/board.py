@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -306,8 +307,8 @@ class ReferenceBoard:
             return References(tasks, same.weights, same.contacts, same.external_wrenches, same.tuning, same.anchors)
         references = References(
             tasks=tasks,
-            weights={name: ramp.sample(time) for name, ramp in self._weight_ramps.items()},
-            contacts={name: ramp.sample(time) for name, ramp in self._contact_ramps.items()},
+            weights=MappingProxyType({name: ramp.sample(time) for name, ramp in self._weight_ramps.items()}),
+            contacts=MappingProxyType({name: ramp.sample(time) for name, ramp in self._contact_ramps.items()}),
             external_wrenches=dict(self._wrenches),
             tuning=self._tuning.sample(time),
             anchors=self._anchors,

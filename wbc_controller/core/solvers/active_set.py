@@ -60,6 +60,7 @@ class ActiveSet:
         self._sides = np.zeros((2, n + inequalities), dtype=np.int8)  # and what compiled code proposes
         self.side = self._sides[0]
         self._count = 0  # of active ones
+        self._total = n + inequalities
         self._work = np.zeros(0)
         self._bound_of: tuple[object, object, object] = (None, None, None)
         self._bound: Bound
@@ -85,19 +86,21 @@ class ActiveSet:
         """Solve with the stored active set; None if it is not the active set of this problem."""
         if self._m + self._count > self._n:
             return None
-        squares = problem.cost.squares
-        if squares is None or len(squares.slack) > _MOST_ROWS * self._n:
+        squares, known = problem.cost.squares, self._bound_of
+        if squares is None:
             return self._full(problem)
-        if not len(self._work):
-            self._work = work_memory(problem, squares, 0)
-            self._space = 4 * len(self.side) + self._m + len(problem.offset)  # for what the compiled code finds
-        known, found = self._bound_of, np.empty(self._space)
-        same = squares is known[0] and squares.inverse is known[1] and problem is known[2]
-        table = self._bound.table if same else self._table(problem, squares)
+        if squares is known[0] and squares.inverse is known[1] and problem is known[2] and len(self._work):
+            table = self._bound.table
+        elif len(squares.slack) > _MOST_ROWS * self._n:
+            return self._full(problem)
+        else:
+            table, self._work = self._table(problem, squares), work_memory(problem, squares, 0)
+            self._space = 4 * self._total + self._m + len(problem.offset)  # for what the compiled code finds
+        found = np.empty(self._space)
         outcome, cost, least, off = kernel.condensed(table, squares.constant, self._work, 0, 0, found)
         if outcome != kernel.SOLVED:
             return None
-        return Answer(found[self._x], "optimal", 1, None, Residuals(found, len(self.side), self._m, least, off), cost)
+        return Answer(found[self._x], "optimal", 1, None, Residuals(found, self._total, self._m, least, off), cost)
 
     def condensed(
         self, problem: QuadraticProgram, squares: Squares, work: Array, count: int, kept: int, found: Array, tries: int
