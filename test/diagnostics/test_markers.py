@@ -8,6 +8,7 @@ import pytest
 from composed import whole
 
 from wbc_controller.settings import Settings
+from wbc_controller.transports.memory import MemoryTransport
 from wbc_controller.views.scene import CONE_HEIGHT, FORCE_LENGTH
 from wbc_controller.wire.messages import nanoseconds
 
@@ -186,6 +187,27 @@ def test_the_rate_is_the_configured_one(bench):
         controller = bench("go2", {"control": {"markers_rate": rate}})
         controller.cycle(100)
         assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
+
+
+def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
+    readers, asked = [], set()
+
+    def is_read(self, endpoint):
+        asked.add(endpoint.key)
+        return bool(readers)
+
+    monkeypatch.setattr(MemoryTransport, "is_read", is_read)
+    controller = bench("go2", {"control": {"markers_rate": 50.0}})
+    controller.cycle(50)
+    assert not controller.received("markers")
+    readers.append("RViz")
+    controller.cycle(50)
+    seen = len(controller.received("markers"))
+    assert seen >= 4
+    readers.clear()
+    controller.cycle(50)
+    assert len(controller.received("markers")) <= seen + 1  # one may have been on its way
+    assert asked == {"markers"}
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):

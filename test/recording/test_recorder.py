@@ -17,9 +17,12 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from wbc_controller.recording.columns import columns
 from wbc_controller.recording.mcap import Contents, read
 from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recorder import recording
 from wbc_controller.records import ChangeSettings
 from wbc_controller.replay.telling import told
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import encode
+from wbc_controller.wire.topics import CONTROLLER_TOPICS, endpoints
 
 SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
 
@@ -58,6 +61,16 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     channels = {channel.topic: number for number, channel in found.channels.items()}
     stored = [data for number, _, data in read(path, Contents()) if number == channels["/effort_controller/commands"]]
     assert stored == bench._payloads["effort", ""]
+
+
+def test_all_of_a_run_has_markers_though_nobody_reads_them(robot_of, tmp_path):
+    settings, _ = robot_of("g1")
+    (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")
+    for file, expected in ((tmp_path / "a.mcap", True), (None, False)):
+        with recording(settings.model_copy(deep=True), file) as recorder:
+            tapped = recorder.tap(MemoryTransport(MemoryBus()), time.time_ns)
+            tapped.advertise(markers)
+            assert tapped.is_read(markers) == expected
 
 
 def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):

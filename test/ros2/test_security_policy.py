@@ -66,6 +66,9 @@ class Recorder:
     def publishers(self, endpoint):
         return ()
 
+    def is_read(self, endpoint):
+        return False
+
 
 def read(text):
     """The names that each enclave's node may use, by `publish`, `subscribe`, `request` and `reply`."""

@@ -302,3 +302,21 @@ def test_the_other_nodes_that_publish_on_a_topic_are_named(join, eventually):
     own.close()
     with pytest.raises(TransportError, match="/odom"):
         own.publishers(odom)
+
+
+def test_a_writer_knows_whether_somebody_reads(join, eventually):
+    own, other = join("controller"), join("viewer", "/a")
+    markers = endpoint("/markers")
+    own.advertise(markers)
+    own.advertise(endpoint("/odom"))
+    assert not own.is_read(markers)
+    other.subscribe(markers, lambda payload: None)
+    eventually(lambda: own.is_read(markers))
+    assert not own.is_read(endpoint("/odom"))
+    assert not own.is_read(endpoint("/nothing"))
+    assert not other.is_read(markers)  # which it has not opened for writing
+    other.close()
+    eventually(lambda: not own.is_read(markers))
+    own.close()
+    with pytest.raises(TransportError, match="/markers"):
+        own.is_read(markers)

@@ -104,6 +104,7 @@ class Recorder:
             name: of the robot, for the names of files.
         """
         seconds = settings.recorder.seconds
+        self._all_of_it = file is not None
         self._kept = f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
         folder = str(folder_of(settings)) if seconds > 0.0 else None
         plan = {
@@ -147,7 +148,7 @@ class Recorder:
             stamp: gives the time of messages, ns.
         """
         self._stamp = stamp
-        return Tap(transport, self.channel, self.put, self.sent)
+        return Tap(transport, self.channel, self.put, self.sent, all_of_it=self._all_of_it)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
         """Begin to record a controller, when every topic has been opened.

@@ -17,6 +17,8 @@ class Tap:
         channel: Callable[[str, str], int],
         came: Callable[[int, bytes], None],
         went: Callable[[tuple[int, int, bytes]], None],
+        *,
+        all_of_it: bool,
     ) -> None:
         """Make a tap.
 
@@ -25,11 +27,13 @@ class Tap:
             channel: gives the number of a topic and type.
             came: takes what came in.
             went: takes what went out: number, 0 as its time is that of the cycle, and bytes.
+            all_of_it: whether the recording is to hold what nobody reads, too.
         """
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._channel = channel
         self._came, self._went = came, went
+        self._all_of_it = all_of_it
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
@@ -59,6 +63,10 @@ class Tap:
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """As the transport."""
         return self._transport.publishers(endpoint)
+
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """As the transport, but that a recording of all of a run reads what it is given."""
+        return self._all_of_it or self._transport.is_read(endpoint)
 
     def close(self) -> None:
         """As the transport."""

@@ -55,6 +55,10 @@ class Gate:
         """Deliver a command as if it had arrived on the command topic."""
         self._command(encode(message("std_msgs/msg/String", data=word)))
 
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that was opened for writing."""
+        return self._transport.is_read(endpoint)
+
     def close(self) -> None:
         """Close the gate and all topics."""
         self.open = False

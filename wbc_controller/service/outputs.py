@@ -7,6 +7,7 @@ cycle, when the torques are out.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,11 +64,12 @@ class Outputs:
         """
         self._actuation = model.actuation
         self._contacts = contacts
+        outgoing = [endpoint for endpoint in endpoints if endpoint.direction is Direction.OUT]
         self._publish: dict[tuple[str, str], Publish] = {
-            (endpoint.key, endpoint.subject): transport.advertise(endpoint)
-            for endpoint in endpoints
-            if endpoint.direction is Direction.OUT
+            (endpoint.key, endpoint.subject): transport.advertise(endpoint) for endpoint in outgoing
         }
+        (markers,) = (endpoint for endpoint in outgoing if endpoint.key == "markers")
+        self._markers_are_read = partial(transport.is_read, markers)
         no_torques, joints = self._actuation.command(np.zeros(model.na)), np.zeros(model.nj)
         self._zeros = encode(torques(no_torques))
         # The messages of every cycle are written in place.
@@ -179,7 +181,7 @@ class Outputs:
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
     ) -> None:
-        """Begin the markers of the cycle if they are due.
+        """Begin the markers of the cycle if they are due, and somebody reads them.
 
         Args:
             now: time on the clock of the loop, s.
@@ -189,7 +191,8 @@ class Outputs:
         """
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period
-            self._begin("markers", self._scene.compose(state, references, solution))
+            if self._markers_are_read():
+                self._begin("markers", self._scene.compose(state, references, solution))
 
     def compose(self) -> None:
         """Take one step of the oldest message that is on its way."""

@@ -59,7 +59,10 @@ class ControlSettings(Section):
     markers_rate: NonNegative = Field(
         10.0,
         le=100.0,
-        description="Most messages per second on ~/markers, made after the torques are sent; 0 for none.",
+        description=(
+            "Most messages per second on ~/markers, made after the torques are sent while somebody reads it; 0 for "
+            "none."
+        ),
     )
     realtime: RealtimeSettings = Field(RealtimeSettings(), description="Real-time scheduling of the process.")
 

@@ -170,6 +170,13 @@ class DdsTransport:
             self._graph = self._graph or Graph(self._participant)
             return self._graph.publishers(_dds_name(endpoint))
 
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing."""
+        with self._lock, _translated(f"cannot look at {endpoint.name}"):
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            return any(each.is_read for each in self._publications if each.topic == endpoint.name)
+
     def close(self) -> None:
         """Stop the thread and delete all DDS entities. A second call does nothing.
 
@@ -226,22 +233,27 @@ class _Publication:
     """Publishes on one topic. It may be called from several threads, as a DDS write is thread-safe."""
 
     def __init__(self, topic: str, writer: Any) -> None:
-        self._topic = topic
+        self.topic = topic
         self._writer = writer
         self._closed = False
 
     def __call__(self, payload: bytes) -> None:
         if self._closed:
-            raise TransportError(f"cannot publish on {self._topic}: the transport is closed")
+            raise TransportError(f"cannot publish on {self.topic}: the transport is closed")
         try:
             dds_raw.write(self._writer, payload)
         except (DDSException, ValueError) as error:
-            raise TransportError(f"cannot publish on {self._topic}: {error}") from error
+            raise TransportError(f"cannot publish on {self.topic}: {error}") from error
+
+    @property
+    def is_read(self) -> bool:
+        """Whether somebody reads the topic."""
+        return bool(self._writer.get_matched_subscriptions())
 
     def finds_reader(self, patience: float) -> bool:
         """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
         deadline = time.monotonic() + patience
-        while not self._writer.get_matched_subscriptions():
+        while not self.is_read:
             if time.monotonic() >= deadline:
                 return False
             time.sleep(0.005)
@@ -249,7 +261,7 @@ class _Publication:
 
     def acknowledged(self, patience: float) -> bool:
         """Wait until all readers have what was sent, for at most `patience` seconds."""
-        with _translated(f"cannot publish on {self._topic}"):
+        with _translated(f"cannot publish on {self.topic}"):
             return bool(self._writer.wait_for_acks(round(1e9 * patience)))
 
     def delete(self) -> None:

@@ -40,6 +40,14 @@ class MemoryBus:
         with self.lock:
             return [writer.owner for writer in self._writers.get(topic, ())]
 
+    def _is_read(self, writers: list[_Writer]) -> bool:
+        with self.lock:
+            return any(
+                reader.matches(writer.endpoint)
+                for writer in writers
+                for reader in self._readers.get(writer.endpoint.name, ())
+            )
+
     def _connect(self, reader: _Reader) -> None:
         with self.lock:
             self._readers.setdefault(reader.endpoint.name, []).append(reader)
@@ -117,6 +125,12 @@ class MemoryTransport:
             raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
         return tuple(sorted(owner.name for owner in self._bus._owners(endpoint.name) if owner is not self))
 
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing."""
+        if self._closed:
+            raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+        return self._bus._is_read([writer for writer in self._writers if writer.endpoint.name == endpoint.name])
+
     def close(self) -> None:
         """Close all topics. A second call does nothing."""
         with self._bus.lock:
@@ -182,9 +196,12 @@ class _Reader:
         self.closed = False
         self._callback = callback
 
-    def deliver(self, offered: Endpoint, payload: bytes) -> None:
+    def matches(self, offered: Endpoint) -> bool:
         asked = self.endpoint.qos
-        if self.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched:
+        return not (self.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched)
+
+    def deliver(self, offered: Endpoint, payload: bytes) -> None:
+        if not self.matches(offered):
             return
         try:
             self._callback(payload)

@@ -7,7 +7,7 @@ import importlib
 import logging
 import threading
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -50,8 +50,7 @@ class Ros2Transport:
         self._lock = threading.RLock()
         self._closed = False
         self._types = TopicTypes()
-        self._publishers: list[Any] = []
-        self._advertised: Counter[str] = Counter()
+        self._publishers: defaultdict[str, list[Any]] = defaultdict(list)  # by topic
         self._subscriptions: list[Any] = []
         self._streams: list[RawStream] = []
 
@@ -68,8 +67,7 @@ class Ros2Transport:
                 )
             except Exception as error:  # rclpy's errors here have no common base class
                 raise TransportError(f"cannot advertise {endpoint.name}: {error}") from error
-            self._publishers.append(publisher)
-            self._advertised[endpoint.name] += 1
+            self._publishers[endpoint.name].append(publisher)
 
         def publish(payload: bytes) -> None:
             try:
@@ -129,9 +127,16 @@ class Ros2Transport:
             except Exception as error:  # as above
                 raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
         names, own = sorted(map(_node_name, found)), self._node.get_fully_qualified_name()
-        for _ in range(min(self._advertised[endpoint.name], names.count(own))):
+        for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
             names.remove(own)
         return tuple(names)
+
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing."""
+        with self._lock:
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
 
     def close(self) -> None:
         """Close all topics, but not the node. A second call does nothing.
@@ -145,13 +150,15 @@ class Ros2Transport:
         self._reader.close()
         with self._lock:
             deadline = time.monotonic() + _LAST_WORDS
-            for publisher in self._publishers:
+            publishers = [publisher for each in self._publishers.values() for publisher in each]
+            for publisher in publishers:
                 publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
-            for publisher in self._publishers:
+            for publisher in publishers:
                 self._node.destroy_publisher(publisher)
             for subscription in self._subscriptions:
                 self._node.destroy_subscription(subscription)
-            self._publishers, self._subscriptions = [], []
+            self._publishers.clear()
+            self._subscriptions = []
 
     def _check(self, endpoint: Endpoint) -> Any:
         if self._closed:

@@ -96,6 +96,14 @@ class Transport(Protocol):
         """
         ...
 
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing; False for another topic.
+
+        Raises:
+            TransportError: if the transport is closed.
+        """
+        ...
+
     def close(self) -> None:
         """Close all topics. No callback runs after this returns."""
         ...

@@ -179,7 +179,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "Rates, ages, missed deadlines, stage times, task errors, binding constraints, refused inputs."),
     Topic("markers", "~/markers", "visualization_msgs/msg/MarkerArray", _OUT, COMMAND_OUT,
           "For RViz and Foxglove, in the world frame: contact forces, friction cones, support polygon, centre of mass, "
-          "capture point, task errors."),
+          "capture point, task errors. Made while somebody reads it, or all of the run is recorded."),
 )
 
 #: Name of the mock robot's node.
