@@ -13,6 +13,7 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.solvers import make_solver
 from wbc_controller.errors import NoSolution
 from wbc_controller.fuzz.problems import room
+from wbc_controller.records import Reference, frozen_mapping
 from wbc_controller.settings import PostureTask
 
 ROBOTS = ("g1", "talos", "go2")
@@ -782,3 +783,51 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, over
     for _ in range(5):
         x = rng.normal(size=problem.n)
         assert problem.cost.value(x) == pytest.approx(cost(x), rel=1e-9)
+
+
+def test_weights_and_activations_that_change_are_noticed_in_whatever_mapping(robots):
+    g1 = robots["g1"]
+    state, references, before = g1.random_problem(3)
+    weights, contacts = dict(references.weights), dict(references.contacts)
+    own = replace(references, weights=weights, contacts=contacts)  # which their owner may change
+    task, contact = next(iter(weights)), next(iter(contacts))
+
+    def answers():
+        fixed = replace(references, weights=frozen_mapping(weights), contacts=frozen_mapping(contacts))
+        return [g1.controller.solve(state, each, before).v_dot for each in (own, fixed, fixed, own)]
+
+    seen = [answers()]
+    weights[task] *= 100.0
+    seen.append(answers())
+    contacts[contact] = 0.0
+    seen.append(answers())
+    for of_one in seen:
+        for v_dot in of_one[1:]:
+            np.testing.assert_allclose(v_dot, of_one[0], rtol=0, atol=1e-9)
+    assert np.abs(seen[0][0] - seen[1][0]).max() > 1e-3
+    assert np.abs(seen[1][0] - seen[2][0]).max() > 1e-3
+
+
+def test_a_reference_of_another_shape_is_refused_though_all_of_it_is_as_long(robots):
+    g1 = robots["g1"]
+    state, references, before = g1.random_problem(3)
+    g1.controller.solve(state, references, before)
+    com = references.tasks["com"]
+    shifted = Reference(np.append(com.position, 0.0), com.velocity[:-1].copy(), com.acceleration)
+    with pytest.raises(
+        ValueError, match=r"'com' has 4 positions, 2 velocities and 3 accelerations; expected 3, 3 and 3"
+    ):
+        g1.controller.solve(state, replace(references, tasks={**references.tasks, "com": shifted}), before)
+
+
+def test_a_reference_that_its_owner_writes_is_read_in_every_cycle(robots):
+    g1 = robots["g1"]
+    state, references, before = g1.random_problem(3)
+    position = references.tasks["com"].position.copy()
+    written = replace(references.tasks["com"], position=position)
+    given = replace(references, tasks={**references.tasks, "com": written})
+    for _ in range(3):
+        still = g1.controller.solve(state, given, before)
+    position += 0.01
+    moved = g1.controller.solve(state, given, before)
+    assert np.abs(moved.v_dot - still.v_dot).max() > 1e-3
