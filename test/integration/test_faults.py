@@ -36,18 +36,18 @@ def start(processes, dds_user, tmp_path):
 
 
 def recorded(user, processes):
-    """Every command that the controller sent, by its own record."""
+    """The commands that the controller sent, by its own record, from which a busy machine loses some."""
     assert processes.stop(user.controller) == 0
-    cycles = columns(Recorded(user.record))
-    return cycles["tau"], cycles["mode"]
+    return columns(Recorded(user.record))
 
 
-def assert_bounded(user, tau):
-    assert len(tau) > 100  # a busy machine sends fewer
+def assert_bounded(user, cycles):
+    tau, follows = cycles["tau"], np.diff(cycles["number"]) == 1
+    assert np.count_nonzero(follows) > 100  # a busy machine sends fewer
     assert np.isfinite(tau).all()
     assert (np.abs(tau) <= user.model.effort_limits).all()
     step = user.settings.limits.torque_rate / user.settings.control.rate * user.model.effort_limits
-    assert (np.abs(np.diff(tau, axis=0)) <= step + 1e-9).all()
+    assert (np.abs(np.diff(tau, axis=0))[follows] <= step + 1e-9).all()
 
 
 def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_property):
@@ -94,9 +94,9 @@ def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_
 
     user.activate_again()  # once the graph has forgotten the robot that was killed
     user.run(1.2)
-    tau, mode = recorded(user, processes)
-    assert_bounded(user, tau)
-    assert {"active", "damping"} <= set(mode.tolist())
+    cycles = recorded(user, processes)
+    assert_bounded(user, cycles)
+    assert {"active", "damping"} <= set(cycles["mode"].tolist())
     # The command of the shut-down comes after the last cycle, on the wire alone.
     user.until(lambda: not user.efforts()[-1].any(), "the last command of a controller that was told to end")
     user.until(lambda: user.mode.startswith("stopped"), "its last mode")
@@ -179,8 +179,8 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
     assert user.mode == "active"
     assert [content.data for content in user.all("controller", "state")] == ["inactive", "active"]
     wire = user.efforts()
-    tau, mode = recorded(user, processes)
-    assert_bounded(user, tau)
-    assert set(mode.tolist()) <= {"active", "stopped"}
+    cycles = recorded(user, processes)
+    assert_bounded(user, cycles)
+    assert set(cycles["mode"].tolist()) <= {"active", "stopped"}
     assert np.isfinite(wire).all()
     assert (np.abs(wire) <= model.effort_limits).all()

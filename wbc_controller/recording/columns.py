@@ -23,12 +23,13 @@ def columns(recorded: Recorded) -> dict[str, Array]:
     """The cycles that sent a command, as arrays.
 
     Returns:
-        ``stamp`` (n,) in ns, ``tau`` (n, na) in N·m, ``mode`` (n,), ``seconds/<stage>`` (n,) in s, ``q`` (n, nq),
-        ``v`` (n, nv), ``force/<contact>`` (n, k) in N and N·m, its force in the solution, NaN without one,
-        ``disturbance`` (n, nv) in N and N·m, what the solution takes into account beside the model, and
-        ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in
-        N, largest unexplained joint torque in N·m, and the number of warnings. Without an audit the residuals are NaN,
-        as is the time of a stage in a cycle without it. Empty where no command was sent.
+        ``number`` (n,), by which one follows another where none between them is lost, ``stamp`` (n,) in ns, ``tau``
+        (n, na) in N·m, ``mode`` (n,), ``seconds/<stage>`` (n,) in s, ``q`` (n, nq), ``v`` (n, nv), ``force/<contact>``
+        (n, k) in N and N·m, its force in the solution, NaN without one, ``disturbance`` (n, nv) in N and N·m, what the
+        solution takes into account beside the model, and ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy
+        residual and throughput in W, unexplained force in N, largest unexplained joint torque in N·m, and the number of
+        warnings. Without an audit the residuals are NaN, as is the time of a stage in a cycle without it. Empty where
+        no command was sent.
     """
     rows: dict[str, list[object]] = {}
     for cycle in recorded.cycles():
@@ -36,6 +37,7 @@ def columns(recorded: Recorded) -> dict[str, Array]:
             continue
         values, number = cycle.values, cycle.number_of
         row = {
+            "number": int(number("number")),
             "stamp": int(number("stamp_seconds")) * 1_000_000_000 + int(number("stamp_nanoseconds")),
             "tau": values["tau"],
             "q": values["q"],
