@@ -76,14 +76,14 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, first, rows, equalit
         sides[first + 2] = -1  # every other one from the first on has a lower bound
         sides[problem.n : problem.n + bound - 1] = 1
     x, multipliers, cost = plainly_condensed(problem, sides)
-    (solved, found_cost, least, off), found, found_multipliers = condensed(problem, sides)
+    (solved, found_cost, least, violation), found, found_multipliers = condensed(problem, sides)
     size = max(1.0, float(np.abs(x).max()))
     right_set = (sides * multipliers >= 0.0).all() and problem.violation(x) <= FEASIBLE
     assert solved == right_set
     np.testing.assert_allclose(found.value[: problem.n], x, rtol=0.0, atol=1e-10 * size)
     np.testing.assert_allclose(found.value[problem.n :], problem.C @ x, rtol=0.0, atol=1e-9 * size)
     assert least == found.room.min()
-    assert off == found.equalities.max(initial=0.0)
+    assert violation == max(0.0, -least, found.equalities.max(initial=0.0))
     if right_set:
         assert found_cost == pytest.approx(cost, rel=1e-9)
         np.testing.assert_allclose(found_multipliers, multipliers, atol=1e-9 * max(1.0, np.abs(multipliers).max()))

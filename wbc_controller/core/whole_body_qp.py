@@ -244,6 +244,9 @@ class WholeBodyQP:
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
+        known = answer.residuals
+        if known is not None and answer.cost is not None and known.violation <= solver.tolerance:
+            return answer  # as an active set leaves it, complete
         if self._usable(answer, layout, solver.tolerance):
             return answer
         if answer.status == NOT_FINITE:

@@ -333,6 +333,12 @@ def _residuals(
     return least, most
 
 
+@part
+def _violation(least: float, most: float) -> float:
+    """The largest violation of a constraint, from the smallest room and the largest |A x - b|; NaN where one is."""
+    return math.nan if least != least or most != most else max(0.0, -least, most)
+
+
 @compiled(ROWS, ROWS, VECTOR, VECTOR_OUT)
 def residuals(rows: Array, bounds: Array, offset: Array, found: Array) -> tuple[float, float]:
     """Residuals of constraints A x = b, lower <= [x; C x] <= upper at a point x.
@@ -345,12 +351,13 @@ def residuals(rows: Array, bounds: Array, offset: Array, found: Array) -> tuple[
             and from the upper bounds, (2, n + m_in), for |A x - b|, (m_eq,), and for the outputs, (k,).
 
     Returns:
-        The smallest room and the largest |A x - b|; NaN where one of them is.
+        The smallest room, and the largest violation of a constraint; NaN where a residual is.
     """
     total = bounds.shape[1]
     end = len(found) - len(offset)
     room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : end]
-    return _residuals(rows, bounds, offset, found[:total], room, off, found[end:])
+    least, most = _residuals(rows, bounds, offset, found[:total], room, off, found[end:])
+    return least, _violation(least, most)
 
 
 @part
@@ -401,7 +408,7 @@ def condensed(
 
     Returns:
         `SOLVED`, `WRONG_SET`, `NOTHING_FREE` where the levels above have decided x already (then nothing is filled), or
-        `NOT_FOUND`; the cost, the smallest room, and the largest |A x - b|.
+        `NOT_FOUND`; the cost, the smallest room, and the largest violation of a constraint.
     """
     n, soft, first, end, total = table[0], table[1], table[2], table[3], table[0] + table[4]
     stack, slack = matrix(table[6], soft, n + 1), vector(table[7], soft)
@@ -508,8 +515,9 @@ def condensed(
     for j in range(width - 1):  # what copies a slice takes seconds to compile
         value[first + j] = z[j]
     least, most = _residuals(rows, bounds, constants, value, room, off, found[4 * total + end :])
+    violation = _violation(least, most)
     if not (most <= feasible and lost <= feasible and least == least):
-        return NOT_FOUND, 0.0, least, most
+        return NOT_FOUND, 0.0, least, violation
     right = -least <= feasible
     for i in range(len(active)):
         if sides[active[i]] * p[top + i] > 0.0:
@@ -520,7 +528,7 @@ def condensed(
         for i in range(len(active)):
             if not sides[active[i]] * p[top + i] > 0.0:
                 other[active[i]] = sides[active[i]]
-        return WRONG_SET, 0.0, least, most
+        return WRONG_SET, 0.0, least, violation
     cost = 0.0
     for i in range(m):
         cost += p[i] * beta[i]
@@ -535,4 +543,4 @@ def condensed(
             reached += there[j] * z[j]
         there[width - 1] = reached
     # (z - t)ᵀd (z - t) = pᵀB (z - t) and B z = β - E p, so that all squares together are ½ pᵀ(β - B t).
-    return SOLVED, constant + 0.5 * cost, least, most
+    return SOLVED, constant + 0.5 * cost, least, violation

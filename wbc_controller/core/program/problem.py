@@ -195,8 +195,7 @@ class QuadraticProgram:
         count, equalities = self.bounds.shape[1], len(self.b)
         found = np.zeros(4 * count + equalities + len(self.offset))
         found[: self.n] = x
-        least, off = kernel.residuals(self.constraints, self.bounds, self.offset, found)
-        return Residuals(found, count, equalities, least, off)
+        return Residuals(found, count, equalities, *kernel.residuals(self.constraints, self.bounds, self.offset, found))
 
     def rows(self, places: np.ndarray) -> Array:
         """Rows of [I; C], (k, n)."""
@@ -223,7 +222,7 @@ class Residuals:
 
     __slots__ = ("_count", "_equalities", "found", "least_room", "violation")
 
-    def __init__(self, found: Array, count: int, equalities: int, least_room: float, off: float) -> None:
+    def __init__(self, found: Array, count: int, equalities: int, least_room: float, violation: float) -> None:
         """Store what was found.
 
         Args:
@@ -231,13 +230,11 @@ class Residuals:
             count: n + m_in.
             equalities: m_eq.
             least_room: the smallest room.
-            off: the largest of `equalities`.
+            violation: the largest violation.
         """
         self.found = found
         self._count, self._equalities = count, equalities
-        self.least_room = least_room
-        # max loses a NaN
-        self.violation = max(0.0, -least_room, off) if least_room == least_room and off == off else math.nan
+        self.least_room, self.violation = least_room, violation
 
     @property
     def value(self) -> Array:

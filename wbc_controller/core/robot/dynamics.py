@@ -15,6 +15,8 @@ from wbc_controller.kernels.frames import link_terms
 from wbc_controller.records import Array
 
 _WORLD = pin.Convention.WORLD
+# Looked up once: the module has thousands of names.
+_crba, _bias_forces = pin.crba, pin.nonLinearEffects
 
 
 class Dynamics:
@@ -100,9 +102,9 @@ class Dynamics:
         model, data = self._pin, self._data
         self.q, self.v = q, v
         # In the world convention `crba` also has the centre of mass, the joint Jacobians and the centroidal matrix.
-        pin.crba(model, data, q, _WORLD)
+        _crba(model, data, q, _WORLD)
         # Its pass at v̇ = 0 has all drifts J̇v: `link_terms` takes them from there.
-        pin.nonLinearEffects(model, data, q, v)
+        _bias_forces(model, data, q, v)
         if self._rotors is not None:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:

@@ -97,10 +97,11 @@ class ActiveSet:
             table, self._work = self._table(problem, squares), work_memory(problem, squares, 0)
             self._space = 4 * self._total + self._m + len(problem.offset)  # for what the compiled code finds
         found = np.empty(self._space)
-        outcome, cost, least, off = kernel.condensed(table, squares.constant, self._work, 0, 0, found)
+        outcome, cost, least, violation = kernel.condensed(table, squares.constant, self._work, 0, 0, found)
         if outcome != kernel.SOLVED:
             return None
-        return Answer(found[self._x], "optimal", 1, None, Residuals(found, self._total, self._m, least, off), cost)
+        residuals = Residuals(found, self._total, self._m, least, violation)
+        return Answer(found[self._x], "optimal", 1, None, residuals, cost)
 
     def condensed(
         self, problem: QuadraticProgram, squares: Squares, work: Array, count: int, kept: int, found: Array, tries: int
@@ -121,14 +122,14 @@ class ActiveSet:
             tries: the most active sets that are tried.
 
         Returns:
-            What came of the last one, its number, the cost, the smallest room, and the largest |A x - b|.
+            What came of the last one, its number, the cost, the smallest room, and the largest violation.
         """
         table, number = self._table(problem, squares), 0
         while True:
             number += 1
-            outcome, cost, least, off = kernel.condensed(table, squares.constant, work, count, kept, found)
+            outcome, cost, least, violation = kernel.condensed(table, squares.constant, work, count, kept, found)
             if outcome != kernel.WRONG_SET or number == tries:
-                return outcome, number, cost, least, off
+                return outcome, number, cost, least, violation
             self._take(self._sides[1])
 
     def _table(self, problem: QuadraticProgram, squares: Squares) -> np.ndarray:

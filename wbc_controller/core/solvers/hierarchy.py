@@ -129,7 +129,7 @@ class Hierarchy:
             if not level.tasks and level is not levels[-1]:
                 continue
             started = self._timer()
-            outcome, number, cost, least, off = active_set.condensed(
+            outcome, number, cost, least, violation = active_set.condensed(
                 problem, squares, work, count, len(level.kept), found, _TRIES
             )
             if outcome == kernel.NOTHING_FREE:
@@ -138,7 +138,7 @@ class Hierarchy:
                 self._misses += 1
                 self._rest = min(2 ** (self._misses - 1) - 1, _LONGEST_REST)
                 return None
-            residuals = Residuals(found, bounds, equalities, least, off)
+            residuals = Residuals(found, bounds, equalities, least, violation)
             count = (count or equalities - squares.first) + len(level.kept)
             iterations += number
             reports.append(LevelReport(level.tasks, cost, number, self._timer() - started))
