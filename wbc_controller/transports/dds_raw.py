@@ -28,9 +28,9 @@ def write(writer: Any, payload: bytes) -> None:
         ValueError: if the bytes cannot be a serialized message.
     """
     size = len(payload)
-    if size % 4 or size < _ENCAPSULATION:
-        if size < _ENCAPSULATION:
-            raise ValueError(f"{size} bytes are not a serialized message")
+    if size < _ENCAPSULATION:
+        raise ValueError(f"{size} bytes are not a serialized message")
+    if size % 4:
         payload = payload.ljust(-(-size // 4) * 4, b"\0")  # DDS counts payloads in words of four bytes
     status = ddspy_write(writer._ref, payload)
     if status < 0:
