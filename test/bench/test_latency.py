@@ -19,6 +19,8 @@ from wbc_controller.bench.report import figures, lines
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.mock.robot import MockRobot
+from wbc_controller.settings import RealtimeSettings
+from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 
 FOUND = Latency(
     controller=RoundTrips(np.array([0.0007] * 98 + [0.003, np.inf]), np.array([0.0] * 98 + [0.004]), 0.002),
@@ -68,6 +70,21 @@ def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raise
     with pytest.raises(WbcError, match="diverged"), latency._running(SimpleNamespace(run=run)):
         pass
     assert ran == behind != [threading.get_ident()]
+
+
+@pytest.mark.parametrize(("named", "others"), [([2], [0, 1]), ([], []), ([0, 1, 2], [])])
+def test_what_it_starts_has_other_processors_than_the_controller_names(robot_of, monkeypatch, named, others):
+    done = []
+    monkeypatch.setattr(latency, "processors", lambda: {0, 1, 2})
+    monkeypatch.setattr(latency, "apply", done.append)  # to this process; what it starts inherits it
+    monkeypatch.setattr(latency._Bench, "_start", lambda self, name: done.append(name))
+    settings, asked = robot_of("go2")[0], RealtimeSettings(scheduling="fifo", priority=50, affinity=named)
+    settings = settings.model_copy(update={"control": settings.control.model_copy(update={"realtime": asked})})
+    latency._Bench(SimpleNamespace(settings=settings), MemoryTransport(MemoryBus()), "dds", 0, mock=False)
+    before, *started, after = done
+    assert started == ["controller", "guard"]
+    assert before == RealtimeSettings(affinity=others)  # the class is not theirs
+    assert after == RealtimeSettings(scheduling="fifo", priority=50, affinity=others)
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
