@@ -194,7 +194,7 @@ def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
 
     def is_read(self, endpoint):
         asked.add(endpoint.key)
-        return bool(readers)
+        return endpoint.key == "markers" and bool(readers)
 
     monkeypatch.setattr(MemoryTransport, "is_read", is_read)
     controller = bench("go2", {"control": {"markers_rate": 50.0}})
@@ -207,7 +207,7 @@ def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
     readers.clear()
     controller.cycle(50)
     assert len(controller.received("markers")) <= seen + 1  # one may have been on its way
-    assert asked == {"markers"}
+    assert "markers" in asked
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):

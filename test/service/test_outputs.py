@@ -10,6 +10,7 @@ from composed import whole
 
 from wbc_controller.diagnostics.status import StatusSummary
 from wbc_controller.records import CycleReport, Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
+from wbc_controller.transports.memory import MemoryTransport
 from wbc_controller.wire.messages import nanoseconds
 
 
@@ -70,6 +71,28 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
         total += wrench.wrench.force.z
     assert total == pytest.approx(weight, rel=0.05)
     assert controller.received("contact_wrench", next(iter(controller.settings.contacts)))[0].header.frame_id == frame
+
+
+def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.subject in readers)
+    controller = bench()
+    feet = list(controller.settings.contacts)
+    controller.activate()
+
+    def came():
+        before = [len(controller.received("contact_wrench", foot)) for foot in feet]
+        controller.cycle(100)
+        return [len(controller.received("contact_wrench", foot)) - b for foot, b in zip(feet, before, strict=True)]
+
+    assert came() == [0] * len(feet)
+    readers.add(feet[1])
+    found = came()
+    assert found.pop(1) >= 100 - 0.1 / controller.period
+    assert not any(found)
+    readers.clear()
+    controller.cycle(round(0.1 / controller.period) + 1)
+    assert came() == [0] * len(feet)
 
 
 def test_no_forces_are_published_that_do_not_count(bench):

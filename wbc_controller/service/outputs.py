@@ -1,7 +1,7 @@
 """Outgoing messages: commands, contact wrenches, the mode, diagnostics and markers.
 
 Diagnostics and markers take longer than a fast loop has between two states. They are composed piece by piece, one per
-cycle, when the torques are out.
+cycle, when the torques are out. Contact wrenches and markers are made while somebody reads them.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from wbc_controller.wire.in_place import Template
 from wbc_controller.wire.messages import encode, header, message, torques
 from wbc_controller.wire.setpoints import WRENCH, wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint
+
+#: Time after which it is seen that somebody reads a contact wrench, s.
+_LOOK = 0.1
 
 
 class Outputs:
@@ -70,6 +73,13 @@ class Outputs:
         }
         (markers,) = (endpoint for endpoint in outgoing if endpoint.key == "markers")
         self._markers_are_read = partial(transport.is_read, markers)
+        self._wrenches_are_read = {
+            endpoint.subject: partial(transport.is_read, endpoint)
+            for endpoint in outgoing
+            if endpoint.key == "contact_wrench"
+        }
+        self._read: tuple[str, ...] = ()  # contacts whose wrench somebody reads
+        self._look_due = -np.inf
         no_torques, joints = self._actuation.command(np.zeros(model.na)), np.zeros(model.nj)
         self._zeros = encode(torques(no_torques))
         # The messages of every cycle are written in place.
@@ -105,19 +115,19 @@ class Outputs:
 
     def publish_command(self, result: CycleResult) -> None:
         """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
-        command, solution, publish = result.command, result.solution, self._publish
+        command, publish = result.command, self._publish
         if command is not None:
             tau, actuation = command.tau, self._actuation
             publish["effort", ""](self._efforts.write(0, actuation.command(tau)))
             joints = actuation.at_joints(tau)
             payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
             publish["joint_commands", ""](payload)
-        if solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
-            stamp, forces = result.state.stamp, solution.forces
-            for name, contact in self._contacts.items():
+        if self._read and result.solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
+            stamp, forces = result.state.stamp, result.solution.forces
+            for name in self._read:
                 force = forces.get(name)
                 if force is not None:
-                    payload = self._wrenches[name].write_product(stamp, contact.basis, force)
+                    payload = self._wrenches[name].write_product(stamp, self._contacts[name].basis, force)
                     publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:
@@ -125,7 +135,7 @@ class Outputs:
         self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send the mode if it has changed, and begin diagnostics if they are due or have news.
+        """Send the mode if it has changed, begin diagnostics if they are due or have news, and look who reads.
 
         Args:
             report: report of the cycle.
@@ -146,6 +156,9 @@ class Outputs:
             self._news = False
             self._diagnostics_due = now + self._diagnostics_period
             self._begin("diagnostics", self._summary.compose(wall, self._short))
+        if now >= self._look_due:
+            self._look_due = now + _LOOK
+            self._read = tuple(name for name, is_read in self._wrenches_are_read.items() if is_read())
 
     def publish_tasks(
         self,
