@@ -27,6 +27,7 @@ _HEAD = (
     "has_solution", "has_references", "same_state", "has_event", "fault", "iterations", "relaxed", "deadlines_missed",
 )  # fmt: skip
 _NAN = float("nan")
+_NOTHING = (_NAN,) * max(len(AGES), len(STAGES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,7 @@ class Row:
         self._v_dot = nothing[model.nv]
         self._no_disturbance = np.zeros(model.nv)
         self._forces = {name: nothing[contact.size] for name, contact in qp.contacts.items()}
+        self._no_ages = _NOTHING[: len(AGES)]
         self._no_audit = (_NAN, _NAN, 0.0)
         self._no_force = np.full(3, _NAN)
 
@@ -128,10 +130,9 @@ class Row:
             same, event, result.fault is not None, 0.0 if solution is None else solution.iterations,
             0.0 if solution is None else len(solution.relaxed), 0.0 if report is None else report.deadlines_missed,
         ]  # fmt: skip
-        ages: Mapping[str, float] = {} if report is None else report.ages
         stages = result.stage_seconds if report is None else report.stage_seconds
-        head += [ages.get(name, _NAN) for name in AGES]
-        head += [stages.get(name, _NAN) for name in STAGES]
+        head += self._no_ages if report is None else map(report.ages.get, AGES, _NOTHING)
+        head += map(stages.get, STAGES, _NOTHING)
         audit = None if report is None else report.audit
         head += self._no_audit if audit is None else (audit.energy, audit.throughput, len(audit.warnings))
         parts: list[Any] = [self._head.pack(*head)]
@@ -145,7 +146,7 @@ class Row:
             beside = solution.disturbance
             parts += [solution.v_dot, solution.tau, self._no_disturbance if beside is None else beside.forces]
             forces = solution.forces
-            parts += [forces.get(name, nothing) for name, nothing in self._forces.items()]
+            parts += map(forces.get, self._forces, self._forces.values())
         return b"".join(parts)
 
 

@@ -42,7 +42,7 @@ from wbc_controller.recording.layout import (
 from wbc_controller.recording.link import Link, frame
 from wbc_controller.recording.plain import to_json
 from wbc_controller.recording.tap import Tap
-from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGER
+from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGER, WITH_THE_CYCLE
 from wbc_controller.records import CycleReport, Fault, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
@@ -55,8 +55,8 @@ _log = logging.getLogger(__name__)
 _SNAPSHOT = 2.0
 #: Cycles that are sent together: what is done for several in a row costs half as much.
 _TOGETHER = 8
-#: Most bytes of incoming messages that wait for the end of a cycle, and most messages.
-_WAITING, _MOST = 8 << 20, 10_000
+#: Most bytes of incoming messages that wait for the end of a cycle, and twice the most messages.
+_WAITING, _MOST = 8 << 20, 20_000
 #: Most bytes of a topic that are recorded of the cycles that are sent together, where it is more than one message: who
 #: floods a topic must not cost the recording its cycles.
 _SHARE = 64 << 10
@@ -117,9 +117,8 @@ class Recorder:
         self._link = Link(plan, patient=patient)
         self._settings = settings
         self._channels: list[list[Any]] = []
-        #: Messages with channel and time of arrival, ns; 0 where they went out, in the cycle that follows.
-        self._messages: deque[tuple[int, int, bytes]] = deque(maxlen=_MOST)
-        self.sent = self._messages.append
+        #: What stands before a message in the pipe, and the message, of all that came and went since the last batch.
+        self._messages: list[bytes] = []
         self._waiting = 0
         self._taken: dict[int, int] = {}  # bytes that wait, by channel
         self._left_out: Counter[int] = Counter()  # messages by channel, since the last event
@@ -128,7 +127,8 @@ class Recorder:
         self._thread = threading.Thread(target=self._scribe, name="scribe", daemon=True)
         self._controller: Controller | None = None
         self._number = 0
-        self._cycles: list[tuple[list[Taped], CycleReport, int]] = []  # that are still to be sent
+        #: The cycles that are still to be sent: their times, and how far the messages before them go.
+        self._cycles: list[tuple[list[Taped], CycleReport, int, int]] = []
         self._lost = 0
         self._warned = -_SILENCE
         self._state: object = None
@@ -148,7 +148,7 @@ class Recorder:
             stamp: gives the time of messages, ns.
         """
         self._stamp = stamp
-        return Tap(transport, self.channel, self.put, self.sent, all_of_it=self._all_of_it)
+        return Tap(transport, self.channel, self.came, self.went, all_of_it=self._all_of_it)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
         """Begin to record a controller, when every topic has been opened.
@@ -202,17 +202,23 @@ class Recorder:
         self._channels.append([len(self._channels) + 1, topic, kind, definition])
         return len(self._channels)
 
-    def put(self, channel: int, payload: bytes) -> None:
+    def came(self, channel: int, payload: bytes) -> None:
         """Record an incoming message, at this moment; from any thread."""
-        if len(payload) > _LARGEST or self._waiting >= _WAITING:  # no cycle has taken them: the loop does not run
+        size, messages, taken = len(payload), self._messages, self._taken.get(channel, 0)
+        if size > _LARGEST or self._waiting >= _WAITING or len(messages) >= _MOST:  # where the loop does not run
             return
-        taken = self._taken.get(channel, 0)
-        if taken and taken + len(payload) > _SHARE:
+        if taken and taken + size > _SHARE:
             self._left_out[channel] += 1
             return
-        self._taken[channel] = taken + len(payload)
-        self._waiting += len(payload)
-        self._messages.append((channel, self._stamp(), payload))
+        self._taken[channel] = taken + size
+        self._waiting += size
+        messages += (FRAME.pack(size, channel, self._stamp()), payload)
+
+    def went(self, channel: int, payload: bytes) -> None:
+        """Record an outgoing message, at the time of its cycle."""
+        messages = self._messages
+        if len(messages) < _MOST:
+            messages += (FRAME.pack(len(payload), channel, WITH_THE_CYCLE), payload)
 
     def status(self) -> dict[str, str]:
         """What became of the recordings, for `/diagnostics`: the last sentence, and how many there were."""
@@ -241,7 +247,7 @@ class Recorder:
         if controller is None or controller.tape is None:
             return
         if controller.tape:
-            self._cycles.append((controller.tape, report, self._stamp()))
+            self._cycles.append((controller.tape, report, self._stamp(), len(self._messages)))
             controller.tape = []
         if len(self._cycles) >= _TOGETHER or self._trigger is not None:
             self._send()
@@ -253,17 +259,16 @@ class Recorder:
         """Send the cycles since the last call, the messages that came and went, and what the thread has made."""
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
-        messages = self._messages
+        messages, begin = self._messages, 0
         number = self._number
-        for tape, report, at in cycles:
-            while messages and messages[0][1] <= at:
-                channel, came, payload = messages.popleft()
-                batch += (FRAME.pack(len(payload), channel, came or at), payload)
+        for tape, report, at, end in cycles:
+            batch += messages[begin:end]
+            begin = end
             for taped in tape:
                 self._cycle(taped, report if taped is tape[-1] else None, at, batch)
-        while messages:
-            channel, came, payload = messages.popleft()
-            batch += (FRAME.pack(len(payload), channel, came or self._stamp()), payload)
+        end = len(messages)  # other threads add to them, behind
+        batch += messages[begin:end]
+        del messages[:end]
         self._waiting = 0
         self._taken = {}
         while self._done:
@@ -279,8 +284,8 @@ class Recorder:
     def _cycle(self, taped: Taped, report: CycleReport | None, at: int, batch: list[bytes]) -> None:
         """Add the frames of one cycle; only the last of a loop's cycle has its report."""
         same, self._state = taped.state is not None and taped.state is self._state, taped.state
-        event = self._rare(taped, report, at)
-        batch.append(frame(CYCLE, at, self._row.write(self._number, taped, report, same, event)))
+        row = self._row.write(self._number, taped, report, same, self._rare(taped, report, at))
+        batch += (FRAME.pack(len(row), CYCLE, at), row)
         references = taped.result.references
         wanted = self._references.write(self._number, references) if references is not None else None
         if wanted is not None:

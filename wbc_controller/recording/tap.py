@@ -16,7 +16,7 @@ class Tap:
         transport: Transport,
         channel: Callable[[str, str], int],
         came: Callable[[int, bytes], None],
-        went: Callable[[tuple[int, int, bytes]], None],
+        went: Callable[[int, bytes], None],
         *,
         all_of_it: bool,
     ) -> None:
@@ -25,8 +25,8 @@ class Tap:
         Args:
             transport: carries the messages.
             channel: gives the number of a topic and type.
-            came: takes what came in.
-            went: takes what went out: number, 0 as its time is that of the cycle, and bytes.
+            came: takes what came in: number of its channel, and bytes.
+            went: takes what went out, likewise.
             all_of_it: whether the recording is to hold what nobody reads, too.
         """
         self.discovery_time = transport.discovery_time
@@ -42,7 +42,7 @@ class Tap:
 
         def send(payload: bytes) -> None:
             publish(payload)
-            went((channel, 0, payload))
+            went(channel, payload)
 
         return send
 

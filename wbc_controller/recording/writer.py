@@ -29,6 +29,8 @@ FRAME = struct.Struct("<IHq")
 #: Codes of frames that are no message: the topics, a cycle's numbers, a message that every file begins with, a reason
 #: to write the last seconds, and the end.
 TOPICS, CYCLE, PINNED, TRIGGER, END = range(0xFF00, 0xFF05)
+#: The time of a message whose time is that of the cycle that follows.
+WITH_THE_CYCLE = 0
 #: Time in which messages are collected to a chunk, s, and size at which it is full.
 CHUNK_SECONDS, CHUNK_BYTES = 0.4, 1 << 20
 #: Time between two looks at the pipe, s: it holds many cycles.
@@ -110,6 +112,8 @@ class Writer:
         self._channels: list[Channel] = []
         self._groups: list[tuple[int, bytes, int, int]] = []
         self._pinned: dict[int, tuple[int, bytes]] = {}
+        self._with_the_cycle: list[tuple[int, bytes]] = []
+        self._last = 0  # time of the last frame that had one, ns
         self._builder = ChunkBuilder()
         self._begun = 0.0  # when the chunk was, s
         self._ring: deque[Chunk] = deque()
@@ -127,7 +131,9 @@ class Writer:
 
     def take(self, code: int, at: int, payload: bytes) -> None:
         """Take one frame."""
+        self._last = at or self._last
         if code == CYCLE:
+            self._date()
             for channel, prefix, start, end in self._groups:
                 self._add(channel, at, prefix + payload[start:end])
         elif code == TOPICS:
@@ -139,8 +145,16 @@ class Writer:
             self._pinned[channel] = at, payload[2:]
         elif code == TRIGGER:
             self._trigger(payload.decode())
+        elif at == WITH_THE_CYCLE:
+            self._with_the_cycle.append((code, payload))
         else:
             self._add(code, at, payload)
+
+    def _date(self) -> None:
+        """Add the messages whose time is now known."""
+        for channel, payload in self._with_the_cycle:
+            self._add(channel, self._last, payload)
+        self._with_the_cycle.clear()
 
     def _add(self, channel: int, at: int, payload: bytes) -> None:
         if not self._builder.size:
@@ -175,6 +189,7 @@ class Writer:
 
     def end(self, reason: str = "") -> None:
         """Write all that is left, and close every file; for a reason, write the last seconds too."""
+        self._date()
         if reason:
             self._trigger(reason)
         self.flush()

@@ -167,8 +167,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("joint_commands", "~/joint_commands", "sensor_msgs/msg/JointState", _OUT, COMMAND_OUT,
           "The same torques by joint name, with desired positions and velocities and the stamp of the latched state."),
     Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, COMMAND_OUT,
-          "Contact force or wrench in the solution of the quadratic program, in the contact frame. Made while somebody reads "
-          "it, or all of the run is recorded."),
+          "Contact force or wrench in the solution of the quadratic program, in the contact frame. Made while somebody "
+          "reads it, or all of the run is recorded."),
     Topic("task_reference", "~/tasks/{task}/reference", "setpoint", _OUT, COMMAND_OUT,
           "Where the task is wanted at this moment, while the controller is active, at `control.diagnostics_rate`; "
           "stamped with the state."),
