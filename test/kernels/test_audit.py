@@ -30,7 +30,8 @@ def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside
     sums, vectors = np.zeros(kernel.SUMS), np.zeros((2, NV))
     velocity, drift, jacobian = np.zeros(3), np.zeros(3), np.zeros((NV, 6))
     drives = rows.astype(np.int64), columns.astype(np.int64), S[rows, columns]
-    bound = Bound(len(rows), NV, *drives, np.array([MASS]), velocity, jacobian, drift, sums, vectors)
+    sizes, memory = (len(rows), NV + bool(base), NV, NA), np.full(3 * NV + bool(base) + NA, np.nan)
+    bound = Bound(*sizes, *drives, np.array([MASS]), velocity, jacobian, drift, sums, vectors, memory)
     work = throughput = duration = 0.0
     impulse, missed, before = np.zeros(3), np.zeros(NV), None
     for predicts in [True, *sent]:
@@ -44,10 +45,9 @@ def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside
             moved[base:] = (q - before["q"])[len(q) - NV + base :]
             if beside:
                 moved[:base] = rng.normal(size=base)
-        last = before or {"q": q, "v": v, "v_dot": v_dot, "tau": tau}
         said = kernel.follow(
-            bound.table, 0.0 if before is None else GAP, last["tau"], p, moved if beside else np.zeros(0), last["q"],
-            q, last["v"], v, last["v_dot"], v_dot, tau, tau if predicts else tau + [*np.zeros(NA - 1), 0.1],
+            bound.table, 0.0 if before is None else GAP, p, moved if beside else np.zeros(0), q, v, v_dot, tau,
+            tau if predicts else tau + [*np.zeros(NA - 1), 0.1],
         )  # fmt: skip
         assert said == predicts
         if before is not None:

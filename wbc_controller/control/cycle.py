@@ -44,6 +44,8 @@ from wbc_controller.settings.config import Config, load
 
 _log = logging.getLogger(__name__)
 
+#: What the stages of the program are called among those of a cycle; made once, as a name is hashed with each use.
+_STAGES = {name: f"compute/{name}" for name in ("build", "solve", "unpack")}
 #: Least time between two explanations of why there is no solution, s: each takes several periods.
 _EXPLAIN_PAUSE = 1.0
 
@@ -230,7 +232,7 @@ class ControlCycle:
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
             for name, seconds_of_it in solution.stage_seconds.items():
-                stages[f"compute/{name}"] = seconds_of_it
+                stages[_STAGES[name]] = seconds_of_it
         result = CycleResult(
             self.qp,
             now,

@@ -72,15 +72,16 @@ class ModelAudit:
         self._largest_gap = _LARGEST_GAP * limits.period
         self._none = np.zeros(0)
         self._sums, self._vectors = np.zeros(SUMS), np.zeros((2, model.nv))
+        self._last = np.zeros(model.nq + 2 * model.nv + model.na)  # what the kernel was given at the state before
         self._bound_of: Dynamics | None = None
         self._bound: Bound
         self._forget()
 
     def _forget(self) -> None:
         """Begin anew, with nothing to compare with."""
-        self._before: RobotState | None = None  # the state before, its solution, the torques sent, the forces of
-        self._solution: Solution | None = None  # springs, and the powers of known wrenches in it, W
-        self._tau = self._springs = self._none
+        self._before: RobotState | None = None  # the state before, its solution where that predicts the motion, the
+        self._solution: Solution | None = None  # forces of springs, and the powers of known wrenches in it, W
+        self._springs = self._none
         self._powers: list[float] = []
         self._sums[:], self._vectors[:] = 0.0, 0.0
         self._lasted = self._stored = 0.0  # time of the span so far, s, and the energy at its start, J
@@ -134,8 +135,9 @@ class ModelAudit:
         *_, com_velocity, com_drift, per_mass, _, _ = dynamics.terms
         self._bound_of = dynamics
         self._bound = Bound(
-            len(rows), self._model.nv, rows.astype(np.int64), columns.astype(np.int64), S[rows, columns],
-            np.array([self._mass]), com_velocity, per_mass, com_drift, self._sums, self._vectors,
+            len(rows), self._model.nq, self._model.nv, self._model.na, rows.astype(np.int64), columns.astype(np.int64),
+            S[rows, columns], np.array([self._mass]), com_velocity, per_mass, com_drift, self._sums, self._vectors,
+            self._last,
         )  # fmt: skip
 
     def _energy_of(self, state: RobotState, dynamics: Dynamics) -> float:
@@ -160,10 +162,7 @@ class ModelAudit:
             if before is not None:
                 springs = 0.5 * (start + self._springs)
                 beside = beside + springs if len(beside) else springs
-        if before is None:
-            before, tau, v_dot = state, command.tau, solution.v_dot
-        else:
-            tau, v_dot = self._tau, predicted.v_dot if predicted is not None else solution.v_dot
+        if before is not None:
             if len(beside):
                 moved = model.difference(before.q, state.q)
             if self._powers and predicted is not None:
@@ -174,10 +173,9 @@ class ModelAudit:
         if dynamics is not self._bound_of:
             self._bind(dynamics)
         predicts = follow(
-            self._bound.table, gap, tau, beside, moved, before.q, state.q, before.v, state.v, v_dot, solution.v_dot,
-            command.tau, solution.tau,
-        )  # fmt: skip
-        self._before, self._tau = state, command.tau
+            self._bound.table, gap, beside, moved, state.q, state.v, solution.v_dot, command.tau, solution.tau
+        )
+        self._before = state
         self._solution = solution if predicts else None  # torques that are not the solution's: it predicts nothing
         self._powers = _powers(solution, dynamics) if predicts and solution.external_wrenches else []
 

@@ -33,7 +33,9 @@ class _Span:
     Attributes:
         last: the newest report.
         count: number of reports.
-        seconds: times of the stages, s, one cycle after the other, by the names of its stages.
+        names: of the stages of the newest report.
+        seconds: times of these stages, s, one cycle after the other, since they have been the same.
+        runs: the same of all runs of cycles with the same stages.
         relaxed: in how many cycles each limit was relaxed.
         refused: a sentence for each message that was refused.
     """
@@ -41,17 +43,16 @@ class _Span:
     def __init__(self, first: CycleReport) -> None:
         self.last = first
         self.count = 0
-        self.seconds: dict[tuple[str, ...], array[float]] = {}
+        self.names: tuple[str, ...] = ()
+        self.seconds = array("d")
+        self.runs: list[tuple[tuple[str, ...], array[float]]] = []
         self.relaxed: Counter[str] = Counter()
         self.refused: list[str] = []
 
     def times(self, stage: str) -> list[float]:
         """Times of a stage in all cycles that had it, s."""
         return [
-            time
-            for names, seconds in self.seconds.items()
-            if stage in names
-            for time in seconds[names.index(stage) :: len(names)]
+            time for names, seconds in self.runs if stage in names for time in seconds[names.index(stage) :: len(names)]
         ]
 
 
@@ -91,10 +92,10 @@ class StatusSummary:
         span.count += 1
         stages = report.stage_seconds
         names = tuple(stages)
-        times = span.seconds.get(names)
-        if times is None:
-            times = span.seconds[names] = array("d")
-        times.extend(stages.values())
+        if names != span.names:
+            span.names, span.seconds = names, array("d")
+            span.runs.append((names, span.seconds))
+        span.seconds.extend(stages.values())
         solution = report.solution
         if solution is not None and solution.relaxed:
             span.relaxed.update(solution.relaxed)

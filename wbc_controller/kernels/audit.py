@@ -46,10 +46,10 @@ def mechanical_energy(M: Array, v: Array, weight: Array, com: Array) -> float:
     return energy
 
 
-@compiled(TABLE, NUMBER, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, ANY_VECTOR, ANY_VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)
+@compiled(TABLE, NUMBER, VECTOR, VECTOR, VECTOR, ANY_VECTOR, VECTOR, VECTOR, VECTOR)
 def follow(
-    table: np.ndarray, gap: float, tau_before: Array, beside: Array, moved: Array, q_before: Array, q: Array,
-    v_before: Array, v: Array, v_dot_before: Array, v_dot: Array, tau: Array, tau_found: Array,
+    table: np.ndarray, gap: float, beside: Array, moved: Array, q: Array, v: Array, v_dot: Array, tau: Array,
+    tau_found: Array,
 ) -> bool:  # fmt: skip
     """Go on from one state to the next, and add up what the laws of motion say of the time between them.
 
@@ -58,7 +58,7 @@ def follow(
     no work.
 
     Args:
-        table: the number k of entries of the actuation matrix S that are not zero, and nv; and, in this order,
+        table: the number k of entries of the actuation matrix S that are not zero, nq, nv and na; and, in this order,
             actuators: row of each of these entries, (k,).
             moved_by: its column, (k,).
             ratios: the entry itself, (k,).
@@ -69,15 +69,13 @@ def follow(
             sums: what is summed, (SUMS,).
             vectors: the unexplained change of the velocity, which is summed too, and room for a generalized force,
                 (2, nv).
+            before: q, v, v̇, the torques sent, all one after the other, as they were given for the state before,
+                (nq + 2 nv + na,); written for the next one.
         gap: Δt, s; 0 at the first state of all, before which there is nothing.
-        tau_before: torques sent at the state before, (na,) in N·m.
         beside: generalized force p that acts beside the torques, (nv,); (0,) where there is none.
         moved: change of the configuration, (nv,); (0,) to take it from q, for which no force may act on the base.
-        q_before: configuration before, (nq,): of the base, and then of one joint after the other.
-        q: configuration, (nq,).
-        v_before: generalized velocity before, (nv,).
+        q: configuration, (nq,): of the base, and then of one joint after the other.
         v: generalized velocity, (nv,).
-        v_dot_before: v̇ as it was predicted at the state before, (nv,).
         v_dot: v̇ of the solution at this state, (nv,).
         tau: torques sent at this state, (na,) in N·m.
         tau_found: torques of the solution at this state, (na,): where they are other ones, it predicts nothing.
@@ -85,10 +83,13 @@ def follow(
     Returns:
         Whether the solution predicts the motion.
     """
-    entries, nv = table[0], table[1]
-    actuators, moved_by, ratios = indices(table[2], entries), indices(table[3], entries), vector(table[4], entries)
-    mass, com_velocity, com_drift = vector(table[5], 1)[0], vector(table[6], 3), vector(table[8], 3)
-    com_jacobian, sums, vectors = matrix(table[7], nv, 6), vector(table[9], SUMS), matrix(table[10], 2, nv)
+    entries, nq, nv, na = table[0], table[1], table[2], table[3]
+    actuators, moved_by, ratios = indices(table[4], entries), indices(table[5], entries), vector(table[6], entries)
+    mass, com_velocity, com_drift = vector(table[7], 1)[0], vector(table[8], 3), vector(table[10], 3)
+    com_jacobian, sums, vectors = matrix(table[9], nv, 6), vector(table[11], SUMS), matrix(table[12], 2, nv)
+    before = vector(table[13], nq + 2 * nv + na)
+    q_before, v_before, v_dot_before = before[:nq], before[nq : nq + nv], before[nq + nv : nq + 2 * nv]
+    tau_before = before[nq + 2 * nv :]
     missed, force = vectors[0], vectors[1]
     predicted = sums[PREDICTS] > 0.0 and gap > 0.0
     if gap > 0.0:
@@ -96,7 +97,7 @@ def follow(
             force[j] = beside[j] if len(beside) else 0.0
         for k in range(len(ratios)):
             force[moved_by[k]] += tau_before[actuators[k]] * ratios[k]
-        shift = len(q) - nv
+        shift = nq - nv
         for j in range(nv):
             if len(moved):
                 work = force[j] * moved[j]
@@ -119,8 +120,13 @@ def follow(
             sums[IMPULSE + i] += momentum - sums[MOMENTUM + i] - gap * sums[FORCE + i]
         sums[MOMENTUM + i], sums[FORCE + i] = momentum, mass * acceleration
     predicts = True
-    for i in range(len(tau)):
+    for i in range(na):
         predicts &= tau[i] == tau_found[i]
+        tau_before[i] = tau[i]
+    for i in range(nq):
+        q_before[i] = q[i]
+    for j in range(nv):
+        v_before[j], v_dot_before[j] = v[j], v_dot[j]
     sums[PREDICTS] = 1.0 if predicts else 0.0
     return predicts
 

@@ -24,8 +24,7 @@ class Answer:
         relaxed: groups in which a bound is missed, and lower levels that failed.
     """
 
-    levels: tuple[LevelReport, ...] = ()
-    relaxed: tuple[str, ...] = ()
+    __slots__ = ("_multipliers", "cost", "iterations", "levels", "relaxed", "residuals", "status", "x")
 
     def __init__(
         self,
@@ -43,6 +42,8 @@ class Answer:
         self._multipliers = multipliers
         self.residuals = residuals
         self.cost = cost
+        self.levels: tuple[LevelReport, ...] = ()
+        self.relaxed: tuple[str, ...] = ()
 
     @property
     def multipliers(self) -> Array:

@@ -30,6 +30,8 @@ class _Later:
     Of the layout it uses what no later cycle changes.
     """
 
+    _forces: Mapping[str, Array] | None = None
+
     def __init__(
         self,
         layout: Layout,
@@ -40,7 +42,6 @@ class _Later:
     ) -> None:
         self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
         self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
-        self._forces: Mapping[str, Array] | None = None
 
     @property
     def forces(self) -> Mapping[str, Array]:
