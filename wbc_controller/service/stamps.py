@@ -72,29 +72,37 @@ class StampTracker:
         elif 0.0 < step <= _AHEAD:  # another step is a stamp that contradicts the others
             self.stood += step
         self._newest, self._came = stamp, arrival
-        ahead = self._ahead
-        reason = self._too_early(stamp * 1.0e-9 - (arrival + ahead())) if ahead is not None else None
-        if reason is None and self._arrival > -math.inf:
-            reason = self._contradiction(stamp, arrival)
-        if reason is not None:
-            if self._last_refused and 0.0 < step <= _AHEAD:
-                self._refused += step
-            self._last_refused = True
-            return reason
-        self._last_refused = False
-        self._refused = 0.0
+        passed, rise = arrival - self._arrival, (stamp - self._stamp) * 1.0e-9
+        if self._last_refused or self._ahead is not None or not (0.0 < rise <= _AHEAD + passed):
+            reason = self._refusal(stamp, arrival)
+            if reason is not None:
+                if self._last_refused and 0.0 < step <= _AHEAD:
+                    self._refused += step
+                self._last_refused = True
+                return reason
+            self._last_refused = False
+            self._refused = 0.0
         lag = arrival - stamp * 1.0e-9
-        may_rise = self._may_rise + _SLOWER * (arrival - self._arrival)
+        may_rise = self._may_rise + _SLOWER * passed
         if may_rise > _GAP:
             may_rise = _GAP
-        rise = (stamp - self._stamp) * 1.0e-9 if stamp > self._stamp else 0.0
         if rise > may_rise:
             rise = may_rise
+        elif rise < 0.0:
+            rise = 0.0
         self._may_rise = may_rise - rise
         offset = self._offset + rise
         self._offset = offset if offset < lag else lag
         self._lag, self._stamp, self._arrival = lag, stamp, arrival
         return None
+
+    def _refusal(self, stamp: int, arrival: float) -> str | None:
+        """Why a stamp is refused; None where it is not, or where it begins a new time."""
+        if self._ahead is not None:
+            reason = self._too_early(stamp * 1.0e-9 - (arrival + self._ahead()))
+            if reason is not None:
+                return reason
+        return self._contradiction(stamp, arrival) if self._arrival > -math.inf else None
 
     def _too_early(self, ahead: float) -> str | None:
         if ahead <= self._tolerance:
@@ -108,7 +116,7 @@ class StampTracker:
         """Why a stamp contradicts those before; None where it does not, or where it begins a new time."""
         step = (stamp - self._stamp) * 1.0e-9
         ahead = step - (arrival - self._arrival)
-        if step > 0.0 and (ahead <= _AHEAD or self._ahead is not None):
+        if 0.0 < step and (step <= _AHEAD + (arrival - self._arrival) or self._ahead is not None):
             self._contradicted = math.inf
             return None
         if arrival < self._contradicted:
