@@ -398,24 +398,30 @@ class ControlCycle:
             if self._streamed:
                 references = replace(references, tasks={**references.tasks, **self._streamed})
                 self._streamed = {}
-            lifted = self.beside.lifted
-            disturbance = self.beside.look(state)
-            if self.beside.lifted is not lifted:
-                refused += [
-                    f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
-                    for name in self.beside.lifted
-                    if name not in lifted
-                ]
-            if disturbance is not None:
-                references = References(
-                    references.tasks, references.weights, references.contacts, references.external_wrenches,
-                    references.tuning, references.anchors, disturbance,
-                )  # fmt: skip
+            if not self.beside.rests:
+                references = self._with_what_acts_beside(state, references, refused)
             return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
         except NoSolution as failure:
             return failure, references
         except Exception as error:
             return _defect(error), references
+
+    def _with_what_acts_beside(self, state: RobotState, references: References, refused: list[str]) -> References:
+        """The references with the forces beside the model; a sentence for each contact that newly carries nothing."""
+        lifted = self.beside.lifted
+        disturbance = self.beside.look(state)
+        if self.beside.lifted is not lifted:
+            refused += [
+                f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
+                for name in self.beside.lifted
+                if name not in lifted
+            ]
+        if disturbance is None:
+            return references
+        return References(
+            references.tasks, references.weights, references.contacts, references.external_wrenches,
+            references.tuning, references.anchors, disturbance,
+        )  # fmt: skip
 
 
 def _defect(error: Exception) -> Fault:
