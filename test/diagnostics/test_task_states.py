@@ -48,6 +48,9 @@ def test_each_round_says_of_every_task_where_it_is_wanted_and_where_it_is(robot,
                 )
                 for key, position in positions.items()
             }  # fmt: skip
-        states.begin()
+        states.begin(words.kinds)
         said = iter(lambda: states.next(stamp, dynamics, references), None)  # noqa: B023
         assert dict(said) == expected
+        states.begin(("feet", "nothing"))
+        assert states.next(stamp, dynamics, references) == ("feet", expected["feet"])
+        assert states.next(stamp, dynamics, references) is None

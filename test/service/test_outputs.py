@@ -95,6 +95,20 @@ def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypat
     assert came() == [0] * len(feet)
 
 
+def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers)
+    controller = bench()
+    controller.activate()
+    controller.cycle(100)
+    readers.add(("task_value", "com"))
+    controller.cycle(200)
+    came = {key: count for key, payloads in controller._payloads.items() if key[1] and (count := len(payloads))}
+    assert set(came) == {("task_reference", "com"), ("task_value", "com")}
+    rounds = 200 * controller.period * controller.settings.control.diagnostics_rate
+    assert rounds - 2 <= came["task_value", "com"] == came["task_reference", "com"] <= rounds
+
+
 def test_no_forces_are_published_that_do_not_count(bench):
     controller = bench()
     controller.activate()

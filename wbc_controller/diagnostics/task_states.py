@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import AccelerationTask, Task
@@ -28,10 +28,14 @@ class TaskStates:
         self._left: deque[str] = deque()
         self._templates: dict[str, SetpointTemplate] = {}
 
-    def begin(self) -> None:
-        """Begin a round, where the last one is over."""
+    def begin(self, names: Collection[str]) -> None:
+        """Begin a round of some of the tasks, where the last one is over.
+
+        Args:
+            names: of the tasks; others than those with topics are passed over.
+        """
         if not self._left:
-            self._left.extend(self._tasks)
+            self._left.extend(name for name in self._tasks if name in names)
 
     def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
         """The next task of the round; None where it is over.

@@ -1,7 +1,7 @@
-"""Outgoing messages: commands, contact wrenches, the mode, diagnostics and markers.
+"""Outgoing messages: commands, contact wrenches, the mode, diagnostics, tasks' states and markers.
 
 Diagnostics and markers take longer than a fast loop has between two states. They are composed piece by piece, one per
-cycle, when the torques are out. Contact wrenches and markers are made while somebody reads them.
+cycle, when the torques are out. Contact wrenches, tasks' states and markers are made while somebody reads them.
 """
 
 from __future__ import annotations
@@ -27,8 +27,40 @@ from wbc_controller.wire.messages import encode, header, message, torques
 from wbc_controller.wire.setpoints import WRENCH, wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint
 
-#: Time after which it is seen that somebody reads a contact wrench, s.
+#: Rows of the topic table whose messages are made while somebody reads them.
+_ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers")
+#: Time between two looks at who reads them, s.
 _LOOK = 0.1
+
+
+class _Readers:
+    """Which of the topics whose messages are made on demand somebody reads.
+
+    Attributes:
+        subjects: names of the contacts or tasks whose topic is read, by row of the topic table; of one without a
+            subject the empty name.
+    """
+
+    def __init__(self, transport: Transport, endpoints: Iterable[Endpoint]) -> None:
+        self._asked = [
+            (endpoint.key, endpoint.subject, partial(transport.is_read, endpoint))
+            for endpoint in endpoints
+            if endpoint.key in _ON_DEMAND
+        ]
+        self._due = -np.inf
+        self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
+
+    def look(self, now: float) -> None:
+        """Look at who reads, where it is time to.
+
+        Args:
+            now: time on the clock of the loop, s.
+        """
+        if now < self._due:
+            return
+        self._due = now + _LOOK
+        read = [(key, subject) for key, subject, is_read in self._asked if is_read()]
+        self.subjects = {key: tuple(subject for of, subject in read if of == key) for key in _ON_DEMAND}
 
 
 class Outputs:
@@ -71,15 +103,7 @@ class Outputs:
         self._publish: dict[tuple[str, str], Publish] = {
             (endpoint.key, endpoint.subject): transport.advertise(endpoint) for endpoint in outgoing
         }
-        (markers,) = (endpoint for endpoint in outgoing if endpoint.key == "markers")
-        self._markers_are_read = partial(transport.is_read, markers)
-        self._wrenches_are_read = {
-            endpoint.subject: partial(transport.is_read, endpoint)
-            for endpoint in outgoing
-            if endpoint.key == "contact_wrench"
-        }
-        self._read: tuple[str, ...] = ()  # contacts whose wrench somebody reads
-        self._look_due = -np.inf
+        self._readers = _Readers(transport, outgoing)
         no_torques, joints = self._actuation.command(np.zeros(model.na)), np.zeros(model.nj)
         self._zeros = encode(torques(no_torques))
         # The messages of every cycle are written in place.
@@ -115,16 +139,16 @@ class Outputs:
 
     def publish_command(self, result: CycleResult) -> None:
         """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
-        command, publish = result.command, self._publish
+        command, publish, wrenches = result.command, self._publish, self._readers.subjects["contact_wrench"]
         if command is not None:
             tau, actuation = command.tau, self._actuation
             publish["effort", ""](self._efforts.write(0, actuation.command(tau)))
             joints = actuation.at_joints(tau)
             payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
             publish["joint_commands", ""](payload)
-        if self._read and result.solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
+        if wrenches and result.solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
             stamp, forces = result.state.stamp, result.solution.forces
-            for name in self._read:
+            for name in wrenches:
                 force = forces.get(name)
                 if force is not None:
                     payload = self._wrenches[name].write_product(stamp, self._contacts[name].basis, force)
@@ -156,9 +180,7 @@ class Outputs:
             self._news = False
             self._diagnostics_due = now + self._diagnostics_period
             self._begin("diagnostics", self._summary.compose(wall, self._short))
-        if now >= self._look_due:
-            self._look_due = now + _LOOK
-            self._read = tuple(name for name, is_read in self._wrenches_are_read.items() if is_read())
+        self._readers.look(now)
 
     def publish_tasks(
         self,
@@ -168,7 +190,7 @@ class Outputs:
         references: References | None,
         solution: Solution | None,
     ) -> None:
-        """Send where one task is and where it is wanted: all tasks in turn, in as many cycles, when they are due.
+        """Send where a task is and where it is wanted: all that are read in turn, in as many cycles, when they are due.
 
         What stays short of its reference is said with the next diagnostics.
 
@@ -184,7 +206,8 @@ class Outputs:
             return
         if now >= self._tasks_due:
             self._tasks_due = now + self._diagnostics_period
-            self._tasks.begin()
+            subjects = self._readers.subjects
+            self._tasks.begin({*subjects["task_reference"], *subjects["task_value"]})
             self._short = self._shortfall.sentences(now, dynamics, references, solution)
         made = self._tasks.next(state.stamp, dynamics, references)
         if made is not None:
@@ -204,7 +227,7 @@ class Outputs:
         """
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period
-            if self._markers_are_read():
+            if self._readers.subjects["markers"]:
                 self._begin("markers", self._scene.compose(state, references, solution))
 
     def compose(self) -> None:

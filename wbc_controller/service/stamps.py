@@ -116,7 +116,7 @@ class StampTracker:
         """Why a stamp contradicts those before; None where it does not, or where it begins a new time."""
         step = (stamp - self._stamp) * 1.0e-9
         ahead = step - (arrival - self._arrival)
-        if 0.0 < step and (step <= _AHEAD + (arrival - self._arrival) or self._ahead is not None):
+        if step > 0.0 and (step <= _AHEAD + (arrival - self._arrival) or self._ahead is not None):
             self._contradicted = math.inf
             return None
         if arrival < self._contradicted:

@@ -81,7 +81,7 @@ class DdsTransport:
         self._closed = False
         self._types = TopicTypes()
         self._topics: dict[str, Any] = {}
-        self._publications: list[_Publication] = []
+        self._publications: dict[str, list[_Publication]] = {}  # by topic
         self._streams: list[_Stream] = []
         self._dispatcher: _Dispatcher | None = None
         self._announcement: NodeAnnouncement | None = None
@@ -111,7 +111,7 @@ class DdsTransport:
             announcement, _ = self._opened(endpoint)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = _Publication(endpoint.name, writer)
-            self._publications.append(publication)
+            self._publications.setdefault(endpoint.name, []).append(publication)
             announcement.add_writer(writer)
             return publication
 
@@ -175,7 +175,7 @@ class DdsTransport:
         with self._lock, _translated(f"cannot look at {endpoint.name}"):
             if self._closed:
                 raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
-            return any(each.is_read for each in self._publications if each.topic == endpoint.name)
+            return any(each.is_read for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
         """Stop the thread and delete all DDS entities. A second call does nothing.
@@ -207,8 +207,9 @@ class DdsTransport:
         return self._topics[endpoint.name]
 
     def _delete_entities(self) -> None:
-        for publication in self._publications:
-            publication.delete()
+        for publications in self._publications.values():
+            for publication in publications:
+                publication.delete()
         for stream in self._streams:
             stream.delete()
         for part in (self._dispatcher, self._announcement, self._graph):

@@ -171,7 +171,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "reads it, or all of the run is recorded."),
     Topic("task_reference", "~/tasks/{task}/reference", "setpoint", _OUT, COMMAND_OUT,
           "Where the task is wanted at this moment, while the controller is active, at `control.diagnostics_rate`; "
-          "stamped with the state."),
+          "stamped with the state. Made while somebody reads it or the value, or all of the run is recorded."),
     Topic("task_value", "~/tasks/{task}/value", "value", _OUT, COMMAND_OUT,
           "Where the task is, in the same form and at the same time. Its error and weight are on `/diagnostics`."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
