@@ -14,8 +14,8 @@ NV, NA, GAP, TIME, MASS = 9, 5, 0.002, 0.02, 7.0
 def test_the_energy_is_that_of_motion_and_height():
     rng = np.random.default_rng(0)
     root, v = rng.normal(size=(NV, NV)), rng.normal(size=NV)
-    M, weight, com = np.asfortranarray(root @ root.T), *rng.normal(size=(2, 3))
-    energy = kernel.mechanical_energy(M, v, weight, com)
+    M, weight, com = root @ root.T, *rng.normal(size=(2, 3))
+    energy = kernel.mechanical_energy(Bound(NV, 0, 0, 0, M, com, weight).table, v)
     assert energy == pytest.approx(0.5 * v @ M @ v - weight @ com, rel=1e-10)
 
 
@@ -64,17 +64,35 @@ def test_a_span_is_what_numpy_makes_of_the_same_equations(seed, floating, beside
     np.testing.assert_allclose(sums[kernel.IMPULSE : kernel.IMPULSE + 3], impulse, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(vectors[0], missed, rtol=1e-10, atol=1e-9)
 
-    root = rng.normal(size=(NV, NV))
-    M, torques, force = np.asfortranarray(root @ root.T), rng.normal(size=NV), rng.normal(size=3 if floating else 0)
+    root, v, numbers = rng.normal(size=(NV, NV)), rng.normal(size=NV), rng.normal(size=3)
+    M, torques, force = root @ root.T, rng.normal(size=NV), rng.normal(size=3 if floating else 0)
+    weight, com, limits = rng.normal(size=3), rng.normal(size=3), 1.0 + rng.random(NA)
+    to_joints = rng.normal(size=(NA, NV)) * rng.integers(0, 2, size=(NA, NV))
+    joints, components = (index.astype(np.int64) for index in np.nonzero(to_joints))
     expected, unexplained = torques.copy(), force.copy()
     if duration > 0.0:
         share = duration / (TIME + duration)
         expected += share * (M @ missed / duration - torques)
         unexplained += share * ((impulse / duration)[: len(force)] - force)
     kept = sums[kernel.MOMENTUM :].copy()
-    kernel.filter_residuals(TIME, M, sums, vectors, force, torques)
+    factors, constant = to_joints[joints, components], np.array([TIME])
+    bound = Bound(
+        NV, NA, len(joints), len(force), M, com, weight, components, joints, factors, limits, sums, vectors, force,
+        torques, constant,
+    )  # fmt: skip
+    found, lasted = np.full(3 + NA, np.nan), 3 * GAP
+    energy, *means, size, most, worst = kernel.look_back(bound.table, lasted, v, *numbers, found)
+    assert energy == pytest.approx(0.5 * v @ M @ v - weight @ com, rel=1e-10)
+    share = lasted / (TIME + lasted)
+    rates = np.array([energy - numbers[0] - work, throughput]) / lasted
+    np.testing.assert_allclose(means, (1.0 - share) * numbers[1:] + share * rates, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(torques, expected, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(force, unexplained, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(found[:3], unexplained if floating else np.zeros(3), rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(found[3:], to_joints @ expected, rtol=1e-9, atol=1e-8)
+    assert size == pytest.approx(np.linalg.norm(force), rel=1e-10)
+    over = np.abs(found[3:]) / limits
+    assert (most, worst) == (over.max(), over.argmax())
     assert not sums[: kernel.MOMENTUM].any()
     assert not vectors[0].any()
     assert sums[kernel.MOMENTUM :].tolist() == kept.tolist()

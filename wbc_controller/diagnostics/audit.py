@@ -12,17 +12,16 @@ sums go through the filter: a mean of residuals, for which energy and M are need
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.audit import SUMS, THROUGHPUT, WORK, filter_residuals, follow, mechanical_energy
+from wbc_controller.kernels.audit import SUMS, THROUGHPUT, WORK, follow, look_back, mechanical_energy
 from wbc_controller.kernels.compiled import Bound
-from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, frozen
+from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
@@ -73,8 +72,10 @@ class ModelAudit:
         self._none = np.zeros(0)
         self._sums, self._vectors = np.zeros(SUMS), np.zeros((2, model.nv))
         self._last = np.zeros(model.nq + 2 * model.nv + model.na)  # what the kernel was given at the state before
+        self._force, self._torques = np.zeros(3 if model.floating_base else 0), np.zeros(model.nv)  # filtered
         self._bound_of: Dynamics | None = None
         self._bound: Bound
+        self._looking_back: Bound
         self._forget()
 
     def _forget(self) -> None:
@@ -86,8 +87,7 @@ class ModelAudit:
         self._sums[:], self._vectors[:] = 0.0, 0.0
         self._lasted = self._stored = 0.0  # time of the span so far, s, and the energy at its start, J
         self._energy = self._throughput = 0.0
-        self._force = np.zeros(3 if self._model.floating_base else 0)
-        self._torques = np.zeros(self._model.nv)
+        self._force[:], self._torques[:] = 0.0, 0.0
         self._since: dict[str, float] = {}
         self._report: AuditReport | None = None
 
@@ -121,11 +121,11 @@ class ModelAudit:
                 gap, before = 0.0, None
         self._follow(before, state, dynamics, solution, command, gap)
         if before is None:
-            self._stored = self._energy_of(state, dynamics)
+            self._stored = mechanical_energy(self._looking_back.table, state.v)
             return None
         self._lasted += gap
         if self._lasted >= self._span:
-            self._report = self._look_back(state, dynamics)
+            self._report = self._look_back(state)
         return self._report
 
     def _bind(self, dynamics: Dynamics) -> None:
@@ -139,9 +139,14 @@ class ModelAudit:
             S[rows, columns], np.array([self._mass]), com_velocity, per_mass, com_drift, self._sums, self._vectors,
             self._last,
         )  # fmt: skip
-
-    def _energy_of(self, state: RobotState, dynamics: Dynamics) -> float:
-        return float(mechanical_energy(dynamics.M, state.v, self._gravity, dynamics.com))
+        model, limits = self._model, self._limits
+        to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
+        joints, components = np.nonzero(to_joints)
+        self._looking_back = Bound(
+            model.nv, model.nj, len(joints), len(self._force), dynamics.M_rows, dynamics.com, self._gravity,
+            components.astype(np.int64), joints.astype(np.int64), to_joints[joints, components], limits.torques,
+            self._sums, self._vectors, self._force, self._torques, np.array([limits.time_constant]),
+        )  # fmt: skip
 
     def _follow(
         self,
@@ -179,44 +184,46 @@ class ModelAudit:
         self._solution = solution if predicts else None  # torques that are not the solution's: it predicts nothing
         self._powers = _powers(solution, dynamics) if predicts and solution.external_wrenches else []
 
-    def _look_back(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
+    def _look_back(self, state: RobotState) -> AuditReport:
         """Put a span through the filter, and begin the next one."""
         lasted, self._lasted = self._lasted, 0.0
-        share = lasted / (self._limits.time_constant + lasted)
-        before, self._stored = self._stored, self._energy_of(state, dynamics)
-        work, throughput = self._sums[WORK].item(), self._sums[THROUGHPUT].item()
-        self._energy += share * ((self._stored - before - work) / lasted - self._energy)
-        self._throughput += share * (throughput / lasted - self._throughput)
-        filter_residuals(self._limits.time_constant, dynamics.M, self._sums, self._vectors, self._force, self._torques)
-        torques = frozen(self._model.joint_forces(self._torques))
-        force = frozen(self._force if self._model.floating_base else np.zeros(3))
-        warnings = self._warnings(state.stamp * 1.0e-9, lasted, torques)
+        found = np.empty(3 + self._model.nj)
+        self._stored, self._energy, self._throughput, size, most, worst = look_back(
+            self._looking_back.table, lasted, state.v, self._stored, self._energy, self._throughput, found
+        )
+        found.setflags(write=False)  # and so its parts
+        force, torques, limits = found[:3], found[3:], self._limits
+        wrong = {
+            "UNMODELLED_FORCE": size > limits.force,
+            "UNMODELLED_TORQUE": most > 1.0,
+            "ENERGY_RESIDUAL": abs(self._energy) > limits.energy * max(self._throughput, limits.power),
+        }
+        warnings: tuple[str, ...] = ()
+        if self._since or True in wrong.values():
+            says: dict[str, Callable[[], str]] = {
+                "UNMODELLED_FORCE": lambda: self._say_force(force, size),
+                "UNMODELLED_TORQUE": lambda: self._say_torque(worst, torques.item(worst)),
+                "ENERGY_RESIDUAL": self._say_energy,
+            }
+            lasting = self._lasting(state.stamp * 1.0e-9, lasted, wrong)
+            warnings = tuple(f"{name}: {says[name]()}" for name in lasting)
         return AuditReport(self._energy, self._throughput, force, torques, warnings)
 
-    def _warnings(self, now: float, lasted: float, torques: Array) -> tuple[str, ...]:
+    def _lasting(self, now: float, lasted: float, wrong: Mapping[str, bool]) -> list[str]:
         """What has been too large for too long; a residual stands for all of the span that it is the mean of."""
-        limits, size = self._limits, math.hypot(*self._force.tolist())
-        over = np.abs(torques) / limits.torques
-        worst = int(over.argmax())
-        found: tuple[tuple[str, bool, Callable[[], str]], ...] = (
-            ("UNMODELLED_FORCE", size > limits.force, lambda: self._say_force(size)),
-            ("UNMODELLED_TORQUE", over.item(worst) > 1.0, lambda: self._say_torque(worst, torques.item(worst))),
-            (
-                "ENERGY_RESIDUAL",
-                abs(self._energy) > limits.energy * max(self._throughput, limits.power),
-                lambda: f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
-            ),
-        )
-        warnings = []
-        for name, wrong, sentence in found:
-            if not wrong:
+        found = []
+        for name, is_wrong in wrong.items():
+            if not is_wrong:
                 self._since.pop(name, None)
-            elif now - self._since.setdefault(name, now - lasted) >= limits.patience:
-                warnings.append(f"{name}: {sentence()}")
-        return tuple(warnings)
+            elif now - self._since.setdefault(name, now - lasted) >= self._limits.patience:
+                found.append(name)
+        return found
 
-    def _say_force(self, size: float) -> str:
-        direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in self._force)
+    def _say_energy(self) -> str:
+        return f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass"
+
+    def _say_force(self, force: Array, size: float) -> str:
+        direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in force)
         return (
             f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
             "weight: a push, a wrong mass, or a contact that is not as assumed"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
-    ANY_MATRIX,
     ANY_VECTOR,
     NUMBER,
-    ROWS_OUT,
     TABLE,
     VECTOR,
     VECTOR_OUT,
+    as_part,
     compiled,
     indices,
     matrix,
@@ -25,21 +26,21 @@ from wbc_controller.records import Array
 SUMS, WORK, THROUGHPUT, PREDICTED, IMPULSE, MOMENTUM, FORCE, PREDICTS = 13, 0, 1, 2, 3, 6, 9, 12
 
 
-@compiled(ANY_MATRIX, ANY_VECTOR, VECTOR, ANY_VECTOR)
-def mechanical_energy(M: Array, v: Array, weight: Array, com: Array) -> float:
+@compiled(TABLE, VECTOR)
+def mechanical_energy(table: np.ndarray, v: Array) -> float:
     """The energy T + V = ½ vᵀM v - m gᵀc, J.
 
     Args:
-        M: joint-space inertia matrix, (nv, nv).
+        table: of `look_back`.
         v: generalized velocity, (nv,).
-        weight: m g, (3,) in N.
-        com: centre of mass c, (3,) in m.
     """
+    nv = table[0]
+    M, com, weight = matrix(table[4], nv, nv), vector(table[5], 3), vector(table[6], 3)
     energy = 0.0
-    for j in range(len(v)):
+    for j in range(nv):
         momentum = 0.0
-        for i in range(len(v)):
-            momentum += M[i, j] * v[i]
+        for i in range(nv):
+            momentum += M[j, i] * v[i]
         energy += 0.5 * momentum * v[j]
     for i in range(3):
         energy -= weight[i] * com[i]
@@ -131,29 +132,74 @@ def follow(
     return predicts
 
 
-@compiled(NUMBER, ANY_MATRIX, VECTOR_OUT, ROWS_OUT, VECTOR_OUT, VECTOR_OUT)
-def filter_residuals(time_constant: float, M: Array, sums: Array, vectors: Array, force: Array, torques: Array) -> None:
-    """Filter the unexplained force and generalized force of a span, in place, and begin the next span.
+_mechanical_energy = as_part(mechanical_energy)
+
+
+@compiled(TABLE, NUMBER, VECTOR, NUMBER, NUMBER, NUMBER, VECTOR_OUT)
+def look_back(
+    table: np.ndarray, lasted: float, v: Array, stored: float, energy: float, throughput: float, found: Array
+) -> tuple[float, float, float, float, float, int]:  # fmt: skip
+    """Put a span through the filter, and begin the next one.
 
     Args:
-        time_constant: of the filter, s.
-        M: joint-space inertia matrix, (nv, nv).
-        sums: as of `follow`.
-        vectors: as of `follow`.
-        force: filtered, (3,) in N; (0,) for a fixed base, which the ground holds.
-        torques: filtered, (nv,).
+        table: nv, the number of joints nj, that k of pairs of a component and a joint, and the size of the force, 3, or
+            0 for a fixed base, which the ground holds; and, in this order,
+            M: joint-space inertia matrix at this state, (nv, nv), symmetric.
+            com: centre of mass c at this state, (3,) in m.
+            weight: m g, (3,) in N.
+            components: of a generalized force, of each pair, (k,).
+            joints: to which this component counts, (k,).
+            factors: by which, (k,).
+            limits: largest unexplained torque of each joint, (nj,) in N·m.
+            sums: as of `follow`.
+            vectors: as of `follow`.
+            force: filtered, in N.
+            torques: filtered generalized force, (nv,).
+            time_constant: of the filter, (1,) in s.
+        lasted: duration of the span, s.
+        v: generalized velocity, (nv,).
+        stored: energy at the start of the span, J.
+        energy: filtered energy residual, W.
+        throughput: filtered power of the joints, W.
+        found: for the filtered force, (3,), and then the torque of each joint, (nj,).
+
+    Returns:
+        The energy at this state, the filtered energy residual and power, the size of the force, and the largest torque
+        as a share of its limit, with its joint.
     """
+    nv, nj, pairs, held = table[0], table[1], table[2], table[3]
+    M, sums, vectors = matrix(table[4], nv, nv), vector(table[11], SUMS), matrix(table[12], 2, nv)
+    components, joints = indices(table[7], pairs), indices(table[8], pairs)
+    factors, limits = vector(table[9], pairs), vector(table[10], nj)
+    force, torques, time_constant = vector(table[13], held), vector(table[14], nv), vector(table[15], 1)[0]
+    share = lasted / (time_constant + lasted)
+    now = _mechanical_energy(table, v)
+    energy += share * ((now - stored - sums[WORK]) / lasted - energy)
+    throughput += share * (sums[THROUGHPUT] / lasted - throughput)
     duration = sums[PREDICTED]
     if duration > 0.0:
         share = duration / (time_constant + duration)
-        for i in range(len(force)):
+        for i in range(held):
             force[i] += share * (sums[IMPULSE + i] / duration - force[i])
-        for j in range(len(torques)):
+        for j in range(nv):
             torques[j] -= share * torques[j]
-        for i in range(len(torques)):
+        for i in range(nv):
             unexpected = share * vectors[0, i] / duration
-            for j in range(len(torques)):
-                torques[j] += M[j, i] * unexpected
+            for j in range(nv):
+                torques[j] += M[i, j] * unexpected
     vectors[0, :] = 0.0
     for i in range(MOMENTUM):
         sums[i] = 0.0
+    found[:] = 0.0
+    size = 0.0
+    for i in range(held):
+        found[i] = force[i]
+        size += force[i] * force[i]
+    for k in range(pairs):
+        found[3 + joints[k]] += factors[k] * torques[components[k]]
+    most, worst = -1.0, 0
+    for i in range(nj):
+        over = abs(found[3 + i]) / limits[i]
+        if over > most:
+            most, worst = over, i
+    return now, energy, throughput, math.sqrt(size), most, worst
