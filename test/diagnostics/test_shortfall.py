@@ -29,7 +29,8 @@ def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approac
         left = 1.0 - approach * i / times
         reference = SimpleNamespace(position=dynamics.com + left * np.array(goal), velocity=np.full(3, velocity))
         references = SimpleNamespace(tasks={"com": reference}, weights={"com": weight, "base": 5.0})
-        found = shortfall.sentences(i * PERIOD, dynamics, references, SimpleNamespace(binding=binding))
+        solution = SimpleNamespace(binding=binding, task_errors={"com": left * np.linalg.norm(goal)})
+        found = shortfall.sentences(i * PERIOD, dynamics, references, solution)
     return found
 
 

@@ -13,6 +13,7 @@ from wbc_controller.records import Array, References, Solution
 
 #: Errors from which on a task is short of its reference, by unit of its position and its orientation.
 _SHORT = {"m": 0.01, "rad": 0.05}
+_NEAR = min(_SHORT.values())
 #: Change of the error up to which a task no longer moves, as a share of it, and time for which it has not, s.
 _STILL, _PATIENCE = 0.02, 1.0
 #: Share of the largest weight below which a task only takes what the others leave, as a posture does.
@@ -41,18 +42,21 @@ class Shortfall:
             now: time on the clock of the loop, s.
             dynamics: the snapshot of the cycle.
             references: those of the cycle.
-            solution: that of the cycle: the multipliers of what binds.
+            solution: that of the cycle: the norms of the errors, and the multipliers of what binds.
         """
         heaviest = max(references.weights.values(), default=0.0)
         said = []
         for name, task in self._tasks.items():
             reference = references.tasks[name]
+            follows = references.weights.get(name, 0.0) > _MINOR * heaviest
+            if not follows or solution.task_errors.get(name, np.inf) < _NEAR or reference.velocity.any():
+                self._since.pop(name, None)
+                continue
             error = np.zeros(task.size)
             error[task.rows] = task.error(dynamics, reference.position)[task.rows]
             how_far = _distance(error, task.unit)
-            rests = not reference.velocity.any() and references.weights.get(name, 0.0) > _MINOR * heaviest
             began, first = self._since.get(name, (now, error))
-            if not (rests and how_far and np.linalg.norm(error - first) <= _STILL * np.linalg.norm(first)):
+            if not (how_far and np.linalg.norm(error - first) <= _STILL * np.linalg.norm(first)):
                 began, first = now, error
             self._since[name] = began, first
             if now - began >= _PATIENCE:
