@@ -272,8 +272,9 @@ class Supervisor:
         Returns:
             The command; None where nothing is to be sent.
         """
+        mode = self.mode
         self._pass(now)
-        watch, fall, solving = self._watch, self._fall, self.mode is _ACTIVE or self.mode is _HOLDING
+        watch, fall, solving = self._watch, self._fall, mode is _ACTIVE or mode is _HOLDING
         seen = self._no_state if state is None else state
         elapsed, some_untold = math.nan, False
         if watch is not None and state is not None:

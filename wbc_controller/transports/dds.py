@@ -283,7 +283,8 @@ class _Stream:
 
     def take(self) -> list[bytes]:
         """The serialized messages since the last call, oldest first."""
-        self._refuse_closed()
+        if self._closed:
+            raise self._is_closed()
         try:
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
         except DDSException as error:
@@ -291,7 +292,8 @@ class _Stream:
 
     def wait(self, seconds: float) -> bool:
         """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
-        self._refuse_closed()
+        if self._closed:
+            raise self._is_closed()
         try:
             triggered = self._triggers.wait(seconds)
             if self._wakes in triggered:
@@ -311,9 +313,8 @@ class _Stream:
         self._triggers.delete()
         dds_raw.delete(self._reader)
 
-    def _refuse_closed(self) -> None:
-        if self._closed:
-            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+    def _is_closed(self) -> TransportError:
+        return TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
 
 
 class _Dispatcher:

@@ -91,7 +91,7 @@ class Drive:
 
     def at_joints(self, tau: Array) -> Array:
         """Joint torques, (nj,) in N·m, of actuator torques, (na,): Rᵀτ."""
-        return np.asarray(tau if self._is_identity else tau @ self.ratios)
+        return tau if self._is_identity else np.asarray(tau @ self.ratios)
 
     def from_joints(self, torques: Array) -> Array:
         """Actuator torques that best match joint torques (least squares), (R Rᵀ)⁻¹ R: (nj,) to (na,)."""
@@ -99,7 +99,7 @@ class Drive:
 
     def command(self, tau: Array) -> Array:
         """The effort command for actuator torques, (na,): these themselves, or the torques at the driven joints."""
-        return np.asarray(self.at_joints(tau)[self.driven] if self.by_joint else tau)
+        return np.asarray(self.at_joints(tau)[self.driven]) if self.by_joint else tau
 
     def from_command(self, values: Array) -> Array:
         """Actuator torques, (na,), that correspond to an effort command, (command_size,)."""
