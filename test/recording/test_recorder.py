@@ -63,6 +63,26 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     assert stored == bench._payloads["effort", ""]
 
 
+def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path):
+    path = tmp_path / "a.mcap"
+    run = record(path)
+    run.stand(30)
+    run.bench.loop._shut_down()  # the last torques belong to no cycle
+    run.recorder.close()
+    contents, waiting, cycles = Contents(), [], []
+    for number, at, _ in read(path, contents):
+        topic = contents.channels[number].topic
+        if topic == "/effort_controller/commands":
+            waiting.append(at)
+        elif topic.endswith("/recording/cycle"):
+            cycles.append((at, waiting))
+            waiting = []
+    sent = [at for at, came in cycles for _ in came]
+    assert [came for _, came in cycles if came] == [[at] for at in sent]
+    assert len(sent) == len(run.bench.efforts()) - 1
+    assert waiting == [cycles[-1][0]]
+
+
 def test_all_of_a_run_has_markers_though_nobody_reads_them(robot_of, tmp_path):
     settings, _ = robot_of("g1")
     (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")

@@ -41,6 +41,18 @@ def test_what_waited_in_a_queue_is_old_when_it_arrives():
         assert tracker.age(arrival) == pytest.approx(arrival - time, abs=0.03)
 
 
+def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * 0.002)
+    refused = feed(tracker, 0.2 + np.arange(10) * 0.002, start=START + 5.0)
+    assert None not in refused
+    assert tracker.age(0.218) == pytest.approx(0.02, abs=1e-3)
+    assert feed(tracker, [0.220, 0.222]) == [None, None]
+    assert tracker.age(0.222) == pytest.approx(0.0, abs=1e-6)
+    assert None not in feed(tracker, [0.224, 0.226], start=START + 5.0)
+    assert tracker.age(0.226) == pytest.approx(0.004, abs=1e-4)
+
+
 @pytest.mark.parametrize("first", [0.9, 1.2, 2.9])
 def test_of_what_waited_in_a_queue_only_a_late_part_may_be_left(first):
     """The process stood still for 3 s, and its sockets kept what came in the beginning, or in the end."""

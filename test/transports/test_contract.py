@@ -241,6 +241,17 @@ def test_who_waits_on_a_stream_is_told_of_each_message(join, eventually):
     later.join()
 
 
+def test_that_a_writer_is_gone_is_no_message(join, eventually):
+    writer, stream = join("writer"), join("reader").stream(ODOM, depth=1)
+    publish = writer.advertise(endpoint("/odom", STATE_OUT))
+    eventually(stream.take, lambda: publish(text("first")))
+    time.sleep(0.05)
+    stream.take()
+    writer.close()
+    stream.wait(0.5)  # DDS tells of it
+    assert stream.take() == []
+
+
 def test_who_waits_on_a_stream_can_be_woken(join):
     stream = join("reader").stream(ODOM, depth=1)
     stream.wake()
