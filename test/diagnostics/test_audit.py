@@ -234,7 +234,7 @@ def test_the_warning_reaches_diagnostics_and_goes_away():
 def test_short_pushes_with_rests_between_them_do_not_add_up():
     run = Run()
     for i in range(3):
-        run.mock.plant.push(run.model.base_link, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]), 0.12)
+        run.mock.plant.push(run.model.base_link, np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), 0.1)
         run.until(CALM + 1.5 * (i + 1))
         assert max(np.linalg.norm(audit.force) for audit in run.audits(CALM + 1.5 * i)) > run.loop._audit._limits.force
     assert not run.warned(CALM, 5.0)
