@@ -209,7 +209,7 @@ def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
     seen = len(controller.received("markers"))
     controller.cycle(50)
     assert len(controller.received("markers")) <= seen + 1  # one may have been on its way
-    assert asked == {"contact_wrench", "task_reference", "task_value", "markers"}
+    assert "markers" in asked
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):

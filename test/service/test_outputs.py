@@ -109,6 +109,28 @@ def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch)
     assert rounds - 2 <= came["task_value", "com"] == came["task_reference", "com"] <= rounds
 
 
+def test_diagnostics_that_nobody_reads_come_once_a_second_and_at_once_with_news(bench, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.key in readers)
+    controller = bench()
+    second = round(1.0 / controller.period)
+
+    def came(cycles):
+        before = len(controller.received("diagnostics"))
+        controller.cycle(cycles)
+        return len(controller.received("diagnostics")) - before
+
+    assert came(3 * second + 20) == 4
+    controller.command("nonsense")
+    assert came(20) == 1
+    assert came(second - 40) == 0
+    readers.add("diagnostics")
+    assert came(2 * second) >= 2.0 * controller.settings.control.diagnostics_rate - 2
+    readers.clear()
+    controller.cycle(round(0.1 / controller.period) + 1)
+    assert 2 <= came(3 * second) <= 4
+
+
 def test_no_forces_are_published_that_do_not_count(bench):
     controller = bench()
     controller.activate()

@@ -1,7 +1,8 @@
 """Outgoing messages: commands, contact wrenches, the mode, diagnostics, tasks' states and markers.
 
 Diagnostics and markers take longer than a fast loop has between two states. They are composed piece by piece, one per
-cycle, when the torques are out. Contact wrenches, tasks' states and markers are made while somebody reads them.
+cycle, when the torques are out. Contact wrenches, tasks' states and markers are made while somebody reads them, and
+diagnostics that nobody reads once a second, for the recorder.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from wbc_controller.wire.messages import encode, header, message, torques
 from wbc_controller.wire.setpoints import WRENCH, wrench_stamped
 from wbc_controller.wire.topics import Direction, Endpoint
 
-#: Rows of the topic table whose messages are made while somebody reads them.
-_ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers")
+#: Rows of the topic table whose messages are made while somebody reads them; diagnostics are made less often.
+_ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
+#: Shortest time between two diagnostics that nobody reads, s.
+_UNREAD = 1.0
 #: Time between two looks at who reads them, s.
 _LOOK = 0.1
 
@@ -125,7 +128,7 @@ class Outputs:
         self._fault_said: Fault | None = None
         self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
         self._diagnostics_period = diagnostics_period
-        self._diagnostics_due = -np.inf
+        self._diagnosed = -np.inf  # when the last diagnostics were begun, s
         self._contested_said: tuple[str, ...] = ()
         self._news = False  # that the next diagnostics must not wait with
         self._composed: dict[str, Generator[None, None, None]] = {}  # messages that are on their way, by key
@@ -176,9 +179,11 @@ class Outputs:
         self._summary.add(report)
         if report.refused or report.contested != self._contested_said:
             self._news, self._contested_said = True, report.contested
-        if now >= self._diagnostics_due or (self._news and "diagnostics" not in self._composed):
-            self._news = False
-            self._diagnostics_due = now + self._diagnostics_period
+        period = self._diagnostics_period
+        if period < _UNREAD and not self._readers.subjects["diagnostics"]:
+            period = _UNREAD
+        if now - self._diagnosed >= period or (self._news and "diagnostics" not in self._composed):
+            self._news, self._diagnosed = False, now
             self._begin("diagnostics", self._summary.compose(wall, self._short))
         self._readers.look(now)
 

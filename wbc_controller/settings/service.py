@@ -54,7 +54,7 @@ class ControlSettings(Section):
     )
     weight_ramp: NonNegative = Field(0.5, le=60.0, description="Time of the ramp to new weights, gains and limits, s.")
     diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
-        10.0, description="Messages per second on /diagnostics."
+        10.0, description="Messages per second on /diagnostics, while somebody reads them; otherwise at most one."
     )
     markers_rate: NonNegative = Field(
         10.0,
