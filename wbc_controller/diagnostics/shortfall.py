@@ -13,6 +13,7 @@ from wbc_controller.records import Array, References, Solution
 
 #: Errors from which on a task is short of its reference, by unit of its position and its orientation.
 _SHORT = {"m": 0.01, "rad": 0.05}
+#: Norm of an error below which a task is near its reference, whatever its unit.
 _NEAR = min(_SHORT.values())
 #: Change of the error up to which a task no longer moves, as a share of it, and time for which it has not, s.
 _STILL, _PATIENCE = 0.02, 1.0
