@@ -177,8 +177,9 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
           "The mode; in a fault, also its code and reason."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
-          "Rates, ages, missed deadlines, stage times, task errors, binding constraints, refused inputs. At "
-          "`control.diagnostics_rate` while somebody reads it, or all of the run is recorded, otherwise once a second."),
+          "Rates, ages, missed deadlines, stage times, task errors, binding constraints, refused inputs. "
+          "At `control.diagnostics_rate` while somebody reads it, or all of the run is recorded, otherwise once a "
+          "second."),
     Topic("markers", "~/markers", "visualization_msgs/msg/MarkerArray", _OUT, COMMAND_OUT,
           "For RViz and Foxglove, in the world frame: contact forces, friction cones, support polygon, centre of mass, "
           "capture point, task errors. Made while somebody reads it, or all of the run is recorded."),
