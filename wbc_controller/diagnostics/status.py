@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.records import CycleReport, Disturbance, Mode, Solution
+from wbc_controller.records import Array, CycleReport, Disturbance, Mode, Solution
 from wbc_controller.wire.messages import diagnostics
 
+#: Times that are sorted in one piece of the message, and those of one stage more.
+_AT_ONCE = 500
 _OK, _WARN, _ERROR = 0, 1, 2
 _LEVELS = {
     Mode.INACTIVE: _OK,
@@ -49,11 +51,11 @@ class _Span:
         self.relaxed: Counter[str] = Counter()
         self.refused: list[str] = []
 
-    def times(self, stage: str) -> list[float]:
+    def times(self, stage: str) -> Array:
         """Times of a stage in all cycles that had it, s."""
-        return [
-            time for names, seconds in self.runs if stage in names for time in seconds[names.index(stage) :: len(names)]
-        ]
+        return np.concatenate(
+            [np.frombuffer(seconds)[names.index(stage) :: len(names)] for names, seconds in self.runs if stage in names]
+        )
 
 
 class StatusSummary:
@@ -122,6 +124,15 @@ class StatusSummary:
         last, taken = span.last, self._taken
         values = self._scheduling | _of_cycles(span)
         yield
+        sorted_so_far = 0
+        for stage in last.stage_seconds:
+            times = np.sort(span.times(stage)).tolist()
+            values[f"time/{stage}/median"] = f"{1e6 * statistics.median(times):.0f} us"
+            values[f"time/{stage}/max"] = f"{1e6 * times[-1]:.0f} us"
+            sorted_so_far += len(times)
+            if sorted_so_far >= _AT_ONCE:
+                sorted_so_far = 0
+                yield
         if last.solution is not None:
             values |= _of_solution(last.solution)
             yield
@@ -175,7 +186,7 @@ def _per(constraint: str) -> str:
 
 
 def _of_cycles(span: _Span) -> dict[str, str]:
-    """Key-value pairs of the loop, its stages and its inputs."""
+    """Key-value pairs of the loop and its inputs."""
     last = span.last
     values = {
         "mode": last.mode.value,
@@ -184,10 +195,6 @@ def _of_cycles(span: _Span) -> dict[str, str]:
         "deadlines_missed": str(last.deadlines_missed),
     }
     values |= {f"age/{name}": f"{age:.4f} s" for name, age in last.ages.items()}
-    for stage in last.stage_seconds:
-        times = span.times(stage)
-        values[f"time/{stage}/median"] = f"{1e6 * statistics.median(times):.0f} us"
-        values[f"time/{stage}/max"] = f"{1e6 * max(times):.0f} us"
     values |= {f"task_weight/{name}": f"{weight:.5g}" for name, weight in last.weights.items()}
     return values
 
