@@ -7,6 +7,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -63,11 +64,16 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     assert stored == bench._payloads["effort", ""]
 
 
-def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path):
+@pytest.mark.parametrize("late", [False, True])
+def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path, late):
     path = tmp_path / "a.mcap"
     run = record(path)
+    scribe = threading.Event()
+    if late:  # what the recorder's thread makes of early cycles is written last
+        run.recorder._jobs.put(lambda: b"" * scribe.wait())
     run.stand(30)
     run.bench.loop._shut_down()  # the last torques belong to no cycle
+    scribe.set()
     run.recorder.close()
     contents, waiting, cycles = Contents(), [], []
     for number, at, _ in read(path, contents):

@@ -113,7 +113,7 @@ class Writer:
         self._groups: list[tuple[int, bytes, int, int]] = []
         self._pinned: dict[int, tuple[int, bytes]] = {}
         self._with_the_cycle: list[tuple[int, bytes]] = []
-        self._last = 0  # time of the last frame that had one, ns
+        self._last = 0  # latest time of a frame, ns; the recorder's thread sends some behind later cycles
         self._builder = ChunkBuilder()
         self._begun = 0.0  # when the chunk was, s
         self._ring: deque[Chunk] = deque()
@@ -131,9 +131,9 @@ class Writer:
 
     def take(self, code: int, at: int, payload: bytes) -> None:
         """Take one frame."""
-        self._last = at or self._last
+        self._last = max(at, self._last)
         if code == CYCLE:
-            self._date()
+            self._date(at)
             for channel, prefix, start, end in self._groups:
                 self._add(channel, at, prefix + payload[start:end])
         elif code == TOPICS:
@@ -150,10 +150,10 @@ class Writer:
         else:
             self._add(code, at, payload)
 
-    def _date(self) -> None:
+    def _date(self, at: int) -> None:
         """Add the messages whose time is now known."""
         for channel, payload in self._with_the_cycle:
-            self._add(channel, self._last, payload)
+            self._add(channel, at, payload)
         self._with_the_cycle.clear()
 
     def _add(self, channel: int, at: int, payload: bytes) -> None:
@@ -189,7 +189,7 @@ class Writer:
 
     def end(self, reason: str = "") -> None:
         """Write all that is left, and close every file; for a reason, write the last seconds too."""
-        self._date()
+        self._date(self._last)
         if reason:
             self._trigger(reason)
         self.flush()
