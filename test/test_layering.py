@@ -25,7 +25,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "records": ((), ("numpy",)),
     "settings": ((), ("pydantic", "yaml")),
     "mechanics": ((), ("numpy", "scipy", "pinocchio")),
-    "kernels": ((), ("numpy", "numba")),
+    "kernels": ((), ("numpy", "numba", "llvmlite")),  # a part of Numba
     "core/arrays": ((), ("numpy", "scipy")),
     "core/tunable": ((), ()),
     "core/robot": (("core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from wbc_controller import kernels
-from wbc_controller.kernels import compiled
+from wbc_controller.kernels import arguments, compiled
 from wbc_controller.kernels.active_set import residuals
 from wbc_controller.kernels.compiled import Bound
 
@@ -77,16 +77,105 @@ def test_another_module_beside_it_compiles_it_anew(file):
         assert float(done.stdout) == 3.0 * (2.0 + added)
 
 
-def test_types_that_were_not_named_are_refused_and_not_compiled(file):
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.ones(3, dtype=np.float32),
+        np.ones(3, dtype=np.int64),
+        np.ones(3).astype(">f8"),
+        np.ones((2, 2)),
+        np.array(1.0),
+        np.ones(6)[::2],
+        np.frombuffer(bytes(25), offset=1),
+        np.ones(3).view(type("Other", (np.ndarray,), {})),
+        [1.0, 2.0],
+        None,
+    ],
+    ids=["float32", "int64", "swapped", "matrix", "scalar", "gaps", "not aligned", "another class", "list", "none"],
+)
+def test_types_that_were_not_named_are_refused(file, values):
     total = load(file).total
-    for values in (np.ones(3, dtype=np.float32), np.ones((2, 2)), np.ones(6)[::2], [1.0, 2.0]):
-        with pytest.raises(TypeError, match="No matching definition"):
-            total(values, 2.0)
+    with pytest.raises(
+        TypeError, match="takes an array of float64 with 1 axes, aligned, row by row; it was given"
+    ) as told:
+        total(values, 2.0)
+    assert str(told.value).endswith(repr(values))
+
+
+def test_numbers_of_other_types_are_read_and_too_few_or_many_arguments_refused(file):
+    total = load(file).total
+    assert total(np.ones(3), 2) == 6.0
+    for given in ((), (np.ones(3),), (np.ones(3), 2.0, 3.0)):
+        with pytest.raises(TypeError, match="expected 2 arguments"):
+            total(*given)
+    with pytest.raises(TypeError):
+        total(np.ones(3), "x")
+
+
+def test_what_cannot_be_written_is_read_and_not_written(file):
     frozen = np.ones(3)
     frozen.setflags(write=False)
-    assert total(frozen, 2) == 6.0  # reading needs no more
-    with pytest.raises(TypeError, match="No matching definition"):  # and writing does
+    assert load(file).total(frozen, 2.0) == 6.0
+    with pytest.raises(TypeError, match="row by row, to be written; it was given"):
         residuals(np.ones((1, 2)), np.ones((2, 1)), np.zeros(0), frozen)
+
+
+def test_arrays_in_any_order_are_read_by_their_strides(file):
+    file.write_text(SOURCE.replace("VECTOR", "ANY_VECTOR"), encoding="utf-8")
+    total = load(file).total
+    values = np.arange(12.0).reshape(3, 4)
+    for each in (
+        values[1],
+        values[:, 2],
+        values[::-1, 0],
+        values[0, :0],
+        values.T[3],
+        np.frombuffer(bytes(range(25)), offset=1),
+    ):
+        assert total(each, 2.0) == 2.0 * each.sum()
+
+
+def test_a_matrix_is_read_by_its_shape(file):
+    source = SOURCE.replace("VECTOR", "ANY_MATRIX").replace("range(len(values))", "range(values.shape[0])")
+    file.write_text(source.replace("factor * values[i]", "factor * values[i, -1] + values.shape[1]"), encoding="utf-8")
+    total = load(file).total
+    values = np.arange(12.0).reshape(3, 4)
+    for each in (values, values.T, values[::2, 1:3]):
+        assert total(each, 2.0) == 2.0 * each[:, -1].sum() + len(each) * each.shape[1]
+
+
+def test_bytes_are_read_and_nothing_else_that_holds_bytes(file):
+    file.write_text(SOURCE.replace("VECTOR", "BYTES"), encoding="utf-8")
+    total = load(file).total
+    assert total(bytes(range(200, 210)), 1.0) == sum(range(200, 210))
+    assert total(b"", 1.0) == 0.0
+    for other in (bytearray(b"abc"), memoryview(b"abc"), "abc", np.frombuffer(b"abc", dtype=np.uint8)):
+        with pytest.raises(TypeError, match="takes bytes; it was given"):
+            total(other, 1.0)
+
+
+def test_a_call_leaves_no_reference_and_no_memory_behind(file):
+    total, values, content = load(file).total, np.ones(3), bytes(40)
+    assert total(values, 2.0) == 6.0
+    before = sys.getrefcount(values), sys.getrefcount(None)
+    for _ in range(100):
+        total(values, 2.0)
+        with pytest.raises(TypeError):
+            total(content, 2.0)
+    assert sys.getrefcount(values) == before[0]
+    assert abs(sys.getrefcount(None) - before[1]) < 50
+
+
+def test_another_layout_of_objects_is_found_at_the_import(monkeypatch):
+    arguments.see_fields()
+    for field in ("_TYPE", "_SIZE", "_CONTENT", "_DATA", "_NDIM", "_DTYPE", "_FLAGS", "_ORDER", "_NUMBER"):
+        with monkeypatch.context() as patched:
+            patched.setattr(arguments, field, getattr(arguments, field) + 8)
+            with pytest.raises(ImportError, match="keeps arrays in another way"):
+                arguments.see_fields()
+    monkeypatch.setattr(arguments, "_SHAPE", arguments._STRIDES)
+    with pytest.raises(ImportError, match="keeps arrays in another way"):
+        arguments.see_fields()
 
 
 def test_a_table_holds_numbers_as_they_are_and_arrays_by_address_and_keeps_them():
@@ -136,7 +225,9 @@ def test_a_kernel_imports_kernels_alone(file):
     }
     ours = {module for module in imported if module.startswith("wbc_controller.")}
     if file.stem == "__init__":
-        assert {path.stem for path in file.parent.glob("*.py")} - {"__init__", "compiled"} == set(kernels.__all__)
+        assert {path.stem for path in file.parent.glob("*.py")} - {"__init__", "arguments", "compiled"} == set(
+            kernels.__all__
+        )
     else:
         assert all(
             module.startswith("wbc_controller.kernels.") or module == "wbc_controller.records" for module in ours

@@ -1,9 +1,9 @@
 """Compiling functions to machine code, once per machine.
 
 Numba compiles what `compiled` decorates for the types that are given, and for no others: a call with other types raises
-a TypeError, so that nothing is ever compiled in a control cycle. The machine code is kept beside the source, or, where
-that folder is read-only, in the user's cache folder; the environment variable ``NUMBA_CACHE_DIR`` names another one. It
-is made anew where a file of that folder, Numba, or the processor is another one.
+a TypeError (`arguments`), so that nothing is ever compiled in a control cycle. The machine code is kept beside the
+source, or, where that folder is read-only, in the user's cache folder; the environment variable ``NUMBA_CACHE_DIR``
+names another one. It is made anew where a file of that folder, Numba, or the processor is another one.
 
 Without ``fastmath`` sums are taken in the order in which they are written: the same bits in every run.
 """
@@ -24,28 +24,30 @@ from numba import types
 from numba.core.caching import InTreeCacheLocator, UserProvidedCacheLocator, UserWideCacheLocator
 from numba.extending import intrinsic
 
+from wbc_controller.kernels.arguments import Borrowed, BorrowedBytes
+
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 INTEGER, FLAG, NUMBER = types.int64, types.boolean, types.float64
-#: Arrays that are only read: without gaps, row by row, and any.
-VECTOR = types.Array(types.float64, 1, "C", readonly=True)
-ROWS = types.Array(types.float64, 2, "C", readonly=True)
-ANY_VECTOR = types.Array(types.float64, 1, "A", readonly=True)
-ANY_MATRIX = types.Array(types.float64, 2, "A", readonly=True)
-INDICES = types.Array(types.int64, 1, "C", readonly=True)
-SIGN_ROWS = types.Array(types.int8, 2, "C", readonly=True)
-#: A `bytes` object; nothing else that holds bytes is accepted.
-BYTES = types.Bytes(types.uint8, 1, "C", readonly=True)
+#: Arrays that are only read: without gaps, row by row, and any, as they lie in messages, too.
+VECTOR = Borrowed(types.float64, 1, "C", readonly=True)
+ROWS = Borrowed(types.float64, 2, "C", readonly=True)
+ANY_VECTOR = Borrowed(types.float64, 1, "A", readonly=True, aligned=False)
+ANY_MATRIX = Borrowed(types.float64, 2, "A", readonly=True, aligned=False)
+INDICES = Borrowed(types.int64, 1, "C", readonly=True)
+SIGN_ROWS = Borrowed(types.int8, 2, "C", readonly=True)
+#: A `bytes` object.
+BYTES = BorrowedBytes(types.uint8, 1, "C", readonly=True)
 #: Arrays that are written.
-VECTOR_OUT = types.Array(types.float64, 1, "C")
-ROWS_OUT = types.Array(types.float64, 2, "C")
-ANY_MATRIX_OUT = types.Array(types.float64, 2, "A")
+VECTOR_OUT = Borrowed(types.float64, 1, "C")
+ROWS_OUT = Borrowed(types.float64, 2, "C")
+ANY_MATRIX_OUT = Borrowed(types.float64, 2, "A")
 
 #: More entries than any table has.
 _MOST_ENTRIES = 32
 #: What `Bound` gives.
-TABLE = types.Array(types.int64, 1, "C", readonly=True)
+TABLE = Borrowed(types.int64, 1, "C", readonly=True)
 
 
 @cache
@@ -58,6 +60,10 @@ class _WholeFolder:
     """Where compiled code is kept: it is that of all modules beside its own, as it contains functions of theirs."""
 
     _py_file: str
+
+    def get_disambiguator(self) -> str:
+        """Part of the files' names: older code cannot read what the types of arguments are in newer files."""
+        return f"{super().get_disambiguator()}-borrowed"  # type: ignore[misc]  # of the locator beside it
 
     def get_source_stamp(self) -> str:
         paths = sorted(Path(self._py_file).parent.glob("*.py"))
@@ -199,7 +205,9 @@ def compile_all() -> None:
         _nowhere_kept.clear()
     for count, (dispatcher, arguments) in enumerate(_pending, 1):
         dispatcher.compile(arguments)
-        dispatcher.disable_compile()
+        # Python calls the machine code itself: it sees what it is given, and Numba's dispatcher would do so again.
+        (found,) = dispatcher.overloads.values()
+        dispatcher.py_func.__globals__[dispatcher.py_func.__name__] = found.entry_point
         if sum(dispatcher.stats.cache_misses.values()):
             name = dispatcher.py_func.__name__
             if not missing:
