@@ -808,15 +808,23 @@ def test_weights_and_activations_that_change_are_noticed_in_whatever_mapping(rob
     assert np.abs(seen[1][0] - seen[2][0]).max() > 1e-3
 
 
-def test_a_reference_of_another_shape_is_refused_though_all_of_it_is_as_long(robots):
+@pytest.mark.parametrize(
+    ("more", "sizes"),
+    [
+        ((1, -1, 0), "4 positions, 2 velocities and 3 accelerations"),
+        ((1, 0, 0), "4 positions, 3 velocities and 3 accelerations"),
+        ((0, 1, 0), "3 positions, 4 velocities and 3 accelerations"),
+        ((0, 0, 1), "3 positions, 3 velocities and 4 accelerations"),
+    ],
+)
+def test_a_reference_of_another_size_is_refused_though_all_of_it_may_be_as_long(robots, more, sizes):
     g1 = robots["g1"]
     state, references, before = g1.random_problem(3)
     g1.controller.solve(state, references, before)
     com = references.tasks["com"]
-    shifted = Reference(np.append(com.position, 0.0), com.velocity[:-1].copy(), com.acceleration)
-    with pytest.raises(
-        ValueError, match=r"'com' has 4 positions, 2 velocities and 3 accelerations; expected 3, 3 and 3"
-    ):
+    arrays = (com.position, com.velocity, com.acceleration)
+    shifted = Reference(*(np.resize(array, 3 + count) for array, count in zip(arrays, more, strict=True)))
+    with pytest.raises(ValueError, match=f"'com' has {sizes}; expected 3, 3 and 3"):
         g1.controller.solve(state, replace(references, tasks={**references.tasks, "com": shifted}), before)
 
 

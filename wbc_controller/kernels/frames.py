@@ -15,6 +15,7 @@ import numpy as np
 
 from wbc_controller.kernels.compiled import (
     ANY_VECTOR,
+    INTEGER,
     ROWS,
     TABLE,
     VECTOR,
@@ -316,6 +317,30 @@ def _joint_targets(
         minus_target[column] = numbers[5 * count + i] * asked
         rest += 0.5 * numbers[6 * count + i] * asked * asked
     return rest
+
+
+@compiled(ANY_VECTOR, ANY_VECTOR, ANY_VECTOR, INTEGER, VECTOR_OUT)
+def take_reference(position: Array, velocity: Array, acceleration: Array, size: int, wanted: Array) -> bool:
+    """Put a reference where `fill_rows` reads it.
+
+    Args:
+        position: in the form of its task, (length,).
+        velocity: (size,).
+        acceleration: (size,).
+        size: number of the task's components.
+        wanted: the three of them, one after the other, (length + 2 size,).
+
+    Returns:
+        Whether they have these sizes; otherwise nothing is taken.
+    """
+    length = len(wanted) - 2 * size
+    if len(position) != length or len(velocity) != size or len(acceleration) != size:
+        return False
+    for i in range(length):
+        wanted[i] = position[i]
+    for i in range(size):
+        wanted[length + i], wanted[length + size + i] = velocity[i], acceleration[i]
+    return True
 
 
 @compiled(TABLE, VECTOR, VECTOR, VECTOR_OUT)

@@ -10,37 +10,37 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.task import MotionTask
 from wbc_controller.kernels.compiled import Bound
-from wbc_controller.kernels.frames import JOINTS, MOMENTUM
+from wbc_controller.kernels.frames import JOINTS, MOMENTUM, take_reference
 from wbc_controller.records import Array, Reference
 
 
 class _Followed:
     """A task whose gains and reference are copied where compiled code reads them, when they change."""
 
-    __slots__ = ("_gains", "_length", "_newest", "_size", "_task", "_wanted", "name", "reference", "shares")
+    __slots__ = ("_gains", "_newest", "_size", "_task", "_wanted", "name", "reference", "shares")
 
     def __init__(self, task: MotionTask, numbers: Array) -> None:
         """Take views of the numbers after the task's constants."""
         self.name, self._task = task.name, task
         self.reference: Reference | None = None  # that need not be copied again
         self._newest: Reference | None = None
-        self._size, self._length = size, length = task.size, task.form.size
-        gains, self._wanted, self.shares = np.split(numbers, np.cumsum([2 * size, length + 2 * size]))
+        self._size = size = task.size
+        gains, self._wanted, self.shares = np.split(numbers, np.cumsum([2 * size, task.form.size + 2 * size]))
         self._gains = gains.reshape(2, size)
 
     def follow(self, reference: Reference) -> None:
         """Take over a reference.
 
         Raises:
-            ValueError: where one of its arrays has another shape.
+            ValueError: where one of its arrays has another size.
+            TypeError: where one of them is no array of float64 with one axis.
         """
         arrays = position, velocity, acceleration = reference.position, reference.velocity, reference.acceleration
-        if len(position) != self._length or len(velocity) != self._size or len(acceleration) != self._size:
+        if not take_reference(position, velocity, acceleration, self._size, self._wanted):
             raise ValueError(
                 f"the reference of task {self.name!r} has {len(position)} positions, {len(velocity)} velocities and "
-                f"{len(acceleration)} accelerations; expected {self._length}, {self._size} and {self._size}"
+                f"{len(acceleration)} accelerations; expected {self._task.form.size}, {self._size} and {self._size}"
             )
-        np.concatenate(arrays, out=self._wanted)
         again, self._newest = reference is self._newest, reference
         # One that moves is not asked; one that can be written may be another one in the next cycle.
         self.reference = reference if again and not any(array.flags.writeable for array in arrays) else None
