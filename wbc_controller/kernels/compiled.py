@@ -122,9 +122,9 @@ def as_part(function: _Function) -> _Function:
 class Bound:
     """Numbers and arrays that a compiled function works on in every cycle, in a table.
 
-    To hand over an array takes 50 ns, and a microsecond where the caches hold nothing of it: as long as to compute with
-    it. A table holds its address once and for all; `vector`, `matrix`, `indices` and `signs` make an array of it again.
-    The arrays live as long as the table's owner.
+    What is handed over is collected by Python and compared with its type in every call. A table holds the addresses of
+    arrays that stay once and for all; `vector`, `matrix`, `indices` and `signs` make arrays of them again. The arrays
+    live as long as the table's owner.
 
     Attributes:
         table: integers as they are, and addresses of arrays, in the order given.
