@@ -53,6 +53,14 @@ def test_the_first_start_says_that_it_compiles_and_the_next_one_finds_it(file, c
     assert not caplog.messages
 
 
+def test_what_is_kept_has_other_names_than_older_code_looks_for(file):
+    """Older code in the same folder cannot read the types of arguments, and would end at the import."""
+    load(file)
+    kept = [each.name for each in file.parent.rglob("*.nb[ci]")]
+    assert len(kept) == 2
+    assert all("-borrowed." in name for name in kept)
+
+
 def test_another_source_is_compiled_anew(file):
     assert load(file).total(np.ones(3), 2.0) == 6.0
     file.write_text(SOURCE.replace("found = 0.0", "found = 1.25"), encoding="utf-8")

@@ -1,7 +1,7 @@
 """What compiled functions take from Python: arrays and bytes, seen to be of their type, then read in place.
 
 Numba's dispatcher looks up the type of each argument and what was compiled for it, and its runtime counts each array.
-That takes half a microsecond a call, and ten where the caches hold nothing of it. A function that is compiled for one
+That takes five times as long as the call itself (``python benchmarks/calls.py``). A function that is compiled for one
 type of each argument needs none of it: its arguments are compared with these types, and borrowed, as the caller holds
 them until it returns.
 """
