@@ -90,8 +90,8 @@ _nowhere_kept: list[str] = []  # why functions cannot be kept for the next start
 def compiled(*arguments: types.Type) -> Callable[[_Function], _Function]:
     """Compile a function for arguments of these types, when `compile_all` is called.
 
-    Until then its name in its module is Numba's dispatcher, of which `as_part` makes parts of others; from then on it is
-    the machine code, which takes arguments by position alone.
+    Until then its name in its module is Numba's dispatcher, of which `as_part` makes parts of others. From then on it
+    is the machine code, which takes arguments by position alone.
 
     Args:
         *arguments: the types of its arguments, in order.
