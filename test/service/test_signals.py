@@ -32,8 +32,9 @@ for _ in range(60):
 
 #: A command that has started something, and is ended.
 STARTED = """
-import sys, time
+import signal, sys, time
 from wbc_controller.service.signals import exit_by_signals
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup, which has processes go on
 exit_by_signals()
 try:
     print("started", flush=True)
