@@ -8,7 +8,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.references.changes import EnableTask, SetWeight
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
@@ -27,14 +30,14 @@ NAN = float("nan")
 class Wire:
     """`Inputs` and whoever publishes to it."""
 
-    def __init__(self, settings, model, q, velocity_filter=None):
+    def __init__(self, settings, model, q, velocity_filter=None, clock_tolerance=None):
         self.settings, self.model, self.q = settings, model, q
         self.clock = ManualClock(50.0)
         bus = MemoryBus()
         topics = controller_endpoints(settings, model)
         self.inputs = Inputs(
             model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock,
-            velocity_filter=velocity_filter,
+            velocity_filter=velocity_filter, clock_tolerance=clock_tolerance,
         )  # fmt: skip
         user = MemoryTransport(bus)
         self.publish = {
@@ -122,7 +125,6 @@ def test_ages_count_from_arrival_not_from_the_stamp(go2, state):
     assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.02, "odom": 0.02})
     go2.clock.time += 0.02
     assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.04, "odom": 0.04})
-    assert go2.inputs.age_of_joint_states() == pytest.approx(0.04)
 
 
 def bad_joint_states(make, model):
@@ -315,8 +317,6 @@ def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, state, make, m
 
 
 def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
-    from wbc_controller.assembly.robot import make_model
-
     settings, _ = robot_of("go2")
     fixed = changed(settings, {"robot": {"base": "fixed"}})
     model = make_model(fixed)
@@ -327,6 +327,93 @@ def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
     assert set(latched.ages) == {"joint_states"}
     assert latched.state.q.shape == (model.na,)
     assert not latched.refused
+
+
+#: Of each cycle: what comes on a topic, None where nothing does; by how much its stamp is off, s; and how long our
+#: clock went on before, s.
+CYCLES = st.lists(
+    st.tuples(
+        *[
+            st.tuples(
+                st.sampled_from(["good", "good", "good", None, "other shape", "not finite", "bad quaternion"]),
+                st.sampled_from([0.0, 0.0, 0.0, -0.0003, 0.02, -0.01, 0.4, -5.0]),
+            )
+        ]
+        * 2,
+        st.sampled_from([0.002, 0.002, 0.002, 0.0, 0.04, 0.4]),
+    ),
+    min_size=5,
+    max_size=40,
+)
+
+
+@pytest.mark.parametrize("base", ["floating", "fixed"])
+@pytest.mark.parametrize("tolerance", [None, 0.015])
+@given(cycles=CYCLES, seed=st.integers(0, 1000))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+def test_states_read_at_once_are_those_read_one_by_one(
+    robot_of, stance_of, changed, make, base, tolerance, cycles, seed
+):
+    own, _ = robot_of("go2")
+    own = changed(own, {"robot": {"base": base}})
+    model, random = make_model(own), np.random.default_rng(seed)
+    both = [Wire(own, model, stance_of("go2"), clock_tolerance=tolerance) for _ in range(2)]
+    both[1].inputs._measured = False
+    for (odometry, base_off), (joints, off), passed in [(("good", 0.0),) * 2 + (0.002,)] * 3 + cycles:
+        time = both[0].clock.time = both[1].clock.time = both[0].clock.time + passed
+        pose, twist = stance_of("go2")[:7] + random.normal(0.0, 0.01, 7), random.normal(0.0, 0.1, 6)
+        q, v = random.normal(0.0, 1.0, (2, model.na))
+        if odometry == "not finite":
+            twist[random.integers(6)] = NAN
+        if odometry == "bad quaternion":
+            pose[3:] *= 1.5
+        if joints == "not finite":
+            v[random.integers(model.na)] = NAN
+        child = "" if odometry == "other shape" else model.base_link
+        names = model.joints[::-1] if joints == "other shape" else model.joints
+        for wire in both:
+            if odometry is not None:
+                wire.send("odom", make.odom(pose, twist, child, round((time + base_off) * 1e9)))
+            if joints is not None:
+                wire.send("joint_states", make.joint_state(names, q, v, time=round((time + off) * 1e9)))
+        once, one_by_one = (wire.inputs.latch() for wire in both)
+        assert (once.state is None) == (one_by_one.state is None)
+        if once.state is not None:
+            assert once.state.stamp == one_by_one.state.stamp
+            assert once.state.q.tobytes() == one_by_one.state.q.tobytes()
+            assert once.state.v.tobytes() == one_by_one.state.v.tobytes()
+            assert not once.state.q.flags.writeable
+            assert not once.state.v.flags.writeable
+        if once.joint_velocity is not None:
+            assert once.joint_velocity.tobytes() == one_by_one.joint_velocity.tobytes()
+        assert once.ages == one_by_one.ages
+        assert (once.stood, once.refused) == (one_by_one.stood, one_by_one.refused)
+        assert both[0].inputs.notes() == both[1].inputs.notes()
+
+
+@pytest.mark.parametrize("slow", [1, 3])
+@pytest.mark.parametrize("tolerance", [None, 0.015])
+def test_good_states_are_read_at_once(robot_of, stance_of, make, monkeypatch, slow, tolerance):
+    own, model = robot_of("go2")
+    wire = Wire(own, model, stance_of("go2"), clock_tolerance=tolerance)
+    looked = []
+    closely = Inputs._one_by_one
+
+    def one_by_one(self, *arguments, **named):
+        looked.append(cycle)
+        return closely(self, *arguments, **named)
+
+    monkeypatch.setattr(Inputs, "_one_by_one", one_by_one)
+    for cycle in range(60):
+        wire.clock.time += 0.002
+        if cycle == 30:  # a new time, of a simulator that was started again
+            wire.inputs.restart()
+        stamp = round(wire.clock.time * 1e9)
+        if cycle % slow == 0:
+            wire.send("odom", make.odom(wire.q[:7], [0.1] * 6, model.base_link, stamp))
+        wire.send("joint_states", make.joint_state(model.joints, wire.q[model.q_index], [0.1] * model.na, time=stamp))
+        assert not wire.inputs.latch().refused
+    assert looked == list(range(2 * slow - slow + 1))
 
 
 @pytest.mark.parametrize(

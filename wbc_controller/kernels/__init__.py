@@ -19,6 +19,8 @@ from wbc_controller.kernels import (
     placements,
     program,
     self_collision,
+    stamps,
+    states,
     supervision,
 )
 from wbc_controller.kernels.compiled import compile_all
@@ -37,5 +39,7 @@ __all__ = [
     "placements",
     "program",
     "self_collision",
+    "stamps",
+    "states",
     "supervision",
 ]

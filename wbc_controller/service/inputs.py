@@ -33,6 +33,7 @@ from wbc_controller.estimation.holding import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.messages import assemble
+from wbc_controller.kernels.states import latch
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.contact_sensors import KEYS, ContactSensors
@@ -230,7 +231,11 @@ class Inputs:
             else:
                 transport.subscribe(endpoint, partial(self._put_request, endpoint))
         self._trigger = next(box for box in self._boxes if box.endpoint.key == "joint_states")
-        self._odometry = self._parts.get("odom")
+        self._odometry = next((box for box in self._boxes if box.endpoint.key == "odom"), None)
+        self._measured = estimator is None and velocity_filter is None  # whether the state is what messages say
+        #: What its readers knew when the tables were made for `_at_once`.
+        self._known: tuple[Bound | None, Bound | None] = None, None
+        self._tables: Bound | None = None
         self._places = Bound(model.nj, model.q_index.astype(np.int64), model.v_index.astype(np.int64))
         self._no_base = np.zeros(0), np.zeros(0)
 
@@ -243,14 +248,13 @@ class Inputs:
         Raises:
             TransportError: if the transport is closed, or the topic cannot be read.
         """
-        deadline = time.monotonic() + seconds
-        while True:
-            came = self._trigger.stream.wait(max(deadline - time.monotonic(), 0.0))
+        deadline, left = time.monotonic() + seconds, seconds
+        while self._trigger.stream.wait(left):
             if self._collect(self._trigger) or self._woken:
                 self._woken = False
                 return True
-            if not came:
-                return False
+            left = max(deadline - time.monotonic(), 0.0)
+        return False
 
     def wake(self) -> None:
         """End the wait, or the next one where nobody waits. Any thread may call it."""
@@ -292,6 +296,7 @@ class Inputs:
         """Take the next stamps as those of a new time: the clock has begun anew."""
         for part in (*self._parts.values(), *((self._pose,) if self._pose is not None else ())):
             part.stamps = self._tracker()
+        self._known, self._tables = (None, None), None
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
         if self._estimator is not None:
@@ -322,10 +327,6 @@ class Inputs:
         late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
         return {"joint_velocity": f"differentiated, {late}"}
 
-    def age_of_joint_states(self) -> float:
-        """Age of the newest joint state that was decoded, s; infinite before the first."""
-        return self._joints.stamps.age(self._clock.now())
-
     def ages(self) -> dict[str, float]:
         """Age of each part of the state at this moment, by its stamp, s; infinite before the first."""
         now = self._clock.now()
@@ -342,13 +343,88 @@ class Inputs:
                 sensors at the contacts say.
             held: whether the robot is under control: absolute poses that contradict must not move its world.
         """
-        refused: list[str] = []
         for box in self._boxes:
-            newest = box.newest
-            if not newest:  # as `wait` has not just taken them
+            if not box.newest:  # as `wait` has not just taken them
                 self._collect(box)
-            while newest:
-                received, payload = newest.popleft()
+        refused: list[str] = []
+        at_once = self._at_once() if self._measured and not self._notes else None
+        state, ages, stood = at_once or self._one_by_one(holding, refused, held=held)
+        if self._reader is None:
+            while self._requests:
+                self._read.append(self._decoded(*self._requests.popleft()))
+        velocity = self._joints.v if len(self._joints.v) else None
+        about = self._about_poses() if self._pose is not None else {}
+        latched = Latched(state, velocity, ages, stood, (), (), (), 0, about)
+        if refused or self._read or self._turned_away or self._estop.is_set():
+            self._latch_requests(latched, refused)
+        return latched
+
+    def _at_once(self) -> tuple[RobotState, dict[str, float], float] | None:
+        """Read measured joint states and odometry in one call (`kernels.states`).
+
+        Returns:
+            As `_one_by_one`; None, with nothing done, where no joint states have come, or a message needs a closer
+            look: it has another shape than those before, or it may be refused.
+        """
+        joints, box = self._joints, self._odometry
+        base = box.part if box is not None else None
+        known = joints.reader.known, base.reader.known if base is not None else None
+        if known != self._known:
+            self._bind(*known)
+        if self._tables is None or not self._trigger.newest:
+            return None
+        came, payload = self._trigger.newest[0]
+        base_came, base_payload, pose, twist = came, b"", *self._no_base
+        if box is not None and base is not None:
+            pose, twist = base.q, base.v
+            if box.newest:
+                base_came, base_payload = box.newest[0]
+                pose, twist = np.empty(7), np.empty(6)
+            elif not len(twist):
+                return None
+        now, stamps, model = self._clock.now(), joints.stamps, self._model
+        positions, velocities, q, v = np.empty(model.nj), np.empty(model.nj), np.empty(model.nq), np.empty(model.nv)
+        stamp, age, base_age, stood = latch(
+            payload, base_payload, self._tables.table, came, base_came, now, stamps.ahead(), stamps.tolerance,
+            positions, velocities, pose, twist, q, v,
+        )  # fmt: skip
+        if stamp < 0:
+            return None
+        self._trigger.newest.clear()
+        joints.stamp, joints.q, joints.v = stamp, positions, velocities
+        ages = {"joint_states": age}
+        if box is not None and base is not None:
+            box.newest.clear()
+            base.q, base.v = pose, twist
+            ages["odom"] = base_age
+        return self._frozen(q, v), ages, stood
+
+    def _bind(self, joints: Bound | None, base: Bound | None) -> None:
+        """Tell compiled code where it finds the shapes of messages, and what is remembered of their stamps."""
+        self._known, self._tables = (joints, base), None
+        box = self._odometry
+        if joints is None or (box is not None and base is None):
+            return
+        memories = self._joints.stamps.memory, 0 if box is None or box.part is None else box.part.stamps.memory
+        self._tables = Bound(joints.table, 0 if base is None else base.table, *memories, self._places.table)
+
+    def _one_by_one(
+        self, holding: Collection[str], refused: list[str], *, held: bool
+    ) -> tuple[RobotState | None, dict[str, float], float]:
+        """Read every message by itself, and estimate what is not measured.
+
+        Args:
+            holding: as `latch` takes it.
+            refused: takes a sentence for each message that is refused.
+            held: as `latch` takes it.
+
+        Returns:
+            The state, the age of each part of it, s, and how far the stamps have gone on while the clock has stood
+            still, s.
+        """
+        for box in self._boxes:
+            while box.newest:
+                received, payload = box.newest.popleft()
                 try:
                     self._read_state(box, received, payload)
                 except Exception as error:
@@ -363,19 +439,7 @@ class Inputs:
                 if self._estimator.filter is not None:  # a robot that hangs at the start presses on nothing
                     self.holding = measured
             refused += self._estimate(self._estimator, self.holding, held=held)
-        if self._reader is None:
-            while self._requests:
-                self._read.append(self._decoded(*self._requests.popleft()))
-        stood = 0.0
-        for part in self._parts.values():
-            if part.stamps.stood > stood:
-                stood = part.stamps.stood
-        velocity = self._joints.v if len(self._joints.v) else None
-        about = self._about_poses() if self._pose is not None else {}
-        latched = Latched(self._state(), velocity, self.ages(), stood, (), (), (), 0, about)
-        if refused or self._read or self._turned_away or self._estop.is_set():
-            self._latch_requests(latched, refused)
-        return latched
+        return self._state(), self.ages(), max(part.stamps.stood for part in self._parts.values())
 
     def _latch_requests(self, latched: Latched, refused: list[str]) -> None:
         """Add the requests that have been read, and what was refused with the states.
@@ -555,7 +619,7 @@ class Inputs:
         for part in self._parts.values():
             if not len(part.v):
                 return None
-        joints, odometry = self._joints, self._odometry
+        joints, odometry = self._joints, self._parts.get("odom")
         pose, twist = self._no_base
         if odometry is not None:
             pose, twist = odometry.q, odometry.v
@@ -563,12 +627,16 @@ class Inputs:
             if self._base is None:
                 return None
             pose, twist = self._base
-        model = self._model
-        q, v = np.empty(model.nq), np.empty(model.nv)
+        q, v = np.empty(self._model.nq), np.empty(self._model.nv)
         assemble(self._places.table, joints.q, joints.v, pose, twist, q, v)
-        if model.followers is not None:
-            model.followers.place(q)
-            model.followers.move(v)
+        return self._frozen(q, v)
+
+    def _frozen(self, q: Array, v: Array) -> RobotState:
+        """The state of the newest joint states, with joints that follow others placed."""
+        followers = self._model.followers
+        if followers is not None:
+            followers.place(q)
+            followers.move(v)
         q.setflags(write=False)
         v.setflags(write=False)
-        return RobotState(joints.stamp, q, v)
+        return RobotState(self._joints.stamp, q, v)

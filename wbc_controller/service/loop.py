@@ -80,6 +80,7 @@ class ControlLoop:
         self._cycle = 0
         self._deadlines_missed = 0
         self._due = -math.inf  # when `run_due` waits no longer
+        self._fresh_until = -math.inf  # when the newest joint states become stale, s on the clock
         self._activate_when_fresh = False
         self._waits_for: tuple[str, ...] = ()
         self._said: dict[str, float] = {}
@@ -96,7 +97,9 @@ class ControlLoop:
         latched = self._inputs.latch(controller.holding, held=controller.mode in _UNDER_CONTROL)
         timeout, ages = controller.state_timeout, latched.ages
         stood = latched.stood
-        now = clock.now() + stood  # where a simulator's clock stands still, the time of the states goes on
+        now = clock.now()
+        self._fresh_until = now + timeout - ages["joint_states"]
+        now += stood  # where a simulator's clock stands still, the time of the states goes on
         trouble = clock.trouble()
         if trouble:
             self._inputs.restart()
@@ -290,5 +293,4 @@ class ControlLoop:
 
     def _patience(self, period: float) -> float:
         """Time to wait for the next joint state, s: until the last one is stale, then one period at a time."""
-        timeout = self.controller.state_timeout
-        return max(period, min(timeout - self._inputs.age_of_joint_states(), timeout))
+        return max(period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))

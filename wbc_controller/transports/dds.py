@@ -172,10 +172,13 @@ class DdsTransport:
 
     def is_read(self, endpoint: Endpoint) -> bool:
         """Whether somebody reads a topic that this transport has opened for writing."""
-        with self._lock, _translated(f"cannot look at {endpoint.name}"):
+        publications = self._publications.get(endpoint.name, ())
+        try:
             if self._closed:
                 raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
-            return any(each.is_read for each in self._publications.get(endpoint.name, ()))
+            return True in [each.is_read for each in publications]
+        except DDSException as error:
+            raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
 
     def close(self) -> None:
         """Stop the thread and delete all DDS entities. A second call does nothing.
@@ -277,9 +280,9 @@ class _Stream:
         self._endpoint, self._reader = endpoint, reader
         self._guard = GuardCondition(participant)
         self._triggers = dds_raw.Triggers(participant)
-        self._wakes = self._triggers.attach_guard(self._guard)
+        self._triggers.attach_guard(self._guard)
         self._triggers.attach_reader(reader)
-        self._closed = False
+        self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
         """The serialized messages since the last call, oldest first."""
@@ -296,16 +299,18 @@ class _Stream:
             raise self._is_closed()
         try:
             triggered = self._triggers.wait(seconds)
-            if self._wakes in triggered:
+            if self._woken:
+                self._woken = False
                 self._guard.take()
         except DDSException as error:
             raise TransportError(f"cannot wait for {self._endpoint.name}: {error}") from error
-        return bool(triggered)
+        return triggered
 
     def wake(self) -> None:
         """End the wait, or the next one where nobody waits."""
         if not self._closed:
             self._guard.set(True)
+            self._woken = True  # behind, so that no guard that is set is forgotten
 
     def delete(self) -> None:
         self.wake()
@@ -348,9 +353,12 @@ class _Dispatcher:
 
     def _run(self) -> None:
         try:
-            while self._stop_number not in (numbers := self._triggers.wait()):
+            numbers: list[int] = []
+            while self._stop_number not in numbers:
                 for number in numbers:
                     self._dispatch(number)
+                self._triggers.wait()
+                numbers = self._triggers.triggered()
         except Exception:
             _log.exception("the DDS reader thread died: no more messages will arrive")
 

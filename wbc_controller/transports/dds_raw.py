@@ -87,17 +87,18 @@ class Triggers:
         self._waitset = WaitSet(participant)
         self._attached: list[Any] = []
         self._numbers = (dds_c_t.attach * 0)()  # takes what has triggered
+        self._count = 0
 
     def attach_guard(self, guard: Any) -> int:
-        """Attach a guard condition; returns the number by which `wait` reports it."""
+        """Attach a guard condition; returns the number by which `triggered` reports it."""
         return self._attach(guard)
 
     def attach_reader(self, reader: Any) -> int:
-        """Attach a reader; returns the number by which `wait` reports it while it holds messages."""
+        """Attach a reader; returns the number by which `triggered` reports it while it holds messages."""
         return self._attach(ReadCondition(reader, _ANY))
 
-    def wait(self, seconds: float = math.inf) -> list[int]:
-        """Block until an attached entity has triggered, or the time is over; the numbers of some that have."""
+    def wait(self, seconds: float = math.inf) -> bool:
+        """Block until an attached entity has triggered, or the time is over; whether one has."""
         numbers, room = self._numbers, len(self._attached)
         if len(numbers) != room:
             numbers = self._numbers = (dds_c_t.attach * room)()
@@ -105,7 +106,13 @@ class Triggers:
         count = self._waitset._waitset_wait(self._waitset._ref, numbers, room, timeout)
         if count < 0:
             raise DDSException(count)
-        return [number for number in numbers[: min(count, room)] if number is not None]
+        self._count = count
+        return bool(count)
+
+    def triggered(self) -> list[int]:
+        """The numbers of some that have triggered in the last wait."""
+        numbers = self._numbers
+        return [number for number in numbers[: min(self._count, len(numbers))] if number is not None]
 
     def delete(self) -> None:
         """Delete the conditions and the wait set."""
@@ -114,7 +121,7 @@ class Triggers:
             delete(condition)
 
     def _attach(self, condition: Any) -> int:
-        # Appended first, as `wait` may report the number at once. Numbers start at 1: C returns 0 as a null pointer.
+        # Appended first, as the number may be reported at once. Numbers start at 1: C returns 0 as a null pointer.
         self._attached.append(condition)
         number = len(self._attached)
         status = self._waitset._waitset_attach(self._waitset._ref, condition._ref, ctypes.c_void_p(number))

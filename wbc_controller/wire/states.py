@@ -51,13 +51,16 @@ class StateReader(ABC):
     Messages are read by the codec, and checked, until two in a row have the same size. From then on those of the same
     shape are read in place, in one kernel, which gives the same values; a message of another shape, or with a value
     that is refused, is read by the codec again.
+
+    Attributes:
+        known: the shape, and the places of its numbers, for `kernels.messages.read`; None before two such messages.
     """
 
     type: str
 
     def __init__(self) -> None:
         self._shape: FixedShape | None = None
-        self._known: Bound | None = None  # the shape and places, for the kernel
+        self.known: Bound | None = None
         self._sizes = 0, 0
         self._size = 0  # of the last message that was read by the codec
 
@@ -72,10 +75,10 @@ class StateReader(ABC):
             InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
                 that a state can have.
         """
-        if self._known is not None:
+        if self.known is not None:
             sizes = self._sizes
             first, second = np.empty(sizes[0]), np.empty(sizes[1])
-            stamp = read(payload, self._known.table, first, second)
+            stamp = read(payload, self.known.table, first, second)
             if stamp >= 0:
                 return stamp, first, second
         return self._read(payload)
@@ -93,7 +96,7 @@ class StateReader(ABC):
             self._shape, places = shape, self._find(shape)
             sizes = self._sizes = len(places.first), len(places.second)
             stamped = int(bytes_at(shape.place("header.stamp"))[0])
-            self._known = Bound(
+            self.known = Bound(
                 len(shape.like), len(shape.edges), len(places.unmeasured), *sizes, stamped, places.quaternion,
                 np.frombuffer(shape.like, dtype=np.int8), shape.edges, places.unmeasured, places.first, places.second,
                 np.array([places.first_largest, places.second_largest]),
