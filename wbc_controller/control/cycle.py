@@ -44,8 +44,6 @@ from wbc_controller.settings.config import Config, load
 
 _log = logging.getLogger(__name__)
 
-#: What the stages of the program are called among those of a cycle; made once, as a name is hashed with each use.
-_STAGES = {name: f"compute/{name}" for name in ("build", "solve", "unpack")}
 #: Least time between two explanations of why there is no solution, s: each takes several periods.
 _EXPLAIN_PAUSE = 1.0
 
@@ -230,9 +228,13 @@ class ControlCycle:
         if self._explanation is not None:
             self._take_explanation()
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
-        if solution is not None:
-            for name, seconds_of_it in solution.stage_seconds.items():
-                stages[_STAGES[name]] = seconds_of_it
+        of_it = None if solution is None else solution.stage_seconds
+        if of_it:
+            stages |= {
+                "compute/build": of_it["build"],
+                "compute/solve": of_it["solve"],
+                "compute/unpack": of_it["unpack"],
+            }
         result = CycleResult(
             self.qp,
             now,

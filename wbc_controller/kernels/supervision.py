@@ -33,7 +33,7 @@ GAP = 0.05
 #: Σ of squares of mismatches, rad² and m², below which none is left.
 SETTLED = 1.0e-12
 #: What `compared` finds, as a sum; 0 where all values move, or rest, as the velocities say.
-ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_STILL, JOINTS_REPEAT, BASE_STILL, BASE_REPEATS = (1 << i for i in range(8))
+ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_REPEAT, BASE_REPEATS = (1 << i for i in range(6))
 
 
 @part
@@ -62,6 +62,14 @@ def _repeats(before: Array, now: Array, index: np.ndarray) -> bool:
         if not _same(before[i], now[i]):
             return False
     return True
+
+
+@part
+def _moves(v: Array, index: np.ndarray) -> bool:
+    for i in index:
+        if v[i] != 0.0:
+            return True
+    return False
 
 
 @part
@@ -151,9 +159,8 @@ def compared(table: np.ndarray, q: Array, v: Array, dt: float, some_untold: bool
 
     Returns:
         The sum of what was found: whether the state is ``ABSURD``, and no more; x is ``JUMPED`` beyond its tolerance; u
-        is ``STUCK`` beyond its own; u is not zero (``UNTOLD``); some measured joint is still (``JOINTS_STILL``), or all
-        of their positions and velocities repeat bit for bit (``JOINTS_REPEAT``); the base's x is still
-        (``BASE_STILL``), or all of its values repeat (``BASE_REPEATS``).
+        is ``STUCK`` beyond its own; u is not zero (``UNTOLD``); positions and velocities of the measured joints, or of
+        the base, repeat bit for bit, and not all of these velocities are zero (``JOINTS_REPEAT``, ``BASE_REPEATS``).
     """
     floating, limits = table[0] > 0, matrix(table[4], 3, len(v))
     q_index, v_index = indices(table[2], table[1]), indices(table[3], table[1])
@@ -194,7 +201,6 @@ def compared(table: np.ndarray, q: Array, v: Array, dt: float, some_untold: bool
         found &= ~UNTOLD
         untold[:] = 0.0
     else:
-        found |= JOINTS_STILL
         if known:
             found |= UNTOLD
             for i in range(len(v)):
@@ -202,11 +208,11 @@ def compared(table: np.ndarray, q: Array, v: Array, dt: float, some_untold: bool
                 untold[i] = keep * untold[i] + told if change[i] == 0.0 else 0.0
                 if not abs(untold[i]) <= motionless[i]:
                     found |= STUCK
-        if _repeats(before, q, q_index) and _repeats(v_before, v, v_index):
+        if _moves(v, v_index) and _repeats(before, q, q_index) and _repeats(v_before, v, v_index):
             found |= JOINTS_REPEAT
     if floating and q[0] == before[0]:
-        found |= BASE_STILL
-        if _repeats(before, q, np.arange(7)) and _repeats(v_before, v, np.arange(6)):
+        pose, twist = np.arange(7), np.arange(6)
+        if _moves(v, twist) and _repeats(before, q, pose) and _repeats(v_before, v, twist):
             found |= BASE_REPEATS
     for i in range(len(q)):
         before[i] = q[i]

@@ -55,9 +55,8 @@ _log = logging.getLogger(__name__)
 _SNAPSHOT = 2.0
 #: Cycles that are sent together: what is done for several in a row costs half as much.
 _TOGETHER = 8
-#: Most memory that messages take which wait to be sent, bytes: where the loop does not run. And that of one beside its
-#: content.
-_WAITING, _BESIDE = 8 << 20, 420
+#: Most bytes of incoming messages that wait to be sent, and the most messages: where the loop does not run.
+_WAITING, _MOST = 8 << 20, 20_000
 #: Most bytes of a topic that are recorded of the cycles that are sent together, where it is more than one message: who
 #: floods a topic must not cost the recording its cycles.
 _SHARE = 64 << 10
@@ -204,15 +203,16 @@ class Recorder:
 
     def came(self, channel: int, payload: bytes) -> None:
         """Record an incoming message, at this moment; from any thread."""
-        if self._waiting < _WAITING:
-            self._waiting += len(payload) + _BESIDE
-            self._messages.append((channel, self._stamp(), payload))
+        messages = self._messages
+        if self._waiting < _WAITING and len(messages) < _MOST:
+            self._waiting += len(payload)
+            messages.append((channel, self._stamp(), payload))
 
     def went(self, channel: int, payload: bytes) -> None:
         """Record an outgoing message, at the time of its cycle."""
-        if self._waiting < _WAITING:
-            self._waiting += len(payload) + _BESIDE
-            self._messages.append((channel, WITH_THE_CYCLE, payload))
+        messages = self._messages
+        if len(messages) < _MOST:
+            messages.append((channel, WITH_THE_CYCLE, payload))
 
     def status(self) -> dict[str, str]:
         """What became of the recordings, for `/diagnostics`: the last sentence, and how many there were."""

@@ -19,9 +19,7 @@ from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.supervision import (
     ABSURD,
     BASE_REPEATS,
-    BASE_STILL,
     JOINTS_REPEAT,
-    JOINTS_STILL,
     JUMPED,
     STUCK,
     UNTOLD,
@@ -187,15 +185,15 @@ class StateWatch:
             self._untold[:] = 0.0
         if fault is not None:  # what has led to it is forgotten
             self._mismatch[:] = 0.0
-        if not found & JOINTS_STILL:
+        if not found & JOINTS_REPEAT:
             self._joint_values.since = state.stamp
         elif fault is None:
-            fault = self._joint_values.still(state, bool(found & JOINTS_REPEAT))
+            fault = self._joint_values.still(state)
         if self._base_values is not None:
-            if not found & BASE_STILL:
+            if not found & BASE_REPEATS:
                 self._base_values.since = state.stamp
             elif fault is None:
-                fault = self._base_values.still(state, bool(found & BASE_REPEATS))
+                fault = self._base_values.still(state)
         return fault
 
     def _beyond(self, what: str, values: Array, limits: Array) -> Fault:
@@ -221,9 +219,9 @@ class _Group:
         self._v_places = v_places
         self._limit = limit
 
-    def still(self, state: RobotState, repeats: bool) -> Fault | None:
-        """Find values that repeat bit for bit although the robot moves: sensors that have died behind fresh stamps."""
-        if not repeats or state.stamp < self.since:
+    def still(self, state: RobotState) -> Fault | None:
+        """Judge values that repeat bit for bit although the robot moves: sensors that have died behind fresh stamps."""
+        if state.stamp < self.since:
             self.since = state.stamp
             return None
         lasted = 1.0e-9 * (state.stamp - self.since)

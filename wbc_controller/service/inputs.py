@@ -233,9 +233,10 @@ class Inputs:
         self._trigger = next(box for box in self._boxes if box.endpoint.key == "joint_states")
         self._odometry = next((box for box in self._boxes if box.endpoint.key == "odom"), None)
         self._measured = estimator is None and velocity_filter is None  # whether the state is what messages say
-        #: What its readers knew when the tables were made for `_at_once`.
-        self._known: tuple[Bound | None, Bound | None] = None, None
-        self._tables: Bound | None = None
+        self._sizes = model.nj, model.nq, model.nv
+        self._tables: Bound | None = None  # for `_at_once`
+        self._known: tuple[Bound | None, ...] = ()  # what the readers knew when they were made
+        self._bound = False  # whether that is looked at since messages were read one by one
         self._places = Bound(model.nj, model.q_index.astype(np.int64), model.v_index.astype(np.int64))
         self._no_base = np.zeros(0), np.zeros(0)
 
@@ -269,7 +270,7 @@ class Inputs:
                 box.newest.append((self._clock.now(), payload))
             else:
                 self._turn_away(box.endpoint, f"more than {box.largest} bytes")
-        return bool(taken) and bool(box.newest)
+        return bool(taken and box.newest)
 
     def begin(self) -> None:
         """Drop the states that have come so far: nobody has seen when they came, so that their age is not known."""
@@ -296,7 +297,7 @@ class Inputs:
         """Take the next stamps as those of a new time: the clock has begun anew."""
         for part in (*self._parts.values(), *((self._pose,) if self._pose is not None else ())):
             part.stamps = self._tracker()
-        self._known, self._tables = (None, None), None
+        self._known, self._bound = (), False
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
         if self._estimator is not None:
@@ -366,47 +367,50 @@ class Inputs:
             As `_one_by_one`; None, with nothing done, where no joint states have come, or a message needs a closer
             look: it has another shape than those before, or it may be refused.
         """
-        joints, box = self._joints, self._odometry
-        base = box.part if box is not None else None
-        known = joints.reader.known, base.reader.known if base is not None else None
-        if known != self._known:
-            self._bind(*known)
-        if self._tables is None or not self._trigger.newest:
+        if not self._bound:
+            self._bind()
+        trigger, joints, box, tables = self._trigger.newest, self._joints, self._odometry, self._tables
+        if tables is None or not trigger:
             return None
-        came, payload = self._trigger.newest[0]
-        base_came, base_payload, pose, twist = came, b"", *self._no_base
-        if box is not None and base is not None:
-            pose, twist = base.q, base.v
+        came, payload = trigger[0]
+        (pose, twist), base_came, base_payload = self._no_base, came, b""
+        if box is not None and box.part is not None:
             if box.newest:
                 base_came, base_payload = box.newest[0]
                 pose, twist = np.empty(7), np.empty(6)
-            elif not len(twist):
-                return None
-        now, stamps, model = self._clock.now(), joints.stamps, self._model
-        positions, velocities, q, v = np.empty(model.nj), np.empty(model.nj), np.empty(model.nq), np.empty(model.nv)
+            else:
+                pose, twist = box.part.q, box.part.v
+        nj, nq, nv = self._sizes
+        positions, velocities, q, v = np.empty(nj), np.empty(nj), np.empty(nq), np.empty(nv)
+        stamps = joints.stamps
         stamp, age, base_age, stood = latch(
-            payload, base_payload, self._tables.table, came, base_came, now, stamps.ahead(), stamps.tolerance,
+            payload, base_payload, tables.table, came, base_came, self._clock.now(), stamps.ahead(), stamps.tolerance,
             positions, velocities, pose, twist, q, v,
         )  # fmt: skip
         if stamp < 0:
             return None
-        self._trigger.newest.clear()
+        trigger.clear()
         joints.stamp, joints.q, joints.v = stamp, positions, velocities
-        ages = {"joint_states": age}
-        if box is not None and base is not None:
-            box.newest.clear()
-            base.q, base.v = pose, twist
-            ages["odom"] = base_age
-        return self._frozen(q, v), ages, stood
+        if box is None or box.part is None:
+            return self._frozen(q, v), {"joint_states": age}, stood
+        box.newest.clear()
+        box.part.q, box.part.v = pose, twist
+        return self._frozen(q, v), {"joint_states": age, "odom": base_age}, stood
 
-    def _bind(self, joints: Bound | None, base: Bound | None) -> None:
+    def _bind(self) -> None:
         """Tell compiled code where it finds the shapes of messages, and what is remembered of their stamps."""
-        self._known, self._tables = (joints, base), None
-        box = self._odometry
-        if joints is None or (box is not None and base is None):
+        self._bound = True
+        parts = [self._joints] + ([self._odometry.part] if self._odometry is not None and self._odometry.part else [])
+        readers = tuple(part.reader.known for part in parts)
+        if readers == self._known:
             return
-        memories = self._joints.stamps.memory, 0 if box is None or box.part is None else box.part.stamps.memory
-        self._tables = Bound(joints.table, 0 if base is None else base.table, *memories, self._places.table)
+        self._known, self._tables = (), None
+        tables = [known.table for known in readers if known is not None]
+        if len(tables) == len(parts) and all(len(part.v) for part in parts):
+            self._known = readers
+            none = [0] * (2 - len(parts))
+            memories = [part.stamps.memory for part in parts]
+            self._tables = Bound(*tables, *none, *memories, *none, self._places.table)
 
     def _one_by_one(
         self, holding: Collection[str], refused: list[str], *, held: bool
@@ -422,6 +426,7 @@ class Inputs:
             The state, the age of each part of it, s, and how far the stamps have gone on while the clock has stood
             still, s.
         """
+        self._bound = False
         for box in self._boxes:
             while box.newest:
                 received, payload = box.newest.popleft()

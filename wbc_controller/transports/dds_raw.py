@@ -47,8 +47,9 @@ def take(reader: Any, limit: int) -> list[bytes]:
     if isinstance(samples, int):
         raise DDSException(samples)
     # A sample without valid data only reports that its writer is gone.
-    if len(samples) == 1 and samples[0][1].valid_data:  # in nearly every cycle
-        return [samples[0][0]]
+    if len(samples) == 1:  # in nearly every cycle
+        payload, info = samples[0]
+        return [payload] if info.valid_data else []
     return [payload for payload, info in samples if info.valid_data]
 
 
@@ -99,11 +100,9 @@ class Triggers:
 
     def wait(self, seconds: float = math.inf) -> bool:
         """Block until an attached entity has triggered, or the time is over; whether one has."""
-        numbers, room = self._numbers, len(self._attached)
-        if len(numbers) != room:
-            numbers = self._numbers = (dds_c_t.attach * room)()
+        numbers = self._numbers
         timeout = dds_infinity if seconds == math.inf else round(1e9 * seconds)
-        count = self._waitset._waitset_wait(self._waitset._ref, numbers, room, timeout)
+        count = self._waitset._waitset_wait(self._waitset._ref, numbers, len(numbers), timeout)
         if count < 0:
             raise DDSException(count)
         self._count = count
@@ -124,6 +123,7 @@ class Triggers:
         # Appended first, as the number may be reported at once. Numbers start at 1: C returns 0 as a null pointer.
         self._attached.append(condition)
         number = len(self._attached)
+        self._numbers = (dds_c_t.attach * number)()  # whoever waits goes on with the one before
         status = self._waitset._waitset_attach(self._waitset._ref, condition._ref, ctypes.c_void_p(number))
         if status < 0:
             raise DDSException(status)
