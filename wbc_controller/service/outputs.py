@@ -7,7 +7,6 @@ diagnostics that nobody reads once a second, for the recorder.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Generator, Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -33,7 +32,7 @@ from wbc_controller.wire.topics import Direction, Endpoint
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
 #: Shortest time between two diagnostics that nobody reads, s.
 _UNREAD = 1.0
-#: Time between two looks at who reads a topic, s. A cycle looks at one topic at most.
+#: Time between two looks at who reads them, s.
 _LOOK = 0.1
 
 
@@ -51,26 +50,20 @@ class _Readers:
             for endpoint in endpoints
             if endpoint.key in _ON_DEMAND
         ]
-        self._turns = itertools.cycle(self._asked)
-        self._step = _LOOK / max(len(self._asked), 1)
         self._due = -np.inf
         self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
 
     def look(self, now: float) -> None:
-        """Look whether somebody reads the next topic, where it is time to; at first all topics.
+        """Look at who reads, where it is time to.
 
         Args:
             now: time on the clock of the loop, s.
         """
         if now < self._due:
             return
-        count = len(self._asked) if self._due == -np.inf else 1
-        self._due = max(self._due + self._step, now - self._step)
-        for key, subject, is_read in itertools.islice(self._turns, count):
-            subjects = self.subjects[key]
-            if is_read() != (subject in subjects):
-                others = tuple(each for each in subjects if each != subject)
-                self.subjects[key] = others if subject in subjects else (*others, subject)
+        self._due = now + _LOOK
+        read = [(key, subject) for key, subject, is_read in self._asked if is_read()]
+        self.subjects = {key: tuple(subject for of, subject in read if of == key) for key in _ON_DEMAND}
 
 
 class Outputs:
