@@ -127,6 +127,55 @@ def test_what_is_mapped_and_what_will_be_is_locked(calls):
     assert calls == [("mlockall", 3)]  # MCL_CURRENT | MCL_FUTURE
 
 
+@pytest.fixture
+def waking(monkeypatch, tmp_path):
+    """A file in place of the system's."""
+    file, opened = tmp_path / "cpu_dma_latency", []
+    file.touch()
+    monkeypatch.setattr(realtime, "_WAKING", file)
+    monkeypatch.setattr(realtime, "_waking", opened)
+    yield file
+    for number in opened:
+        os.close(number)
+
+
+def test_how_long_processors_may_take_to_wake_is_asked_once_and_can_be_asked_anew(waking):
+    assert "cpu_dma_latency" not in in_force()
+    for latency in (0, 20):
+        apply(RealtimeSettings(cpu_dma_latency=latency))
+        assert waking.read_bytes()[-4:] == latency.to_bytes(4, sys.byteorder)
+    (number,) = realtime._waking
+    assert not os.get_inheritable(number)  # the request must not outlive the controller in the recorder's process
+    for process in (0, os.getpid()):
+        assert in_force(process).endswith(", cpu_dma_latency held")
+    assert "held" not in in_force(os.getppid())
+
+
+def test_a_system_that_does_not_let_processors_be_kept_awake_says_what_allows_it(waking, monkeypatch):
+    monkeypatch.setattr(realtime, "_WAKING", waking / "nowhere")
+    with pytest.raises(
+        ConfigurationError,
+        match=r'cpu_dma_latency = 0: the system refuses it \(Not a directory: .*KERNEL=="nowhere", GROUP="realtime".*'
+        r"rules\.d/99-realtime\.rules.*--device .*nowhere\); see docs/real_time\.md",
+    ):
+        apply(RealtimeSettings(cpu_dma_latency=0))
+
+
+def test_processors_are_kept_awake_for_real_or_it_is_refused():
+    script = (
+        "import os, sys\n"
+        "from wbc_controller.service.realtime import _WAKING, apply, in_force\n"
+        "from wbc_controller.settings import RealtimeSettings\n"
+        "apply(RealtimeSettings(cpu_dma_latency=0))\n"
+        "print(in_force(), int.from_bytes(_WAKING.open('rb').read(4), sys.byteorder))"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    if os.access(realtime._WAKING, os.R_OK | os.W_OK):
+        assert ran.stdout.rstrip().endswith(", cpu_dma_latency held 0"), ran.stderr
+    else:
+        assert "ConfigurationError: control.realtime.cpu_dma_latency = 0: the system refuses it" in ran.stderr
+
+
 def test_a_class_that_the_system_refuses_says_what_allows_it(monkeypatch):
     def refuse(*words):
         raise PermissionError(errno.EPERM, "Operation not permitted")
@@ -279,7 +328,8 @@ def test_a_controller_runs_where_its_configuration_asks_for(restored):
         ({"priority": 100}, r"control\.realtime\.priority = 100.*less than or equal to 99"),
         ({"affinity": [-1]}, r"control\.realtime\.affinity\.0 = -1.*greater than or equal to 0"),
         ({"lock_memory": 7}, r"control\.realtime\.lock_memory = 7"),
-        ({"nice": 3}, r"control\.realtime\.nice.*Valid: affinity, lock_memory, priority, scheduling"),
+        ({"cpu_dma_latency": -1}, r"control\.realtime\.cpu_dma_latency = -1.*greater than or equal to 0"),
+        ({"nice": 3}, r"control\.realtime\.nice.*Valid: affinity, cpu_dma_latency, lock_memory, priority, scheduling"),
     ],
 )
 def test_a_value_that_is_none_is_refused_with_the_valid_ones(change, said):

@@ -175,7 +175,8 @@ class _Bench:
         try:
             yield
         finally:
-            stop.set()
+            if process.is_alive():  # whoever wakes one that was killed waits for it for ever
+                stop.set()
             process.join()
 
     def run(self, seconds: float, blocks: int, progress: Callable[[float, RoundTrips, RoundTrips], None]) -> Latency:

@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import errno
 import os
+import struct
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -28,6 +29,9 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _CAP_IPC_LOCK = 14
 #: Processors that Linux can number.
 _NUMBERS = range(1024)
+#: Where Linux is told how long processors may take to wake; what is asked holds while the file is open.
+_WAKING = Path("/dev/cpu_dma_latency")
+_waking: list[int] = []  # that file: the system closes it when the process ends, however it ends
 
 
 def apply(settings: RealtimeSettings) -> None:
@@ -46,6 +50,8 @@ def apply(settings: RealtimeSettings) -> None:
         raise ConfigurationError(f"{_KEY}: {sys.platform} has none of it, Linux does; {_HELP}")
     if settings.affinity:
         _use_processors(sorted(set(settings.affinity)))
+    if settings.cpu_dma_latency is not None:
+        _stay_awake(settings.cpu_dma_latency)
     if settings.lock_memory:
         _lock_memory()
     if settings.scheduling != "other":
@@ -69,10 +75,10 @@ def processors() -> set[int]:
 
 
 def in_force(process: int = 0) -> str:
-    """What the system says of a process's main thread, such as ``fifo 50 on processors 2, 3, memory locked``.
+    """What the system says of a process, such as ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
 
     Args:
-        process: its number; 0 for this one, with the calling thread in place of the main thread.
+        process: its number, for its main thread; 0 for the calling thread of this one.
 
     Returns:
         The words; empty where the system has no such thing.
@@ -85,7 +91,9 @@ def in_force(process: int = 0) -> str:
         words += f" {os.sched_getparam(process).sched_priority}"
     processors = sorted(os.sched_getaffinity(process))
     words += f" on processor{'s' if len(processors) > 1 else ''} {_listed(processors)}"
-    return words + (", memory locked" if int(_status("VmLck", process or "self").split()[0]) else "")
+    if int(_status("VmLck", process or "self").split()[0]):
+        words += ", memory locked"
+    return words + (", cpu_dma_latency held" if _stays_awake(process or "self") else "")
 
 
 def _use_processors(processors: list[int]) -> None:
@@ -119,6 +127,31 @@ def _schedule(name: str, priority: int) -> None:
                 f"/etc/security/limits.d and log in anew (for a systemd unit LimitRTPRIO={priority}, for a container "
                 f"--ulimit rtprio={priority}), or give the process CAP_SYS_NICE; {_HELP}"
             ) from error
+
+
+def _stay_awake(latency: int) -> None:
+    """Ask that no processor takes longer to wake than so many µs, until the process ends."""
+    key = f"{_KEY}.cpu_dma_latency = {latency}"
+    try:
+        if not _waking:
+            _waking.append(os.open(_WAKING, os.O_WRONLY))  # a process that is started does not inherit it
+        os.write(_waking[0], struct.pack("=i", latency))
+    except OSError as error:
+        raise ConfigurationError(
+            f"{key}: the system refuses it ({error.strerror}: {_WAKING}). Allow it by the line "
+            f'KERNEL=="{_WAKING.name}", GROUP="realtime", MODE="0660" in /etc/udev/rules.d/99-realtime.rules, with the '
+            f"user in that group (for a container --device {_WAKING}); {_HELP}"
+        ) from error
+
+
+def _stays_awake(process: int | str) -> bool:
+    """Whether a process asks how long processors may take to wake; False where it does not let us see."""
+    with contextlib.suppress(OSError):
+        for file in Path(f"/proc/{process}/fd").iterdir():
+            with contextlib.suppress(OSError):  # it has been closed meanwhile
+                if file.readlink() == _WAKING:
+                    return True
+    return False
 
 
 def _lock_memory() -> None:
