@@ -1,6 +1,6 @@
 """Stamps of one stream of messages, and the age of the newest, as `service.stamps` explains them.
 
-What is remembered of a stream are `SIZE` numbers: those up to `LAST_REFUSED`, and two times in ns, which are integers.
+What is remembered of a stream are `SIZE` numbers; the last two are times in ns, the bits of integers.
 """
 
 from __future__ import annotations

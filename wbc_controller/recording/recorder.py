@@ -55,7 +55,7 @@ _log = logging.getLogger(__name__)
 _SNAPSHOT = 2.0
 #: Cycles that are sent together: what is done for several in a row costs half as much.
 _TOGETHER = 8
-#: Most bytes of incoming messages that wait to be sent, and the most messages: where the loop does not run.
+#: Most bytes of incoming messages that wait for the end of a cycle, and twice the most messages.
 _WAITING, _MOST = 8 << 20, 20_000
 #: Most bytes of a topic that are recorded of the cycles that are sent together, where it is more than one message: who
 #: floods a topic must not cost the recording its cycles.
@@ -117,9 +117,10 @@ class Recorder:
         self._link = Link(plan, patient=patient)
         self._settings = settings
         self._channels: list[list[Any]] = []
-        #: All that came and went since the last batch: channel, time in ns, and content.
-        self._messages: list[tuple[int, int, bytes]] = []
-        self._waiting = 0  # bytes that they take
+        #: What stands before a message in the pipe, and the message, of all that came and went since the last batch.
+        self._messages: list[bytes] = []
+        self._waiting = 0
+        self._taken: dict[int, int] = {}  # bytes that wait, by channel
         self._left_out: Counter[int] = Counter()  # messages by channel, since the last event
         self._done: deque[bytes] = deque()  # frames of the thread
         self._jobs: queue.SimpleQueue[Callable[[], bytes] | None] = queue.SimpleQueue()
@@ -203,16 +204,21 @@ class Recorder:
 
     def came(self, channel: int, payload: bytes) -> None:
         """Record an incoming message, at this moment; from any thread."""
-        messages = self._messages
-        if self._waiting < _WAITING and len(messages) < _MOST:
-            self._waiting += len(payload)
-            messages.append((channel, self._stamp(), payload))
+        size, messages, taken = len(payload), self._messages, self._taken.get(channel, 0)
+        if size > _LARGEST or self._waiting >= _WAITING or len(messages) >= _MOST:  # where the loop does not run
+            return
+        if taken and taken + size > _SHARE:
+            self._left_out[channel] += 1
+            return
+        self._taken[channel] = taken + size
+        self._waiting += size
+        messages += (FRAME.pack(size, channel, self._stamp()), payload)
 
     def went(self, channel: int, payload: bytes) -> None:
         """Record an outgoing message, at the time of its cycle."""
         messages = self._messages
         if len(messages) < _MOST:
-            messages.append((channel, WITH_THE_CYCLE, payload))
+            messages += (FRAME.pack(len(payload), channel, WITH_THE_CYCLE), payload)
 
     def status(self) -> dict[str, str]:
         """What became of the recordings, for `/diagnostics`: the last sentence, and how many there were."""
@@ -253,17 +259,18 @@ class Recorder:
         """Send the cycles since the last call, the messages that came and went, and what the thread has made."""
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
-        messages = self._messages[:]  # other threads add to them, behind
-        del self._messages[: len(messages)]
-        self._waiting = 0
-        begin, number = 0, self._number
-        incoming: dict[int, int] = {}  # bytes by channel
+        messages, begin = self._messages, 0
+        number = self._number
         for tape, report, at, end in cycles:
-            self._add(messages[begin:end], incoming, batch)
+            batch += messages[begin:end]
             begin = end
             for taped in tape:
                 self._cycle(taped, report if taped is tape[-1] else None, at, batch)
-        self._add(messages[begin:], incoming, batch)
+        end = len(messages)  # other threads add to them, behind
+        batch += messages[begin:end]
+        del messages[:end]
+        self._waiting = 0
+        self._taken = {}
         while self._done:
             batch.append(self._done.popleft())
         trigger, self._trigger = self._trigger, None
@@ -273,20 +280,6 @@ class Recorder:
             self._lose(self._number - number)
         elif self._lost:
             self._lost, self._snapshot_due = 0, self._number
-
-    def _add(self, messages: Sequence[tuple[int, int, bytes]], incoming: dict[int, int], batch: list[bytes]) -> None:
-        """Add the frames of messages, as many of those that came in as are recorded."""
-        for channel, at, payload in messages:
-            size = len(payload)
-            if at != WITH_THE_CYCLE:
-                before = incoming.get(channel, 0)
-                if size > _LARGEST:
-                    continue
-                if before and before + size > _SHARE:
-                    self._left_out[channel] += 1
-                    continue
-                incoming[channel] = before + size
-            batch += (FRAME.pack(size, channel, at), payload)
 
     def _cycle(self, taped: Taped, report: CycleReport | None, at: int, batch: list[bytes]) -> None:
         """Add the frames of one cycle; only the last of a loop's cycle has its report."""

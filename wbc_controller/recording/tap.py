@@ -77,12 +77,12 @@ class _Tapped:
     """A stream that records what is taken from it."""
 
     def __init__(self, stream: Stream, came: Callable[[int, bytes], None], channel: int) -> None:
-        self._take, self._came, self._channel = stream.take, came, channel
+        self._stream, self._came, self._channel = stream, came, channel
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
         """The serialized messages since the last call, oldest first."""
-        taken = self._take()
+        taken = self._stream.take()
         for payload in taken:
             self._came(self._channel, payload)
         return taken

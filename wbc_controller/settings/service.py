@@ -41,7 +41,7 @@ class RealtimeSettings(Section):
     lock_memory: bool = Field(
         False, description="Keep all memory of the process in RAM, what it will allocate too (mlockall)."
     )
-    cpu_dma_latency: Annotated[int, Field(ge=0, le=2_000_000_000)] | None = Field(
+    cpu_dma_latency: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
         None,
         description="Longest time that a processor may take to wake from an idle state, µs (PM QoS), while the process "
         "runs; 0 keeps all processors of the computer awake. Unset, the system decides.",

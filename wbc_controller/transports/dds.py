@@ -172,13 +172,10 @@ class DdsTransport:
 
     def is_read(self, endpoint: Endpoint) -> bool:
         """Whether somebody reads a topic that this transport has opened for writing."""
-        publications = self._publications.get(endpoint.name, ())
-        try:
+        with _translated(f"cannot look at {endpoint.name}"):  # without the lock: the loop waits for nobody who opens topics
             if self._closed:
                 raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
-            return True in [each.is_read for each in publications]
-        except DDSException as error:
-            raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
+            return any(each.is_read for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
         """Stop the thread and delete all DDS entities. A second call does nothing.
