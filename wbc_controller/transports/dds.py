@@ -172,7 +172,7 @@ class DdsTransport:
 
     def is_read(self, endpoint: Endpoint) -> bool:
         """Whether somebody reads a topic that this transport has opened for writing."""
-        with _translated(f"cannot look at {endpoint.name}"):  # without the lock: the loop waits for nobody who opens topics
+        with _translated(f"cannot look at {endpoint.name}"):  # no lock: the loop waits for nobody who opens topics
             if self._closed:
                 raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
             return any(each.is_read for each in self._publications.get(endpoint.name, ()))
