@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from wbc_controller.cli import main
 from wbc_controller.control.cycle import ControlCycle
 from wbc_controller.core.references.board import ReferenceBoard
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.fuzz.controller_target import ControllerTarget
 from wbc_controller.fuzz.messages import fuzz_messages, load, payload_for, replay, save
@@ -22,6 +22,7 @@ from wbc_controller.fuzz.target import fuzzed_robot
 from wbc_controller.safety.guard import Guard
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.service.inputs import Inputs
+from wbc_controller.service.requests import Requests
 from wbc_controller.wire import decoding
 from wbc_controller.wire.messages import decode, encode, message
 from wbc_controller.wire.topics import (
@@ -119,13 +120,15 @@ class TestWhatIsBrokenIsFound:
         assert why.startswith("refused messages changed board_trajectories.com")
 
     def test_a_refused_message_that_is_used(self, monkeypatch):
-        original = Inputs._refusal
+        original = Requests._decoded
 
-        def broken(self, endpoint, error):
-            self._estop.set()
-            return original(self, endpoint, error)
+        def broken(self, endpoint, payload):
+            read = original(self, endpoint, payload)
+            if read.refused:
+                self._estop.set()
+            return read
 
-        monkeypatch.setattr(Inputs, "_refusal", broken)
+        monkeypatch.setattr(Requests, "_decoded", broken)
         assert "was refused, and is used all the same" in self.found("controller", 100).why
 
     def test_a_refused_message_that_changes_the_mode(self, monkeypatch):
@@ -160,16 +163,19 @@ class TestWhatIsBrokenIsFound:
         assert "ms of processor time; at most 50 ms" in self.found("controller").why
 
     def test_an_estimate_that_is_answered_to_a_refused_message(self, monkeypatch):
-        original = Inputs._refusal
+        original = Inputs._read_state
 
-        def broken(self, endpoint, error):
-            if self.estimator is not None and self.estimator.base is not None:
-                self.estimator._running._last = dataclasses.replace(
-                    self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
-                )
-            return original(self, endpoint, error)
+        def broken(self, *arguments):
+            try:
+                original(self, *arguments)
+            except InputRefused:
+                if self.estimator is not None and self.estimator.base is not None:
+                    self.estimator._running._last = dataclasses.replace(
+                        self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
+                    )
+                raise
 
-        monkeypatch.setattr(Inputs, "_refusal", broken)
+        monkeypatch.setattr(Inputs, "_read_state", broken)
         assert "was refused" in self.found("estimator", 200).why
 
     def test_an_estimate_without_a_covariance(self, monkeypatch):

@@ -15,7 +15,7 @@ from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.references.changes import EnableTask, SetWeight
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
-from wbc_controller.service import inputs
+from wbc_controller.service import requests
 from wbc_controller.service.clock import ManualClock
 from wbc_controller.service.inputs import Inputs
 from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
@@ -225,7 +225,7 @@ def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
     """Whoever sends, reads and latches at the same time: each request is taken once, in order, or counted."""
     sent, taken, counted = 2000, [], 0
     if reader:
-        go2.inputs.start_reader()
+        go2.inputs.requests.start_reader()
 
     def write():
         for i in range(sent):
@@ -239,7 +239,7 @@ def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
         taken += [int(word) for word in latched.commands]
         counted += sum(int(sentence.split(": ")[1].split()[0]) for sentence in latched.refused)
     thread.join()
-    go2.inputs.stop_reader()
+    go2.inputs.requests.stop_reader()
     assert len(taken) + counted == sent
     assert taken == sorted(set(taken))
 
@@ -287,7 +287,7 @@ def test_changes_of_the_settings_are_prepared_where_they_are_read(go2, make):
         if "safety" in change:
             raise ConfigurationError("not while it runs")
 
-    go2.inputs._prepare = prepare
+    go2.inputs.requests._prepare = prepare
     go2.send("update", make.string("{control: {weight_ramp: 0.9}}"))
     go2.send("update", make.string("{safety: {damping: 1.0}}"))
     latched = go2.inputs.latch()
@@ -469,11 +469,11 @@ def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkey
         slept.append(seconds)
         done.set()
 
-    monkeypatch.setattr(inputs, "time", SimpleNamespace(perf_counter=lambda: next(times), sleep=sleep))
-    go2.inputs.start_reader()
+    monkeypatch.setattr(requests, "time", SimpleNamespace(perf_counter=lambda: next(times), sleep=sleep))
+    go2.inputs.requests.start_reader()
     go2.send("command", make.string("activate"))
     assert done.wait(20.0)
-    go2.inputs.stop_reader()
+    go2.inputs.requests.stop_reader()
     assert slept == [3.0]  # each reading takes one second of that clock
 
 

@@ -1,22 +1,18 @@
-"""The border: what comes in, on which thread it is read, within which limits, and what one cycle sees of it.
+"""The border: what comes in, within which limits, and what one cycle sees of it.
 
 - States wait in the transport until the loop's thread takes them: no other thread runs when one comes. Requests are
-  stored as bytes by callbacks on the transport's thread, where an emergency stop is recognized: no queue of requests
-  can delay it. Messages over their size are counted and dropped.
-- Requests are decoded and validated on a thread of their own, `reader`, which leaves the loop most of the processor.
-  Where no such thread runs, as in lockstep, they are decoded when a cycle latches its inputs.
-- A cycle decodes at most one joint state and one odometry, the newest, and takes at most `_MOST_PER_CYCLE` requests.
-  Where the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them, absolute
-  poses, at most `_MOST_POSES`, and of each sensor at a contact the newest message.
+  those of `service.requests`. Messages over their size are counted and dropped.
+- A cycle decodes at most one joint state and one odometry, the newest, and takes a bounded number of requests. Where
+  the base is estimated, it decodes the IMU data since the last cycle, at most `_MOST_IMU` of them, absolute poses, at
+  most `_MOST_POSES`, and of each sensor at a contact the newest message.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -26,7 +22,7 @@ import numpy as np
 
 from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.holding import ContactSensing
@@ -37,23 +33,17 @@ from wbc_controller.kernels.states import latch
 from wbc_controller.records import Array, ChangeSettings, RobotState
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.contact_sensors import KEYS, ContactSensors
+from wbc_controller.service.requests import Requests, refusal
 from wbc_controller.service.stamps import StampTracker
 from wbc_controller.transports.transport import Stream, Transport
 from wbc_controller.wire import decoding
-from wbc_controller.wire.messages import decode
 from wbc_controller.wire.states import ImuReader, JointStateReader, OdometryReader, PoseReader, StateReader
 from wbc_controller.wire.topics import Direction, Endpoint
 
 _log = logging.getLogger(__name__)
 
-#: Requests that wait to be read, at most; the newest beyond are turned away and counted.
-_REQUEST_DEPTH = 100
-#: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
-_MOST_PER_CYCLE = 20
-#: Largest message, in bytes, by row of the topic table: states, trajectories, and other requests.
-_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, "trajectory": 1 << 20}
-_LARGEST |= dict.fromkeys(KEYS, 1 << 14)
-_LARGEST_REQUEST = 1 << 18
+#: Largest message of a state, in bytes, by row of the topic table.
+_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
 #: IMU data that one cycle takes, at most: the newest, of an IMU that is that much faster than the loop.
 _MOST_IMU = 20
 #: Absolute poses that one cycle takes, at most: the newest.
@@ -62,16 +52,8 @@ _MOST_POSES = 4
 _STATE_DEPTH = 10
 #: Name of the base's estimate among the ages of the inputs.
 ESTIMATE = "base estimate"
-#: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
-_READER_SHARE = 0.25
-#: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
-_LONGEST_REASON = 1000
-#: Longest word on the command topic, in characters.
-_LONGEST_WORD = 40
 #: Time on its way from which on a message's age is explained by it, s.
 _WAITED = 0.01
-#: The word that stops the robot, as it stands in a serialized std_msgs/String.
-_ESTOP = b"estop"
 
 
 @dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
@@ -135,19 +117,11 @@ class _Box:
     part: _Part | None
 
 
-@dataclass(slots=True)
-class _Read:
-    """What one request says."""
-
-    commands: list[str] = field(default_factory=list)
-    changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
-    refused: list[str] = field(default_factory=list)
-
-
 class Inputs:
     """Subscribes to every incoming topic, and latches what has arrived.
 
     Attributes:
+        requests: those of users.
         holding: names of the contacts that the estimate of the base took for holding in the last cycle.
     """
 
@@ -180,9 +154,8 @@ class Inputs:
             velocity_filter: makes joint velocities of their positions; None where they are measured.
         """
         self._model = model
-        self._vocabulary = vocabulary
         self._clock = clock
-        self._prepare = prepare
+        self.requests = Requests(vocabulary, prepare, self.wake)
         self._boxes: list[_Box] = []
         self._woken = False
         self._clock_tolerance = clock_tolerance
@@ -204,13 +177,6 @@ class Inputs:
         elif model.floating_base:
             self._parts["odom"] = _Part(OdometryReader(model.base_link), self._tracker())
         self._notes: dict[str, str] = {}
-        self._estop = threading.Event()
-        self._waiting = threading.Condition()  # guards the three below
-        self._requests: deque[tuple[Endpoint, bytes]] = deque()
-        self._read: deque[_Read] = deque()
-        self._turned_away: Counter[tuple[str, str]] = Counter()
-        self._reader: threading.Thread | None = None
-        self._ended = False
         for endpoint in endpoints:
             if endpoint.direction is Direction.OUT or endpoint.key in ("robot_description", "clock", "record"):
                 continue
@@ -229,7 +195,7 @@ class Inputs:
                 largest = _LARGEST[endpoint.key]
                 self._boxes.append(_Box(endpoint, stream, deque(maxlen=kept), largest, part))
             else:
-                transport.subscribe(endpoint, partial(self._put_request, endpoint))
+                transport.subscribe(endpoint, partial(self.requests.put, endpoint))
         self._trigger = next(box for box in self._boxes if box.endpoint.key == "joint_states")
         self._odometry = next((box for box in self._boxes if box.endpoint.key == "odom"), None)
         self._measured = estimator is None and velocity_filter is None  # whether the state is what messages say
@@ -269,7 +235,7 @@ class Inputs:
             if len(payload) <= box.largest:
                 box.newest.append((self._clock.now(), payload))
             else:
-                self._turn_away(box.endpoint, f"more than {box.largest} bytes")
+                self.requests.turn_away(box.endpoint, f"more than {box.largest} bytes")
         return bool(taken and box.newest)
 
     def begin(self) -> None:
@@ -277,21 +243,6 @@ class Inputs:
         for box in self._boxes:
             box.stream.take()
             box.newest.clear()
-
-    def start_reader(self) -> None:
-        """Decode requests on a thread of their own from now on, until `stop_reader`."""
-        self._ended = False
-        self._reader = threading.Thread(target=self._read_requests, name="reader", daemon=True)
-        self._reader.start()
-
-    def stop_reader(self) -> None:
-        """End the thread that decodes requests; what waits is left to be latched."""
-        reader, self._reader = self._reader, None
-        if reader is not None:
-            with self._waiting:
-                self._ended = True
-                self._waiting.notify()
-            reader.join()
 
     def restart(self) -> None:
         """Take the next stamps as those of a new time: the clock has begun anew."""
@@ -350,14 +301,14 @@ class Inputs:
         refused: list[str] = []
         at_once = self._at_once() if self._measured and not self._notes else None
         state, ages, stood = at_once or self._one_by_one(holding, refused, held=held)
-        if self._reader is None:
-            while self._requests:
-                self._read.append(self._decoded(*self._requests.popleft()))
         velocity = self._joints.v if len(self._joints.v) else None
         about = self._about_poses() if self._pose is not None else {}
         latched = Latched(state, velocity, ages, stood, (), (), (), 0, about)
-        if refused or self._read or self._turned_away or self._estop.is_set():
-            self._latch_requests(latched, refused)
+        latched.refused = tuple(refused)
+        if self.requests.wait_to_be_taken():
+            taken = self.requests.take()
+            latched.commands, latched.changes, latched.taken = taken.commands, taken.changes, taken.total
+            latched.refused += taken.refused
         return latched
 
     def _at_once(self) -> tuple[RobotState, dict[str, float], float] | None:
@@ -433,7 +384,7 @@ class Inputs:
                 try:
                     self._read_state(box, received, payload)
                 except Exception as error:
-                    reason = self._refusal(box.endpoint, error)
+                    reason = refusal(box.endpoint, error)
                     self._notes[box.endpoint.key] = reason
                     refused.append(f"{box.endpoint.name}: {reason}")
         if self._estimator is not None:
@@ -445,33 +396,6 @@ class Inputs:
                     self.holding = measured
             refused += self._estimate(self._estimator, self.holding, held=held)
         return self._state(), self.ages(), max(part.stamps.stood for part in self._parts.values())
-
-    def _latch_requests(self, latched: Latched, refused: list[str]) -> None:
-        """Add the requests that have been read, and what was refused with the states.
-
-        Args:
-            latched: takes them.
-            refused: a sentence for each message that was refused so far.
-        """
-        commands: list[str] = []
-        changes: list[tuple[Change | ChangeSettings, ...]] = []
-        stopped = self._estop.is_set()
-        if stopped:
-            self._estop.clear()
-            commands.append("estop")
-        turned_away: Mapping[tuple[str, str], int] = {}
-        taken: list[_Read] = []
-        if self._turned_away or self._read:
-            with self._waiting:
-                turned_away, self._turned_away = self._turned_away, Counter()
-                taken = [self._read.popleft() for _ in range(min(len(self._read), _MOST_PER_CYCLE))]
-        for read in taken:
-            commands += read.commands
-            changes += read.changes
-            refused += read.refused
-        refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
-        latched.commands, latched.changes, latched.refused = tuple(commands), tuple(changes), tuple(refused)
-        latched.taken = stopped + len(taken) + sum(turned_away.values())
 
     def _about_poses(self) -> dict[str, str]:
         """What to know about absolute poses: their age, and what became of them."""
@@ -499,64 +423,6 @@ class Inputs:
             elif waited > _WAITED:
                 notes[name] = f"{waited:.3f} s of it on its way"
         return notes
-
-    def _turn_away(self, endpoint: Endpoint, why: str) -> None:
-        """Count a message that is not even read."""
-        with self._waiting:
-            self._turned_away[endpoint.name, why] += 1
-
-    def _put_request(self, endpoint: Endpoint, payload: bytes) -> None:
-        """Store a request; a stop has a way of its own, which no other request can fill."""
-        largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
-        if len(payload) > largest:
-            self._turn_away(endpoint, f"more than {largest} bytes")
-            return
-        if endpoint.key == "command" and _ESTOP in payload and decode(payload, endpoint.type).data.strip() == "estop":
-            self._estop.set()
-            self.wake()
-            return
-        with self._waiting:
-            if len(self._requests) < _REQUEST_DEPTH:
-                self._requests.append((endpoint, payload))
-                self._waiting.notify()
-            else:
-                self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
-
-    def _read_requests(self) -> None:
-        """Decode requests as they come, in a share of the time."""
-        while True:
-            with self._waiting:
-                self._waiting.wait_for(lambda: self._requests or self._ended)
-                if self._ended:
-                    return
-                endpoint, payload = self._requests.popleft()
-            began = time.perf_counter()
-            read = self._decoded(endpoint, payload)
-            spent = time.perf_counter() - began
-            with self._waiting:
-                if len(self._read) < _REQUEST_DEPTH:
-                    self._read.append(read)
-                else:
-                    self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
-            time.sleep(spent * (1.0 / _READER_SHARE - 1.0))
-
-    def _decoded(self, endpoint: Endpoint, payload: bytes) -> _Read:
-        """Decode and validate one request."""
-        read = _Read()
-        try:
-            self._read_request(endpoint, payload, read)
-        except Exception as error:
-            return _Read(refused=[f"{endpoint.name}: {self._refusal(endpoint, error)}"])
-        return read
-
-    def _refusal(self, endpoint: Endpoint, error: Exception) -> str:
-        """The reason why a message is refused, from what was raised while it was read."""
-        if isinstance(error, InputRefused | ConfigurationError):
-            reason = str(error)
-        else:  # a message that exposes a bug must not end the loop
-            _log.error("reading a message on %s failed", endpoint.name, exc_info=error)
-            reason = f"cannot be read: {type(error).__name__}: {error}"
-        return reason if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + "…"
 
     def _read_state(self, box: _Box, received: float, payload: bytes) -> None:
         """Read one part of the state, and judge its stamp; one that is refused leaves the last in force."""
@@ -604,21 +470,6 @@ class Inputs:
             for name in estimator.slipping
             if name not in before
         ]
-
-    def _read_request(self, endpoint: Endpoint, payload: bytes, read: _Read) -> None:
-        content = decode(payload, endpoint.type)
-        if endpoint.key == "command":
-            word = content.data.strip()
-            if len(word) > _LONGEST_WORD:
-                raise InputRefused(f"a command has at most {_LONGEST_WORD} characters, not {len(word)}")
-            read.commands.append(word)
-            return
-        reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
-        changes = reader(self._vocabulary, endpoint.subject, content)
-        for change in changes:
-            if isinstance(change, ChangeSettings):
-                self._prepare(change.settings)
-        read.changes.append(changes)
 
     def _state(self) -> RobotState | None:
         for part in self._parts.values():

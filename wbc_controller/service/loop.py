@@ -220,12 +220,12 @@ class ControlLoop:
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         self._inputs.begin()
-        self._inputs.start_reader()
+        self._inputs.requests.start_reader()
         try:
             self._ownership.start(stop)
             self._run(stop, period, triggered=triggered)
         finally:
-            self._inputs.stop_reader()
+            self._inputs.requests.stop_reader()
             self._ownership.stop()
             sys.setswitchinterval(switch_interval)
             self._shut_down()
