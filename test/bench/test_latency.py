@@ -153,3 +153,17 @@ def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, tr
     assert "on processor" in kept["scheduling"]
     assert f" over {transport}" in result.output
     assert [robot.plant.held for robot in made] == [False] * len(driver)  # it stood on its feet
+
+
+@pytest.mark.parametrize("alive", [True, False])
+def test_an_echo_that_was_killed_is_not_told_to_stop(monkeypatch, alive):
+    """Whoever sets an event waits for those who waited for it, and one that was killed never answers."""
+    told = []
+    process = SimpleNamespace(start=lambda: None, is_alive=lambda: alive, join=lambda: told.append("joined"))
+    event = SimpleNamespace(set=lambda: told.append("stopped"))
+    context = SimpleNamespace(Event=lambda: event, Process=lambda **named: process)
+    monkeypatch.setattr(latency.multiprocessing, "get_context", lambda kind: context)
+    bench = SimpleNamespace(_kind="dds", _domain=92, _echo_topics=(), _size=1, _echo_as=None)
+    with latency._Bench.echoing(bench):
+        assert told == []
+    assert told == ["stopped"] * alive + ["joined"]

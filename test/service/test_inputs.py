@@ -272,6 +272,16 @@ def test_a_refused_request_names_its_topic_and_the_others_go_on(go2, make):
     assert "did you mean 'com'? Valid: base, com, posture" in latched.refused[2]
 
 
+def test_refused_states_and_refused_requests_of_one_cycle_are_both_said(go2, state, make):
+    state(go2)
+    go2.inputs.latch()
+    go2.send("odom", make.odom(go2.q[:7], [NAN] * 6, go2.model.base_link, 51_000_000_000))
+    go2.send("weight", make.float64(NAN), "com")
+    first, second = go2.inputs.latch().refused
+    assert first.startswith("/odom: ")
+    assert second.startswith("/wbc_controller/tasks/com/weight: ")
+
+
 def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
     go2.send("update", make.string("{tasks: {com: {weight: 1}, posture: {weight: -1}}}"))
     latched = go2.inputs.latch()

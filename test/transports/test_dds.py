@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +155,16 @@ def test_domain_has_one_range_per_process_until_it_is_closed():
         DdsTransport("second", domain_id=DOMAIN, discovery_range="OFF")
     first.close()
     DdsTransport("third", domain_id=DOMAIN, discovery_range="OFF").close()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the names of threads are Linux's")
+def test_a_thread_reads_the_socket_of_all_data_alone(eventually):
+    transport = DdsTransport("reader", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    try:
+        names = Path("/proc/self/task").glob
+        eventually(lambda: "recvUC\n" in [path.read_text(encoding="ascii") for path in names("*/comm")])
+    finally:
+        transport.close()
 
 
 def test_bad_configuration_of_the_user_is_named(monkeypatch):
