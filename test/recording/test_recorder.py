@@ -126,6 +126,24 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
     assert found.last >= fault.cycle
 
 
+@pytest.mark.parametrize("what", ["request", "fault"])
+def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(record, tmp_path, what):
+    run = record(changes={"recorder": {"folder": str(tmp_path / "faults"), "seconds": 5.0}})
+    run.stand(20)
+    send, run.recorder._link.send = run.recorder._link.send, lambda batch: False
+    if what == "request":
+        run.recorder.request("LATER")
+    else:
+        run.bench.v[0] = 1e4  # no base is as fast
+    run.go(10)
+    assert "cycles lack" in run.recorder.status()["recorder"]
+    run.recorder._link.send = send
+    run.go(10)
+    run.recorder.close()
+    (path,) = (tmp_path / "faults").iterdir()
+    assert path.name.endswith("LATER.mcap" if what == "request" else "IMPLAUSIBLE_STATE.mcap")
+
+
 def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_path, make, caplog):
     folder = tmp_path / "faults"
     folder.mkdir()

@@ -278,6 +278,8 @@ class Recorder:
             batch.append(trigger)
         if not self._link.send(b"".join(batch)):
             self._lose(self._number - number)
+            if not self._link.dead:  # what is asked for, or a fault leaves, is written as soon as there is room again
+                self._trigger = self._trigger or trigger
         elif self._lost:
             self._lost, self._snapshot_due = 0, self._number
 
