@@ -27,8 +27,9 @@ from timing import share, summary
 from wbc_controller.errors import valid_choices
 from wbc_controller.records import Array, Reference, References
 
-#: Cycles of a block without and with other work in between, and the number of each.
-WARM, COLD, BLOCKS = 200, 50, 20
+#: Cycles of a block without and with other work in between, and the number of each. Few warm ones would say little of
+#: p99.9, which what else the machine does decides.
+WARM, COLD, BLOCKS = 1000, 50, 20
 #: Cycles at the beginning of a warm block that are not timed: the caches are those of the contestant before.
 FILLING = 10
 #: What the other work between two cold cycles writes, in bytes: twice the last cache of a usual processor.
@@ -218,7 +219,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--against", metavar="COMMIT", help="also our code of this commit")
     parser.add_argument("--cases", nargs="+", default=known, metavar="CASE", help=f"some of {', '.join(known)}")
     parser.add_argument("--rivals", nargs="+", default=list(contestants.RIVALS), help="tsid, placo or none")
-    parser.add_argument("--blocks", type=int, default=BLOCKS, help="of 200 warm and 50 cold states each")
+    parser.add_argument("--blocks", type=int, default=BLOCKS, help=f"of {WARM} warm and {COLD} cold states each")
     chosen = parser.parse_args(arguments)
     rivals = [] if chosen.rivals == ["none"] else chosen.rivals
     for key, names, valid in (("--cases", chosen.cases, known), ("--rivals", rivals, contestants.RIVALS)):
