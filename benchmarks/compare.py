@@ -31,7 +31,7 @@ from wbc_controller.records import Array, Reference, References
 #: p99.9, which what else the machine does decides.
 WARM, COLD, BLOCKS = 1000, 50, 20
 #: Cycles at the beginning of a warm block that are not timed: the caches are those of the contestant before.
-FILLING = 10
+FILLING = 100
 #: What the other work between two cold cycles writes, in bytes: twice the last cache of a usual processor.
 ELSEWHERE = 64 * 2**20
 #: Of how many warm states one is looked at in the comparison of the answers.

@@ -1,8 +1,11 @@
 """The comparison of `make bench`, with our own cycle in the place of the rivals."""
 
+import json
 import os
 import re
+import struct
 import subprocess
+import sys
 from types import SimpleNamespace
 
 import compare
@@ -102,7 +105,8 @@ def test_what_cannot_be_compared_is_refused_by_name(arguments, sentence):
         compare.main(arguments)
 
 
-def test_all_contestants_meet_all_states_in_turn_and_in_order():
+def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
+    monkeypatch.setattr(compare, "FILLING", 8)
     asked = []
 
     def solve(name, rows, touched=0):
@@ -141,6 +145,50 @@ def test_older_code_comes_with_what_was_compiled_here(monkeypatch, tmp_path):
     with contestants.code_of("HEAD") as folder:
         found = folder / "wbc_controller" / "kernels" / "__pycache__"
         assert {file.name for file in found.iterdir()} == {"frames.rows-1.py311.nbi", "frames.rows-1.py311.1.nbc"}
+
+
+WATCHER = """
+import fcntl, gc, os, struct, termios
+import numpy as np
+from serving import serve
+
+copy, answers = os.dup, []
+os.dup = lambda number: answers.append(copy(number)) or answers[-1]
+
+class Watcher:
+    def __init__(self, scene):
+        pass
+
+    @property
+    def hello(self):  # asked when it is said
+        return {"sizes": [2000, 0, 0], "parts": [], "frozen": gc.get_freeze_count()}
+
+    def cycle(self, q, v, reference):
+        (unread,) = struct.unpack("i", fcntl.ioctl(answers[0], termios.FIONREAD, bytes(4)))
+        return np.full(2001, float(unread))
+
+serve(Watcher)
+"""
+
+
+def test_a_worker_disturbs_nobody_who_is_timed(tmp_path):
+    """It says hello when it is done with all else, and hands over no answer before the last."""
+    file = tmp_path / "watcher.py"
+    file.write_text(WATCHER)
+    question = struct.pack("<qq", 3, 0) + np.zeros((3, 7 + 6 + 9)).tobytes()
+    process = subprocess.Popen(
+        [sys.executable, file],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(contestants.HERE)},
+    )
+    process.stdin.write(b'{"nq": 7, "nv": 6}\n' + question)
+    process.stdin.close()
+    assert process.wait(timeout=120.0) == 0  # nothing has been read of what it wrote
+    with process.stdout as written:
+        hello, unread = written.readline(), np.frombuffer(written.read()).reshape(3, 2001)
+    assert json.loads(hello)["frozen"] > 0
+    assert (unread == len(hello)).all()
 
 
 def test_other_work_writes_all_the_memory_that_it_is_told_to():
@@ -182,6 +230,7 @@ def test_the_rivals_robot_is_ours_with_a_frame_at_each_contact(name, tmp_path):
 def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeypatch):
     """With the commit that is checked out as the older one."""
     monkeypatch.setattr(compare, "WARM", 30)
+    monkeypatch.setattr(compare, "FILLING", 10)
     monkeypatch.setattr(compare, "COLD", 5)
     allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     head = subprocess.run(["git", "-C", str(contestants.ROOT), "rev-parse", "HEAD"], capture_output=True, text=True)
