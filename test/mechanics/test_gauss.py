@@ -267,7 +267,9 @@ def by_enumeration(M, free, A, b, C, d):
                 motion = gauss(M, free, np.vstack([A, C[rows]]), np.concatenate([b, d[rows]]))
             except NoSolution:
                 continue
-            if (motion.multipliers[len(A) :] >= -1e-7).all() and (C @ motion.v_dot - d >= -1e-7).all():
+            push, gap = motion.multipliers[len(A) :], C @ motion.v_dot - d
+            large = max(1.0, np.abs(push).max(initial=0.0)), max(1.0, np.abs(motion.v_dot).max())
+            if push.min(initial=0.0) >= -1e-7 * large[0] and gap.min() >= -1e-7 * large[1]:
                 return motion.v_dot
     return None
 
@@ -279,6 +281,8 @@ def test_pushing_contacts_are_least_constraint_too(name, seed):
     N = admissible_directions(A)
     if N.shape[1] < 6:
         return
+    # Found by Hypothesis: with a singular value just above the rank's tolerance, accelerations were 1e9.
+    assume(gauss(M, free, A, b).condition < SINGULAR)
     C = rng.normal(size=(4, len(M)))
     C[3] = C[0]  # one of them twice
     d = 5.0 * rng.normal(size=4)
