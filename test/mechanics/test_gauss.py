@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, event, example, given, note, settings
+from hypothesis import event, example, given, note, reject, settings
 from hypothesis import strategies as st
 from mechanisms import ROBOTS, box, random_constraints, random_state, robot
 
@@ -33,8 +33,9 @@ seeds = st.integers(0, 2**32 - 1)
 names = st.sampled_from(sorted(ROBOTS))
 #: Condition number of A above which answers are compared to 1e-6 instead of 1e-8.
 ILL_CONDITIONED = 1.0e3
-#: And above which the rank itself is a matter of tolerance: there is nothing to compare.
-SINGULAR = 1.0e9
+#: Singular values of A below this share of the largest are neither zero nor not, unless they are rounding: what the rank
+#: is depends on its tolerance, and there is nothing to compare. Hypothesis finds some: romeo 5281 and 632485.
+UNDECIDED, ROUNDING = 1.0e-9, 1.0e-13
 
 
 def relative(a, b):
@@ -52,6 +53,8 @@ def problem(name, seed):
     A, b = equation.A, equation.b
     # Constraints drawn at random may ask for what cannot be, such as one link in two places.
     U, s, _ = np.linalg.svd(A)
+    if ((s > ROUNDING * s[0]) & (s < UNDECIDED * s[0])).any():
+        reject()
     rank = int(np.sum(s > max(1e-10 * s[0], 1e-12)))
     b = U[:, :rank] @ (U[:, :rank].T @ b)
     return mass_matrix(model, q), forward_dynamics(model, q, v, force), A, b, rng
@@ -62,7 +65,6 @@ def problem(name, seed):
 def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
     M, free, A, b, _ = problem(name, seed)
     motion = gauss(M, free, A, b)
-    assume(motion.condition < SINGULAR)
     note(f"{name}: condition number of A {motion.condition:.3g}, rank {motion.rank} of {len(A)} rows")
     event("ill-conditioned" if motion.condition > ILL_CONDITIONED else "well-conditioned")
     event("redundant" if motion.rank < len(A) else "full rank")
@@ -97,7 +99,7 @@ def test_constraints_hold_and_their_forces_do_no_work(name, seed):
         assert np.abs(motion.constraint_force @ directions).max() < 1e-10 * size
     assert relative(M @ motion.v_dot, M @ free + motion.constraint_force) < 1e-9
     # Where constraints are nearly redundant, the product of large multipliers cancels, and keeps their rounding.
-    rounding = 1e-15 * np.linalg.norm(np.abs(A).T @ np.abs(motion.multipliers))
+    rounding = max(A.shape) * np.finfo(float).eps * np.linalg.norm(np.abs(A).T @ np.abs(motion.multipliers))
     rounding /= max(1.0, np.linalg.norm(motion.constraint_force))
     assert relative(A.T @ motion.multipliers, motion.constraint_force) < max(1e-9, rounding)
 
@@ -121,14 +123,13 @@ def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, see
     once = gauss(M, free, A, b)
     if not once.rank:
         return  # a link welded to itself: nothing but rounding, of which there is no shortest multiplier
-    assume(once.condition < SINGULAR)
     mix = rng.normal(size=(3, len(A)))
     more = gauss(M, free, np.vstack([A, mix @ A, A[:1]]), np.concatenate([b, mix @ b, b[:1]]))
     tolerance = 1e-6 if once.condition > ILL_CONDITIONED else 1e-8
     assert more.rank == once.rank
     assert relative(more.v_dot, once.v_dot) < tolerance
     assert relative(more.constraint_force, once.constraint_force) < tolerance
-    shortest = np.linalg.pinv(np.vstack([A, mix @ A, A[:1]]).T, rcond=1e-9) @ (M @ (more.v_dot - free))
+    shortest = np.linalg.pinv(np.vstack([A, mix @ A, A[:1]]).T, rcond=1e-10) @ (M @ (more.v_dot - free))
     assert relative(more.multipliers, shortest) < tolerance
 
 
@@ -281,8 +282,6 @@ def test_pushing_contacts_are_least_constraint_too(name, seed):
     N = admissible_directions(A)
     if N.shape[1] < 6:
         return
-    # Found by Hypothesis: with a singular value just above the rank's tolerance, accelerations were 1e9.
-    assume(gauss(M, free, A, b).condition < SINGULAR)
     C = rng.normal(size=(4, len(M)))
     C[3] = C[0]  # one of them twice
     d = 5.0 * rng.normal(size=4)
