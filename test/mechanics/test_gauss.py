@@ -33,8 +33,8 @@ seeds = st.integers(0, 2**32 - 1)
 names = st.sampled_from(sorted(ROBOTS))
 #: Condition number of A above which answers are compared to 1e-6 instead of 1e-8.
 ILL_CONDITIONED = 1.0e3
-#: Singular values of A below this share of the largest are neither zero nor not, unless they are rounding: what the rank
-#: is depends on its tolerance, and there is nothing to compare. Hypothesis finds some: romeo 5281 and 632485.
+#: Singular values of A below this share of the largest are neither zero nor not, unless they are rounding: the rank
+#: depends on its tolerance, and there is nothing to compare. Hypothesis finds some: romeo 5281 and 632485.
 UNDECIDED, ROUNDING = 1.0e-9, 1.0e-13
 
 
