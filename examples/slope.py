@@ -37,7 +37,7 @@ def main() -> int:
     def look(robot: wbc.Simulation) -> None:
         slide.extend(np.abs(contacts[name].points(dynamics) - at).max() for name, at in feet.items())
         for fx, fy, fz, *_ in robot.plant.contact_wrenches().values():
-            used.append(np.hypot(fx, fy) / (FRICTION * fz))
+            used.append(np.hypot(fx, fy) / (FRICTION * fz) if fz > 0.0 else 0.0)  # one foot may bear all
 
     for way in ([0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.3 * SWAY, 0.0, -SWAY]):
         robot.controller.set("com", start + way)

@@ -88,7 +88,10 @@ class Lateness:
             time.sleep(self._LOOK)
             now = time.monotonic()
             for process in list(self._processes):
-                tasks = list(Path(f"/proc/{process}/task").glob("*/schedstat"))
+                try:
+                    tasks = list(Path(f"/proc/{process}/task").glob("*/schedstat"))
+                except FileNotFoundError:  # it ended while it was looked at
+                    tasks = []
                 if not tasks:
                     self._processes.discard(process)
                 for task in tasks:
