@@ -36,14 +36,14 @@ class DdsParticipants:
 
 
 class Ros2Participants:
-    def __init__(self) -> None:
+    def __init__(self, domain: int = DOMAIN) -> None:
         try:
             import rclpy
             from rclpy.executors import SingleThreadedExecutor
         except ImportError as error:
             pytest.skip(f"rclpy is not importable: {error}")
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=DOMAIN)
+        rclpy.init(context=self._context, domain_id=domain)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._nodes: list[Any] = []
         self._ended = threading.Event()

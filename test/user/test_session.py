@@ -23,13 +23,16 @@ class Line:
 
     def subscribe(self, topic, receive):
         self.receive[topic.key] = receive
+        if topic.key == "state" and self.mode:
+            receive(encode(message("std_msgs/msg/String", data=self.mode)))
+
+    def publishers(self, topic):
+        return ("/wbc_controller",)
 
     def deliver(self, topic, payload, *_):
         self.delivered.append(decode(payload, topic.type).data)
         for values in self.answers[len(self.delivered) : len(self.delivered) + 1]:
             self.diagnose(values)
-        if self.mode:
-            self.receive["state"](encode(message("std_msgs/msg/String", data=self.mode)))
         return True
 
     def diagnose(self, values):
@@ -61,9 +64,7 @@ class Recording(Line):
 
     def subscribe(self, topic, receive):
         super().subscribe(topic, receive)
-        if topic.key == "state":
-            receive(encode(message("std_msgs/msg/String", data=self.mode)))
-        else:
+        if topic.key == "diagnostics":
             self.diagnose(self.before)
 
 

@@ -70,7 +70,7 @@ class DdsTransport:
         TransportError: if a setting is not valid, security is enforced, or DDS cannot be started.
     """
 
-    discovery_time = 1.0
+    discovery_time = 1.5  # Fast DDS and Cyclone need 1.1 s to introduce their writers to each other
 
     def __init__(
         self, node: str, namespace: str = "/", domain_id: int | None = None, discovery_range: str | None = None

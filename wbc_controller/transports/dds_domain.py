@@ -1,7 +1,12 @@
 """Domain and discovery of a DDS participant, by ROS 2's environment variables.
 
-They are read as Jazzy's rmw_cyclonedds reads them, with one difference: without a range it is the loopback, because
-everybody on the network could command the robot.
+The variables have the meaning of ROS 2's table of discovery ranges (Iron and newer):
+
+- On one host, LOCALHOST and SUBNET discover each other in every combination.
+- Between hosts, only SUBNET and SUBNET do.
+
+One default differs: without ``ROS_AUTOMATIC_DISCOVERY_RANGE`` the range is LOCALHOST, because every computer on the
+network could command the robot otherwise.
 """
 
 from __future__ import annotations
@@ -32,6 +37,15 @@ MAX_DOMAIN_ID = 232
 # RTPS 9.6.1.1: the ports of a domain, and of the n-th participant in it.
 _PORT_BASE, _PORTS_PER_DOMAIN, _PORTS_PER_PARTICIPANT, _FIRST_UNICAST_PORT = 7400, 250, 2, 10
 _JAZZY_MAX_PARTICIPANT_INDEX = 32
+
+_MULTICAST_OFF = "<AllowMulticast>false</AllowMulticast>"
+#: Multicast for announcements only. Cyclone 11 waits for ever when it closes a domain with multicast data and two
+#: interfaces: it wakes the thread that receives the data by a packet on the wrong interface.
+_MULTICAST_DISCOVERY = "<AllowMulticast>spdp</AllowMulticast>"
+#: Interval of the announcements to the peers, for as long as the participant exists. A SUBNET participant on this host
+#: announces itself by multicast, which a LOCALHOST participant does not receive: it is discovered by the LOCALHOST
+#: participant's next announcement. Cyclone's defaults are 30 s, and none to a port without a participant after 30 s.
+_ANNOUNCEMENTS = "<SPDPInterval>1 s</SPDPInterval>"
 
 #: A packet that a full socket dropped is sent again after the writer's heartbeat interval, by default 100 ms: fifty
 #: control cycles, for a stop beside a flood of large messages. And the larger the socket's buffer (the kernel's own
@@ -98,7 +112,7 @@ def domain_settings(
         )
 
     if reach is DiscoveryRange.LOCALHOST and discovery_range is None:
-        _log.info("topics are on this computer alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens them to the network")
+        _log.info("topics stay on this computer; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens them to the network")
 
     peers = tuple(peer.strip() for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer.strip())
     if peers and reach in (DiscoveryRange.OFF, DiscoveryRange.SYSTEM_DEFAULT):
@@ -107,24 +121,25 @@ def domain_settings(
     return DomainSettings(domain_id, reach, peers)
 
 
-def configuration(settings: DomainSettings, uri: str = "") -> str:
+def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool = True) -> str:
     """Write Cyclone's configuration for a domain.
 
     Args:
         settings: domain and discovery.
         uri: content of ``CYCLONEDDS_URI``, appended so that it takes precedence.
+        network_card: False on a computer without a network interface other than the loopback.
 
     Returns:
         XML, followed by `uri`.
     """
-    parts = [_xml(settings, own_interfaces=_names_interfaces(uri)), uri]
+    parts = [_xml(settings, own_interfaces=_names_interfaces(uri), network_card=network_card), uri]
     return ",".join(part for part in parts if part)
 
 
 def _names_interfaces(uri: str) -> bool:
-    """Whether ``CYCLONEDDS_URI``, or a file that it names, chooses network interfaces.
+    """Return True if ``CYCLONEDDS_URI``, or a file that it names, selects network interfaces.
 
-    Cyclone adds them to ours, and refuses to start if one of them is the loopback too.
+    Cyclone adds them to ours, and refuses to start if an interface is selected twice.
     """
     texts = [uri]
     for part in uri.split(","):
@@ -134,7 +149,7 @@ def _names_interfaces(uri: str) -> bool:
 
 
 def _refuse_security(environment: Mapping[str, str]) -> None:
-    """Refuse to run unsecured where security is enforced; say so where it is only wished for."""
+    """Raise if security is enforced, and warn if it is enabled without being enforced."""
     if environment.get("ROS_SECURITY_ENABLE") != "true":
         return
     if environment.get("ROS_SECURITY_STRATEGY") == "Enforce":
@@ -145,35 +160,39 @@ def _refuse_security(environment: Mapping[str, str]) -> None:
     _log.warning("ROS_SECURITY_ENABLE is true, and the embedded DDS cannot secure its messages: they are open to all")
 
 
-def _xml(settings: DomainSettings, *, own_interfaces: bool = False) -> str:
+def _xml(settings: DomainSettings, *, own_interfaces: bool = False, network_card: bool = True) -> str:
     reach, peers = settings.discovery_range, settings.static_peers
     if reach is DiscoveryRange.SYSTEM_DEFAULT:
         return ""
-    general = "" if reach is DiscoveryRange.SUBNET else "<AllowMulticast>false</AllowMulticast>"
     if reach is DiscoveryRange.OFF:
         # A unique tag: participants with different tags ignore each other.
+        general = _MULTICAST_OFF
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:
+        general = _MULTICAST_DISCOVERY if reach is DiscoveryRange.SUBNET else _MULTICAST_OFF
+        if not own_interfaces:
+            general += _interfaces(network_card and (reach is DiscoveryRange.SUBNET or bool(peers)))
         # Discovery contacts every index of a peer, each a port: many on the loopback, elsewhere as few as Jazzy.
-        alone = reach is DiscoveryRange.LOCALHOST and not peers
-        largest = _max_participant_index(settings.domain_id) if alone else _JAZZY_MAX_PARTICIPANT_INDEX
+        largest = _JAZZY_MAX_PARTICIPANT_INDEX if peers else _max_participant_index(settings.domain_id)
+        addresses = "".join(f'<Peer Address={quoteattr(peer)} PruneDelay="inf"/>' for peer in ("localhost", *peers))
         discovery = (
             f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
+            f"<Peers>{addresses}</Peers>{_ANNOUNCEMENTS}"
         )
-    if reach is DiscoveryRange.LOCALHOST:
-        peers = ("localhost", *peers)
-    if reach is DiscoveryRange.LOCALHOST and not own_interfaces:
-        # Jazzy does not choose an interface, and participants of its Cyclone (0.10) then still discover each other.
-        # This Cyclone (11.0) takes the first network card, where Jazzy does not find it; on the loopback it does
-        # (measured).
-        network_card = '<NetworkInterface autodetermine="true"/>' if settings.static_peers else ""
-        general += f'<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>{network_card}</Interfaces>'
-    if peers:
-        discovery += f"<Peers>{''.join(f'<Peer Address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
     return (
         f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
         f"<Discovery>{discovery}</Discovery>{_INTERNAL}</Domain></CycloneDDS>"
     )
+
+
+def _interfaces(network_card: bool) -> str:
+    """Select the loopback, and the network card of Cyclone's choice if asked for.
+
+    Cyclone 11 ignores announcements that arrive on an interface that it has not selected. Without the loopback, it
+    would not discover LOCALHOST participants of this host; without the network card, it discovers no other host.
+    """
+    card = '<NetworkInterface autodetermine="true"/>' if network_card else ""
+    return f'<Interfaces>{card}<NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces>'
 
 
 def _max_participant_index(domain_id: int) -> int:
@@ -237,8 +256,19 @@ def close_domain(settings: DomainSettings) -> None:
 
 
 def _create(settings: DomainSettings) -> Any:
-    config = configuration(settings, os.environ.get("CYCLONEDDS_URI", ""))
+    uri = os.environ.get("CYCLONEDDS_URI", "")
+    # The configuration without a network card is for a computer that has none: there, Cyclone's choice is the loopback,
+    # and the first configuration selects it twice, which is an error.
+    first, fallback = (configuration(settings, uri, network_card=card) for card in (True, False))
     try:
-        return Domain(settings.domain_id, config)
+        return Domain(settings.domain_id, first)
     except (DDSException, UnicodeEncodeError) as error:
-        raise TransportError(f"cannot open DDS domain {settings.domain_id} ({error}) with {config}") from error
+        failure = TransportError(f"cannot open DDS domain {settings.domain_id} ({error}) with {first}")
+    if first == fallback:
+        raise failure
+    try:
+        domain = Domain(settings.domain_id, fallback)
+    except (DDSException, UnicodeEncodeError):
+        raise failure from None
+    _log.warning("no network interface but the loopback: topics stay on this computer")
+    return domain

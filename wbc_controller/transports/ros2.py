@@ -40,7 +40,7 @@ class Ros2Transport:
             lifecycle states: the safety supervisor decides which commands are accepted.
     """
 
-    discovery_time = 1.0
+    discovery_time = 1.5  # Fast DDS and Cyclone need 1.1 s to introduce their writers to each other
 
     def __init__(self, node: Any) -> None:
         self._node = node

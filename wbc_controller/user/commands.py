@@ -13,6 +13,7 @@ import click
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.user import DISCOVERY_PATIENCE
 from wbc_controller.user.completion import complete_config, complete_topics, complete_words
 from wbc_controller.wire.topics import Direction, Endpoint, parse_remapping
 
@@ -29,8 +30,8 @@ def _talks(function: F) -> F:
     options = [
         click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes' topics."),
         click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A renamed topic; may be repeated."),
-        click.option("--wait", "patience", default=2.0, show_default=True, type=click.FloatRange(0.1),
-                     help="Seconds after which a node that has not been found is not there."),
+        click.option("--wait", "patience", default=DISCOVERY_PATIENCE, show_default=True, type=click.FloatRange(0.1),
+                     help="Seconds to wait for the discovery of a node."),
     ]  # fmt: skip
     for option in reversed(options):
         function = option(function)
@@ -126,8 +127,9 @@ def status(config: str, once: bool, namespace: str, remaps: tuple[str, ...], pat
     if not console.is_terminal:
         console.width = 140
     with Session(settings, namespace=namespace, remappings=_remappings(remaps), patience=patience) as session:
-        watch = Watch(session, settings)
         try:
+            session.find_controller()
+            watch = Watch(session, settings)
             watch.begin()
             if once or not console.is_terminal:
                 console.print(watch.picture())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -13,6 +14,7 @@ from wbc_controller.service.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.service.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.transports.dds import DdsTransport, Line
+from wbc_controller.user import DISCOVERY_PATIENCE
 from wbc_controller.user.sentences import Request
 from wbc_controller.wire.messages import decode, encode, header_time
 from wbc_controller.wire.topics import (
@@ -93,7 +95,7 @@ class Session:
         *,
         namespace: str = "/",
         remappings: Mapping[str, str] | None = None,
-        patience: float = 2.0,
+        patience: float = DISCOVERY_PATIENCE,
         node: str = _NODE,
     ) -> None:
         """Join the DDS domain.
@@ -102,7 +104,7 @@ class Session:
             settings: of the robot.
             namespace: namespace of the nodes.
             remappings: as in `topics.resolve`.
-            patience: wall time after which a node that has not been found is not there, s.
+            patience: wall time after which an undiscovered node counts as absent, s.
             node: name of the user's own node.
         """
         self.topics = topics_of(settings, namespace, remappings)
@@ -229,26 +231,42 @@ class Session:
         line(encode(content))
 
     def _stop(self, request: Request) -> Answer:
-        """Send an emergency stop before anything is heard, then wait until the controller says that it has stopped."""
-        self.listen("controller", "state")
+        """Send an emergency stop first, then wait until the controller confirms it."""
         self._deliver(request)
+        self.listen("controller", "state")
         self.until(
             lambda: "ESTOP" in self.mode(), "the emergency stop is delivered; the controller has not confirmed it"
         )
         return Answer(True, f"the controller is {self.mode()}")
 
-    def wait_for_controller(self) -> None:
-        """Wait until the controller is heard on its topics state and diagnostics.
+    def find_controller(self) -> None:
+        """Wait until DDS has discovered the publisher of the controller's state.
+
+        Call it before the first subscription. Fast DDS sends latched messages with its next heartbeat, up to 3 s later,
+        to a reader that announced itself before it had discovered the writer.
 
         Raises:
-            NoAnswer: where it is not.
+            NoAnswer: if no publisher is discovered within the session's patience.
         """
+        state = counterpart(self.topics["controller", "state", ""])
+        deadline = time.monotonic() + self._patience
+        while not self._transport.publishers(state):
+            if time.monotonic() >= deadline:
+                raise NoAnswer(self._absent("controller"))
+            time.sleep(0.01)
+
+    def wait_for_controller(self) -> None:
+        """Wait for a message on each of the controller's topics state and diagnostics.
+
+        Raises:
+            NoAnswer: if the controller is not found, or publishes nothing on one of them.
+        """
+        self.find_controller()
         self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)
-        absent = self._absent("controller")
-        self.until(lambda: self._kept["controller", "state", ""], absent, self._patience)
-        said = "the controller says nothing on /diagnostics"
-        self.until(lambda: self._kept["controller", "diagnostics", ""], said)
+        for key in ("state", "diagnostics"):
+            name = self.topics["controller", key, ""].name
+            self.until(lambda key=key: self._kept["controller", key, ""], f"no message on {name}{self._mode_said()}")  # type: ignore[misc]
 
     def _ask_controller(self, request: Request) -> Answer:
         self.wait_for_controller()
@@ -355,6 +373,9 @@ class Session:
             raise NoAnswer(self._absent(request.node))
 
     def _absent(self, owner: str) -> str:
-        """That nobody is there, in words."""
+        """Return the message for an absent node."""
         node, command = ("controller", "run") if owner == "controller" else ("mock robot", "mock")
-        return f"no {node} is there on DDS domain {self._transport.domain}; start it with: wbc {command}"
+        return (
+            f"no {node} found on DDS domain {self._transport.domain} within {self._patience:g} s; "
+            f"start it with: wbc {command}"
+        )
