@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+import time
 
 import pytest
 from domains import own_domain
@@ -39,12 +40,27 @@ def set_range(monkeypatch):
     return lambda value: monkeypatch.setenv(_SHELL[0], value)
 
 
+def exchange(wbc, ros, name, eventually):
+    """Send a message in each direction until both have arrived."""
+    heard_by_ros, heard_by_wbc = [], []
+    ros.subscribe(topic(f"{name}/to_ros"), heard_by_ros.append)
+    wbc.subscribe(topic(f"{name}/to_wbc"), heard_by_wbc.append)
+    to_ros, to_wbc = wbc.advertise(topic(f"{name}/to_ros")), ros.advertise(topic(f"{name}/to_wbc"))
+
+    def speak():
+        to_ros(encode(message(STRING, data="wbc")))
+        to_wbc(encode(message(STRING, data="ros")))
+
+    eventually(lambda: heard_by_ros and heard_by_wbc, speak, seconds=20)
+    assert decode(heard_by_ros[0], STRING).data == "wbc"
+    assert decode(heard_by_wbc[0], STRING).data == "ros"
+
+
 @pytest.mark.parametrize("wbc_range", RANGES, ids=lambda value: f"wbc_{value or 'unset'}")
 @pytest.mark.parametrize("ros_range", RANGES, ids=lambda value: f"ros_{value or 'unset'}")
 def test_all_ranges_but_off_discover_each_other_on_one_host(ros_range, wbc_range, set_range, eventually):
     """One embedded participant starts before the ROS 2 node, one after it; messages cross in both directions."""
     domain = own_domain()
-    ros = Ros2Participants(domain)
     opened = []
 
     def embedded(node):
@@ -52,24 +68,14 @@ def test_all_ranges_but_off_discover_each_other_on_one_host(ros_range, wbc_range
         opened.append(DdsTransport(node, domain_id=domain))
         return opened[-1]
 
+    before = embedded("before")
+    time.sleep(0.5)  # until Cyclone has sent the announcements of its first 0.1 s
+    set_range(ros_range)
+    ros = Ros2Participants(domain)
     try:
-        before = embedded("before")
-        set_range(ros_range)
         opened.append(ros.transport("ros"))
-        for transport in (before, embedded("after")):
-            heard_by_ros, heard_by_wbc = [], []
-            name = f"/round_{len(opened)}"
-            opened[1].subscribe(topic(f"{name}/to_ros"), heard_by_ros.append)
-            transport.subscribe(topic(f"{name}/to_wbc"), heard_by_wbc.append)
-            to_ros, to_wbc = transport.advertise(topic(f"{name}/to_ros")), opened[1].advertise(topic(f"{name}/to_wbc"))
-
-            def speak(to_ros=to_ros, to_wbc=to_wbc):
-                to_ros(encode(message(STRING, data="wbc")))
-                to_wbc(encode(message(STRING, data="ros")))
-
-            eventually(lambda a=heard_by_ros, b=heard_by_wbc: a and b, speak, seconds=20)
-            assert decode(heard_by_ros[0], STRING).data == "wbc"
-            assert decode(heard_by_wbc[0], STRING).data == "ros"
+        exchange(before, opened[1], "/first", eventually)
+        exchange(embedded("after"), opened[1], "/second", eventually)
     finally:
         for transport in opened:
             transport.close()
