@@ -65,6 +65,8 @@ def all_is_well(rig, pages):
     drawn = rig.page.shown
     pages[0].until(lambda: rig.page.shown >= drawn + 2)
     for page in pages:
+        values = [props.get("value", 0.0) for props in page.controls.values()]
+        assert np.isfinite([value for value in values if not isinstance(value, str)]).all()
         handles = [name for name in page.positions if name.startswith("/handles")]
         assert "/handles/com" in handles
         for name in handles:

@@ -44,8 +44,9 @@ _FOREIGN = "This page is only for {host}: {what} is {said!r}.\n"
 _FULL = f"At most {MOST_PAGES} pages may be open at once.\n"
 #: A host with or without a port, as browsers send it.
 _HOST = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?", re.ASCII)
-#: What the page may load. It has all its code in itself; its address can name another server or a file to load
-#: (``?websocket=``, ``?playbackPath=``), whose messages run code (`RunJavascriptMessage`): this refuses all of it.
+#: Content security policy: the page loads nothing from other servers, and evaluates no text as code. It has all its own
+#: code. Its address can name another server (``?websocket=``) or a file (``?playbackPath=``) whose messages would run
+#: code here, in a page that may command a robot. viser's sorter of Gaussian splats, unused here, evaluates text too.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
