@@ -53,7 +53,13 @@ setup(
         "plots": ["plotly>=7.1,<8"],
         "campaign": ["joblib>=1.4,<2"],  # for wbc faults
         # For wbc view and wbc play: the page, and what makes meshes small enough for a browser.
-        "view": ["viser>=1.1.1,<1.2", "websockets>=13.1,<17", "trimesh>=4,<6", "fast-simplification>=0.1.9,<0.3"],
+        "view": [
+            "viser>=1.1.1,<1.2",
+            "msgspec>=0.18.5,<1",
+            "websockets>=13.1,<17",
+            "trimesh>=4,<6",
+            "fast-simplification>=0.1.9,<0.3",
+        ],
         "demo": ["wbc_controller[robots,mock,plots,campaign,view]"],
     },
     entry_points={

@@ -208,7 +208,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "live",
             "user",
         ),
-        ("numpy", "pinocchio", "coal", "click", "viser", "websockets", "trimesh", "fast_simplification"),
+        ("numpy", "pinocchio", "coal", "click", "viser", "websockets", "msgspec", "trimesh", "fast_simplification"),
     ),
     "cli": (
         (

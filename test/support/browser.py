@@ -27,6 +27,7 @@ class Browser:
         self.turns: dict[str, tuple[float, ...]] = {}  # quaternions, w first
         self.controls: dict[str, dict[str, Any]] = {}
         self.updates = 0
+        self.unknown: set[str] = set()  # messages that only other pages send: the server must not pass them on
         self.moved: Counter[str] = Counter()  # messages that moved something, by name
         self._connection: ClientConnection = connect(
             f"ws://127.0.0.1:{port}{path}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options
@@ -47,6 +48,14 @@ class Browser:
         """Send one of viser's messages."""
         self._connection.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
+    def send(self, payload: bytes | str) -> None:
+        """Send bytes, or a text message, as they are."""
+        self._connection.send(payload)
+
+    def uuid(self, label: str) -> str:
+        """Identifier of the first control with a label."""
+        return next(uuid for uuid, props in self.controls.items() if props.get("label") == label)
+
     def drag(self, handle: str, phase: str, position: Any = (), wxyz: Any = (1.0, 0.0, 0.0, 0.0)) -> None:
         """A handle is gripped (start), moved (update) or let go (end)."""
         name = f"/handles/{handle}"
@@ -65,8 +74,7 @@ class Browser:
 
     def set(self, label: str, value: Any) -> None:
         """Press a button (True), or set a switch or a slider, by its label."""
-        found = [uuid for uuid, props in self.controls.items() if props.get("label") == label]
-        self.say("GuiUpdateMessage", uuid=found[0], updates={"value": value})
+        self.say("GuiUpdateMessage", uuid=self.uuid(label), updates={"value": value})
 
     def until(self, condition: Any, patience: float = 20.0) -> None:
         deadline = time.monotonic() + patience
@@ -92,8 +100,10 @@ class Browser:
         elif kind == "SetOrientationMessage":
             self.turns[message["name"]] = tuple(message["wxyz"])
             self.moved[message["name"]] += 1
-        elif kind.startswith("Gui") and "props" in message:
+        elif kind.startswith("Gui") and "props" in message and "uuid" in message:
             self.controls[message["uuid"]] = dict(message["props"])
+        elif kind.startswith(("GuiForm", "FileTransfer", "Share")):
+            self.unknown.add(kind)
         elif kind == "GuiUpdateMessage" and message["uuid"] in self.controls:
             self.controls[message["uuid"]] |= message["updates"]
             self.updates += 1

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -23,6 +24,7 @@ from domains import own_domain
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.settings.config import load
 from wbc_controller.user.session import Session
+from wbc_controller.viewer.drawing import GROUPS
 from wbc_controller.viewer.moment import Robot
 from wbc_controller.viewer.page import camera
 
@@ -41,7 +43,7 @@ COARSE = "?fixedDpr=0.4"
 
 @pytest.fixture(scope="module")
 def playing(tmp_path_factory):
-    """The process of `wbc play`, and the address of its page."""
+    """The process of `wbc play`, the address of its page, and the file of its log."""
     folder, domain = tmp_path_factory.mktemp("play"), own_domain()
     robot = folder / "g1.yaml"
     robot.write_text(CONFIG.to_yaml(), encoding="utf-8")
@@ -50,14 +52,16 @@ def playing(tmp_path_factory):
         patch.delenv("DISPLAY", raising=False)
         command = [sys.executable, "-m", "wbc_controller", "play", str(robot), "--port", "0", "--domain", str(domain)]
         command += ["--real-time-factor", SLOW_MOTION]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        log = folder / "log"
+        with log.open("w", encoding="utf-8") as written:
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=written, text=True)
         address = ""
         for line in process.stdout:
             if found := re.match(r"page: (\S+)", line):
                 address = found[1]
                 break
-        assert address, "wbc play has ended"
-        yield process, address
+        assert address, f"wbc play has ended: {log.read_text(encoding='utf-8')}"
+        yield process, address, log
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
             process.wait(timeout=60.0)
@@ -72,12 +76,20 @@ def session(playing):
 
 
 @pytest.fixture(scope="module")
-def page(playing, session):
+def requested():
+    """Addresses that the page has asked for."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def page(playing, session, requested):
     flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=flags)
         page = browser.new_page(viewport=SIZE)
         page.set_default_timeout(60_000)
+        page.on("request", lambda request: requested.append(request.url))
+        page.on("websocket", lambda connection: requested.append(connection.url))
         page.goto(playing[1] + COARSE)
         page.get_by_text("active", exact=True).wait_for()
         page.get_by_role("button", name="Hold").wait_for()
@@ -177,6 +189,41 @@ def test_a_slider_makes_the_sensors_noisy(page, session):
     assert first(faults)[-1].data == "clear"
 
 
+def test_the_switches_and_the_camera_pass_the_allow_list(page, playing):
+    page.get_by_text("Show", exact=True).click()
+    for label in [*GROUPS.values(), "See through it", "Shadows", "Turn, too"]:
+        switch = page.get_by_label(label, exact=True)
+        was = switch.is_checked()
+        switch.click()
+        page.wait_for_timeout(200)
+        assert switch.is_checked() is not was
+        switch.click()
+    left, top = Pixels(page).box["x"], Pixels(page).box["y"]
+    page.mouse.move(left + 60.0, top + 600.0)
+    page.mouse.wheel(0.0, 300.0)
+    drag(page, (left + 60.0, top + 600.0), (left + 120.0, top + 630.0))  # turns the view
+    page.wait_for_timeout(500)
+
+
+def test_the_page_asks_its_own_server_alone(page, playing, requested):
+    own = playing[1].removeprefix("http://")
+    assert any(url.startswith(f"http://{own}") for url in requested)
+    foreign = [url for url in requested if not url.startswith((f"http://{own}", f"ws://{own}", "data:", "blob:"))]
+    assert foreign == []
+
+
+@pytest.mark.parametrize("query", ["?websocket=ws://127.0.0.1:{port}", "?playbackPath=http://127.0.0.1:{port}/x.viser"])
+def test_an_address_cannot_have_the_page_load_from_another_server(page, playing, query):
+    """The messages of another server would run code in this page, which may command the robot."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        other.settimeout(10.0)
+        opened = page.context.browser.new_page()
+        opened.goto(playing[1] + query.format(port=other.getsockname()[1]))
+        with pytest.raises(TimeoutError):
+            other.accept()
+        opened.close()
+
+
 def test_each_button_does_what_it_says(page, session):
     holds = session.follow(session.topics["mock", "hold", ""])
 
@@ -186,7 +233,7 @@ def test_each_button_does_what_it_says(page, session):
             session.until(lambda: session.mode().startswith(mode), f"{name}: not {mode} but {session.mode()}", patience)
 
     press("Record")
-    page.get_by_text("the last seconds are written to ").wait_for()
+    page.get_by_text("the last seconds are written to '").wait_for()  # as the controller names the file
     press("Hold")
     assert first(holds)[-1].data is True
     time.sleep(1.0)  # the hoist lifts it
@@ -202,8 +249,12 @@ def test_each_button_does_what_it_says(page, session):
     press("Damp", "damping")
 
 
+def test_no_message_of_the_page_has_been_dropped(page, playing):
+    assert "message dropped" not in playing[2].read_text(encoding="utf-8")
+
+
 def test_the_end_of_the_page_ends_the_robot(playing, session):
-    process, _ = playing
+    process = playing[0]
     nodes = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
     assert len(nodes.split()) >= 2
     process.send_signal(signal.SIGINT)

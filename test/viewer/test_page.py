@@ -14,84 +14,11 @@ import pytest
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
+from page_rig import Rig, heard
 
-from wbc_controller.records import Reference, References
-from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.user.status_view import Heard
-from wbc_controller.viewer.meshes import Mesh
-from wbc_controller.viewer.moment import Moment, Robot
-from wbc_controller.viewer.page import RATE, Commands, Page
-from wbc_controller.viewer.sending import Sender
-from wbc_controller.viewer.server import Gate, open_server
-from wbc_controller.wire.messages import diagnostics
+from wbc_controller.viewer.page import RATE
 
 pytestmark = pytest.mark.live
-SETTINGS = load_settings(find_configuration("g1"))
-TRIANGLE = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], dtype=np.float32)
-
-
-class Story:
-    """Tells of a robot that stands, its clock going on with every moment."""
-
-    def __init__(self, robot):
-        self.robot = robot
-        com = np.array([0.02, 0.0, 0.6])
-        still = np.zeros(0)
-        references = References(
-            {"com": Reference(com, still, still)}, {"com": 50.0, "left_hand": 0.0}, {"left_foot": 1.0}
-        )
-        q = robot.model.configuration(robot.model.posture)
-        q[2] = 0.76
-        forces = {name: np.array([10.0, 0.0, 170.0, 0.0, 0.0, 0.0]) for name in robot.contacts}
-        torques = np.full(robot.model.nj, 5.0)
-        self.now = Moment(1, 0.0, q, np.zeros(robot.model.nv), "active", torques, forces, references, _heard(), 0.0)
-        self.refusals = []
-
-    def moment(self):
-        self.now = replace(self.now, stamp=self.now.stamp + 2_000_000)
-        return self.now
-
-    def look(self):
-        refusals, self.refusals = self.refusals, []
-        return refusals
-
-
-def _heard(**values):
-    status = diagnostics(0, 0, "wbc: control loop", "active", "g1", {"task_weight/com": "50", **values}).status[0]
-    return Heard(status, 500.0, {}, "")
-
-
-class Rig:
-    def __init__(self, *, commands):
-        self.robot = Robot(SETTINGS)
-        self.story = Story(self.robot)
-        self.sent, self.gate = [], Gate("127.0.0.1")
-        self.server = open_server("127.0.0.1", 0, self.gate)
-        joints = range(1, self.robot.model.pinocchio.njoints)
-        meshes = [Mesh(f"m{i}", i, TRIANGLE, np.array([[0, 1, 2]], dtype=np.uint32), (0.5,) * 3) for i in joints]
-        self.page = Page(self.server, self.robot, meshes, self.story)
-        self.sender = None
-        if commands:
-            self.sender = Sender(SETTINGS, self.take, self.page.told)
-            self.page.command(Commands(self.sender, lambda: True))
-            self.sender.start()
-        self.page.view_options()
-        self.stop = threading.Event()
-        self.thread = threading.Thread(target=self.page.run, args=(self.stop,), daemon=True)
-        self.thread.start()
-
-    def take(self, request):
-        self.sent.append((time.monotonic(), request))
-
-    def said(self):
-        return [request.said for _, request in self.sent]
-
-    def close(self):
-        self.stop.set()
-        self.thread.join()
-        if self.sender is not None:
-            self.sender.close()
-        self.server.stop()
 
 
 @pytest.fixture(scope="module")
@@ -310,7 +237,7 @@ def test_what_is_refused_is_said_on_the_page(rig, browser):
 def test_what_the_controller_says_is_on_the_page_and_is_no_html(rig, browser):
     fault = "fault STALE_INPUT: <script>joint_states</script> is 80 ms old"
     before = rig.story.now
-    rig.story.now = replace(before, mode=fault, heard=_heard(**{"cost/torque:left_knee_joint:upper": "2.5 1/(N·m)"}))
+    rig.story.now = replace(before, mode=fault, heard=heard(**{"cost/torque:left_knee_joint:upper": "2.5 1/(N·m)"}))
 
     def panel():
         return next(p["content"] for p in browser.controls.values() if 'class="mode"' in str(p.get("content")))

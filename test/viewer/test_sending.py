@@ -95,6 +95,28 @@ def test_sentences_are_sent_in_order_and_what_cannot_be_said_is_told(rig):
     assert [(said.sentence, bool(said.error)) for said in rig.told if said.error] == [("left_hand nowhere", True)]
 
 
+def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, caplog):
+    def fails(words, settings):
+        raise ValueError(f"cannot read {words}")
+
+    rig.sender.start()
+    done = threading.Event()
+    with monkeypatch.context() as patch:
+        patch.setattr("wbc_controller.viewer.sending.read_sentence", fails)
+        rig.sender._told = lambda said: (rig.told.append(said), done.set())
+        rig.drag(0.1)
+        assert done.wait(10.0)
+        rig.sender.say("activate")
+    assert [said.sentence for said in rig.told] == ["com to 0.1 0 0.6", "activate"]
+    assert all("could not be read: cannot read" in said.error for said in rig.told)
+    assert caplog.text.count("could not read the sentence") == 2
+    done.clear()
+    rig.sender.say("deactivate")
+    assert done.wait(10.0)
+    rig.sender.close()
+    assert [said for _, _, said in rig.sent] == ["deactivate"]
+
+
 def test_where_nobody_listens_it_is_told(rig):
     def nobody(request):
         raise NoAnswer("no controller is there")

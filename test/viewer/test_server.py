@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import socket
 import urllib.error
 import urllib.request
 
@@ -45,6 +46,13 @@ def get(gate, path="/", **headers):
             return answer.status, answer.headers, answer.read()
     except urllib.error.HTTPError as refusal:
         return refusal.code, refusal.headers, refusal.read()
+
+
+def raw(gate, request):
+    """The first bytes of the answer to a request that urllib would not send."""
+    with socket.create_connection(("127.0.0.1", gate.port), timeout=10.0) as connection:
+        connection.sendall(request + b"\r\n")
+        return connection.recv(4096)
 
 
 @pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/index.html", "/?websocket"])
@@ -92,6 +100,50 @@ def test_a_web_site_cannot_speak_to_the_page_of_this_computer(local, headers):
     assert get(local, **headers)[0] == 403
 
 
+@pytest.mark.parametrize(
+    "host", ["", "localhost; script-src *", "localhost/", "localhost:8080@robot.example", "127.0.0.1.robot.example"]
+)
+def test_a_host_that_is_none_is_refused(local, host):
+    assert get(local, Host=host)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        b"Host: localhost\r\nHost: robot.example\r\n",
+        b"",
+        b"Host: localhost\r\nOrigin: http://localhost\r\nOrigin: http://robot.example\r\n",
+        b"Host: localhost\r\nOrigin: http://[\r\n",
+        b"Host: local\xffhost\r\n",
+    ],
+)
+def test_headers_that_no_browser_sends_are_refused(local, lines):
+    assert raw(local, b"GET / HTTP/1.1\r\n" + lines).startswith(b"HTTP/1.1 403 ")
+
+
+def test_a_token_in_another_encoding_is_wrong(locked):
+    lines = b"Host: localhost\r\nCookie: wbc_token_%d=\xff\r\n" % locked.port
+    assert raw(locked, b"GET / HTTP/1.1\r\n" + lines).startswith(b"HTTP/1.1 403 ")
+
+
+@pytest.mark.parametrize(
+    "path", ["/../index.html", "/..%2f..%2f__init__.py", "/%2e%2e/%2e%2e/__init__.py", "/..\\..\\__init__.py",
+             "//etc/passwd", "/%2fetc%2fpasswd", "/index.html%00", "/build/../../src/App.tsx"]
+)  # fmt: skip
+def test_only_files_of_the_page_are_served(local, path):
+    answer = raw(local, b"GET " + path.encode() + b" HTTP/1.1\r\nHost: localhost\r\n")
+    assert answer.startswith(b"HTTP/1.1 404 ")
+
+
+def test_the_page_may_load_from_its_own_server_alone(local):
+    policy = get(local, Host="localhost:9000")[1]["Content-Security-Policy"]
+    allowed = {part.split()[0]: part.split()[1:] for part in policy.split("; ")}
+    assert allowed["default-src"] == ["'none'"]
+    assert allowed["connect-src"] == ["'self'", "ws://localhost:9000", "wss://localhost:9000", "data:", "blob:"]
+    assert not [where for places in allowed.values() for where in places if where in ("*", "http:", "https:")]
+    assert "'unsafe-eval'" not in allowed["script-src"]
+
+
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.0.0.1:9000", "[::1]:8080"])
 def test_a_tunnel_may_end_at_another_port(local, host):
     assert get(local, Host=host, Origin=f"http://{host}")[0] == 200
@@ -99,13 +151,13 @@ def test_a_tunnel_may_end_at_another_port(local, host):
 
 def test_nothing_is_served_where_viser_does_not_ask(monkeypatch):
     serve = websockets.asyncio.server.serve
-    monkeypatch.setattr("wbc_controller.viewer.server._asked", _asked_nothing)
-    with pytest.raises(TransportError, match="does not ask who may see its page; nothing is served"):
+    monkeypatch.setattr("wbc_controller.viewer.server._checked", _unchecked)
+    with pytest.raises(TransportError, match="does not use the checks of its requests; nothing is served"):
         open_server("127.0.0.1", 0, Gate("127.0.0.1"))
     assert websockets.asyncio.server.serve is serve
 
 
-def _asked_nothing(gate):
+def _unchecked(gate, allowed):
     import contextlib
     import threading
 

@@ -144,12 +144,12 @@ class _Handle:
         if at is None:
             return
         position, turned = self._place(at)
-        if np.abs(position - self._gizmo.position).max() > 1.0e-4:
+        if not np.allclose(position, self._gizmo.position, rtol=0.0, atol=1.0e-4):
             self._gizmo.position = position
         self._orientation = turned
         if not self._turns:
             turned = np.array([1.0, 0.0, 0.0, 0.0])
-        if 1.0 - abs(float(turned @ self._gizmo.wxyz)) > 1.0e-7:
+        if not 1.0 - abs(float(turned @ self._gizmo.wxyz)) <= 1.0e-7:
             self._gizmo.wxyz = turned
 
     def _value(self) -> Array | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -24,8 +25,12 @@ from wbc_controller.viewer.sending import Said, Sender
 from wbc_controller.viewer.shove import KEY, Shoves
 from wbc_controller.views.scene import friction_used
 
+_log = logging.getLogger(__name__)
+
 #: Moments drawn per second, and of these those after which the panels and the plots are written.
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
+#: Wall time between two logged errors of drawing, s.
+_QUIET = 10.0
 #: Wall time between two looks whether anybody has come, s.
 _IDLE = 0.05
 #: Time that the plots show, s, and their points per second.
@@ -89,7 +94,7 @@ class Page:
             meshes: what it looks like.
             source: where moments come from.
         """
-        self.shown = 0
+        self.shown, self._stamp = 0, -1
         self.server, self._robot, self._source = server, robot, source
         self._commands: Commands | None = None
         self._line: TimeLine | None = None
@@ -149,6 +154,7 @@ class Page:
         async def _(client: Any) -> None:
             commands.sender.forget(client.client_id)
             self._handles.let_go(client.client_id)
+            self._shoves.let_go(client.client_id)
 
     def play(self, line: TimeLine) -> None:
         """Show the time of a recording; before `run`."""
@@ -184,19 +190,27 @@ class Page:
         self._unread = True
 
     def run(self, stop: threading.Event) -> None:
-        """Draw until the event is set; while nobody looks, nothing is drawn."""
-        due, count, stamp = time.monotonic(), 0, -1
+        """Draw until the event is set, while a page is open; log an error of one moment, and draw the next."""
+        due, count, logged = time.monotonic(), 0, -float("inf")
         while not stop.is_set():
             if not self.server.get_clients():
                 stop.wait(_IDLE)
                 continue
-            moment = self._source.moment()
-            self._draw(moment, count)
-            if moment.stamp != stamp:
-                self.shown, stamp = self.shown + 1, moment.stamp
+            try:
+                self._step(count)
+            except Exception:
+                if time.monotonic() - logged >= _QUIET:
+                    logged = time.monotonic()
+                    _log.exception("could not draw a moment; the next errors are not logged for %g s", _QUIET)
             count += 1
             due = max(due + 1.0 / RATE, time.monotonic() - 1.0 / RATE)
             stop.wait(max(0.0, due - time.monotonic()))
+
+    def _step(self, count: int) -> None:
+        moment = self._source.moment()
+        self._draw(moment, count)
+        if moment.stamp != self._stamp:
+            self.shown, self._stamp = self.shown + 1, moment.stamp
 
     def _draw(self, moment: Moment, count: int) -> None:
         self.drawing.show(moment)

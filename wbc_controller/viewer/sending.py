@@ -83,12 +83,9 @@ class Sender:
 
     def say(self, *words: str) -> None:
         """Send a sentence of `wbc send`; an emergency stop overtakes everything that waits."""
-        try:
-            request = read_sentence(words, self._settings)
-        except WbcError as error:
-            self._told(Said(" ".join(words), str(error)))
-            return
-        self.request(request, " ".join(words))
+        request = self._read(words)
+        if request is not None:
+            self.request(request, " ".join(words))
 
     def request(self, request: Request, sentence: str = "") -> None:
         """Send a request that is no sentence."""
@@ -130,12 +127,20 @@ class Sender:
                     self._sent[key] = now
                     due.append(what)
         for what in due:
-            try:
-                request = what if isinstance(what, Request) else read_sentence(what, self._settings)
-            except WbcError as error:
-                self._told(Said(" ".join(what) if not isinstance(what, Request) else what.said, str(error)))
-                continue
-            self._deliver(request, "")
+            request = what if isinstance(what, Request) else self._read(what)
+            if request is not None:
+                self._deliver(request, "")
+
+    def _read(self, words: Sequence[str]) -> Request | None:
+        """Read a sentence; None if it cannot be sent, with the reason on the page."""
+        try:
+            return read_sentence(words, self._settings)
+        except WbcError as error:
+            self._told(Said(" ".join(words), str(error)))
+        except Exception as error:  # the thread must survive it
+            _log.exception("could not read the sentence %r", " ".join(words))
+            self._told(Said(" ".join(words), f"could not be read: {error}"))
+        return None
 
     def _run(self) -> None:
         while True:

@@ -1,7 +1,7 @@
-"""The page's server: viser's, behind a check of who may look at all.
+"""The page's server: viser's, behind a check of every request and of every message.
 
-viser serves its page and speaks with it on one port, by `websockets`, and has no check of its own. `websockets` asks a
-function before it answers a request, of the page or of the connection; this is where the check stands.
+viser serves its page and its connections on one port with `websockets`, without checks of its own. `websockets` calls
+`Gate` before it answers a request, and `PageConnection` drops the messages that are not on the allow-list.
 """
 
 from __future__ import annotations
@@ -11,31 +11,49 @@ import hmac
 import http
 import io
 import ipaddress
+import re
 import secrets
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import viser
 import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from wbc_controller.errors import ConfigurationError, TransportError
+from wbc_controller.viewer.connection import PageConnection
+from wbc_controller.viewer.messages import LARGEST, AllowList
 
 #: Wall time between two signs of life that are asked of a page, and until its answer is missed, s. A page whose network
 #: is cut is dropped after both: what its user did meanwhile must not arrive and move the robot once it is back.
 PING_EVERY, PING_PATIENCE = 0.5, 2.5
+#: Pages that may be open at once.
+MOST_PAGES = 32
 #: Name of the cookie by which a page that was opened with the token shows it again; a cookie is of all ports of a host.
 _COOKIE = "wbc_token_{port}"
 #: What a browser calls the loopback.
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _LOCKED = "This page needs the token that stands in the address which wbc has printed.\n"
 _FOREIGN = "This page is only for {host}: {what} is {said!r}.\n"
+_FULL = f"At most {MOST_PAGES} pages may be open at once.\n"
+#: A host with or without a port, as browsers send it.
+_HOST = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?", re.ASCII)
+#: Content security policy: the page loads nothing from other servers, and evaluates no text as code. It has all its own
+#: code. Its address can name another server (``?websocket=``) or a file (``?playbackPath=``) whose messages would run
+#: code here, in a page that may command a robot. viser's sorter of Gaussian splats, unused here, evaluates text too.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
+    "connect-src 'self' ws://{host} wss://{host} data: blob:; base-uri 'none'; form-action 'none'"
+)
 
-_Process = Callable[[Any, Request], Response | None]
+_Process = Callable[[ServerConnection, Request], Response | None]
 
 
 class Gate:
@@ -61,22 +79,22 @@ class Gate:
         self.port = 0
 
     def refusal(self, request: Request) -> str:
-        """Why a request is not answered; empty where it is."""
-        named = request.headers.get("Host", "")
-        host = _name(f"//{named}")
-        if self.loopback and host not in _LOOPBACK:
-            return _FOREIGN.format(host="this computer", what="the host that is asked for", said=named)
-        origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != named:
-            return _FOREIGN.format(host=named, what="the site that asks", said=origin)
-        if self.token and not any(hmac.compare_digest(self.token.encode(), t.encode()) for t in self._shown(request)):
+        """Reason why a request is refused; empty if it is answered."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        named = hosts[0] if len(hosts) == 1 else ""
+        if not _HOST.fullmatch(named) or (self.loopback and _name(f"//{named}") not in _LOOPBACK):
+            this = "this computer" if self.loopback else "its own address"
+            return _FOREIGN.format(host=this, what="the requested host", said=", ".join(hosts))
+        if any(origin not in (f"http://{named}", f"https://{named}") for origin in origins):
+            return _FOREIGN.format(host=named, what="the requesting site", said=", ".join(origins))
+        if self.token and not any(hmac.compare_digest(_bytes(self.token), _bytes(t)) for t in self._shown(request)):
             return _LOCKED
         return ""
 
     def _shown(self, request: Request) -> Iterator[str]:
         yield from parse_qs(urlsplit(request.path).query).get("token", [])
         try:
-            cookie = SimpleCookie(request.headers.get("Cookie", ""))
+            cookie = SimpleCookie("; ".join(request.headers.get_all("Cookie")))
         except CookieError:
             return
         name = _COOKIE.format(port=self.port)
@@ -84,45 +102,63 @@ class Gate:
             yield cookie[name].value
 
     def before(self, process: _Process) -> _Process:
-        """Ask here before a function that answers requests."""
+        """Check each request before a function that answers requests."""
 
-        def checked(connection: Any, request: Request) -> Response | None:
+        def checked(connection: ServerConnection, request: Request) -> Response | None:
             why = self.refusal(request)
             if why:
-                text = why.encode()
-                headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(text))})
-                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", headers, text)
+                return _plain(http.HTTPStatus.FORBIDDEN, why)
             response = process(connection, request)
-            if response is not None:
-                response.headers["Referrer-Policy"] = "no-referrer"
-                response.headers["X-Frame-Options"] = "DENY"
-                response.headers["Cache-Control"] = "no-store"
-                if self.token:
-                    name = _COOKIE.format(port=self.port)
-                    response.headers["Set-Cookie"] = f"{name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+            if response is None:  # it asks for a connection
+                full = len(connection.server.connections) >= MOST_PAGES
+                return _plain(http.HTTPStatus.SERVICE_UNAVAILABLE, _FULL) if full else None
+            response.headers["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
+            response.headers["X-Content-Type-Options"] = "nosniff"
+            response.headers["Referrer-Policy"] = "no-referrer"
+            response.headers["X-Frame-Options"] = "DENY"
+            response.headers["Cache-Control"] = "no-store"
+            if self.token:
+                name = _COOKIE.format(port=self.port)
+                response.headers["Set-Cookie"] = f"{name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
             return response
 
         return checked
 
 
-def open_server(host: str, port: int, gate: Gate) -> viser.ViserServer:
-    """Open the server; nothing is answered that the gate refuses.
+def _plain(status: http.HTTPStatus, text: str) -> Response:
+    body = text.encode()
+    headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
+    return Response(status, status.phrase, headers, body)
+
+
+def _bytes(token: str) -> bytes:
+    return token.encode(errors="surrogateescape")  # as websockets decodes headers
+
+
+def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> viser.ViserServer:
+    """Open the server. It answers no request that the gate refuses, and reads no message beside the allow-list.
 
     Args:
         host: address to listen on.
-        port: port; where it is taken, the next one that is free. 0 for any.
-        gate: who may look.
+        port: port; if it is taken, the next free one. 0 for any.
+        gate: checks the requests.
+        commands: True if the page may command.
 
     Raises:
-        ConfigurationError: if there is no such address on this computer.
-        TransportError: if viser does not ask the gate: it then serves nothing.
+        ConfigurationError: if this computer does not have the address.
+        TransportError: if viser does not use the checks; nothing is served then.
     """
     _can_listen(host)
-    with _asked(gate) as passed, contextlib.redirect_stdout(io.StringIO()):  # viser draws a box around two addresses
+    allowed = AllowList(commands=commands)
+    with (
+        _checked(gate, allowed) as in_use,
+        contextlib.redirect_stdout(io.StringIO()),  # viser draws a box around two addresses
+    ):
         server = viser.ViserServer(host, port, verbose=False)
-    if not passed.is_set():
+    if not in_use.is_set():
         server.stop()
-        raise TransportError(f"viser {viser.__version__} does not ask who may see its page; nothing is served")
+        raise TransportError(f"viser {viser.__version__} does not use the checks of its requests; nothing is served")
+    allowed.gui = server.gui
     gate.port = server.get_port()
     return server
 
@@ -138,19 +174,20 @@ def address(gate: Gate, host: str) -> str:
 
 
 @contextlib.contextmanager
-def _asked(gate: Gate) -> Iterator[threading.Event]:
-    """Have the server that is opened meanwhile ask the gate; the event says that it does."""
-    serve, passed = websockets.asyncio.server.serve, threading.Event()
+def _checked(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
+    """Put the checks into the server that is opened meanwhile; the event is set when it uses them."""
+    serve, in_use = websockets.asyncio.server.serve, threading.Event()
 
     def checked(*args: Any, process_request: _Process, **options: Any) -> Any:
         options |= {"ping_interval": PING_EVERY, "ping_timeout": PING_PATIENCE, "close_timeout": PING_PATIENCE}
+        options |= {"max_size": LARGEST, "create_connection": partial(PageConnection, allowed)}
         made = serve(*args, process_request=gate.before(process_request), **options)
-        passed.set()
+        in_use.set()
         return made
 
     websockets.asyncio.server.serve = checked  # type: ignore[misc, assignment]
     try:
-        yield passed
+        yield in_use
     finally:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
 

@@ -67,7 +67,7 @@ def serve(
         robot = Robot(settings, urdf)
         meshes = build_meshes(robot.model)
         gate = Gate(host)
-        server = open_server(host, port, gate)
+        server = open_server(host, port, gate, commands=commands)
         try:
             page = Page(server, robot, meshes, Listener(session, robot))
             sender = None

@@ -44,6 +44,10 @@ class Shoves:
         for handle, joint in drawing.links:
             handle.on_drag("left", modifier=KEY)(self._pulled(joint))
 
+    def let_go(self, client: int) -> None:
+        """End the pull of a page that has gone."""
+        self._clear(client)
+
     def _pulled(self, joint: int) -> Any:
         async def pulled(event: Any) -> None:
             client = int(event.client_id)
