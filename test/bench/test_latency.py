@@ -40,10 +40,8 @@ def test_the_table_says_both_and_their_difference_what_was_late_and_what_was_use
     assert "bare echo         200      200      200" in text
     assert "difference        500     2800     2800" in text
     assert "late: 2.000 % of 100 states (1 without torques) at 500 Hz, the echo 0.000 % of 100" in text
-    assert (
-        "25.3 % of one processor active, 12.4 % inactive; 100.0 MB at the beginning, 101.0 MB at the end; fifo 50 on processor 1"
-        in text
-    )
+    assert "25.3 % of one processor active, 12.4 % inactive; 100.0 MB at the beginning, 101.0 MB at the end" in text
+    assert "; fifo 50 on processor 1" in text
     assert "median 0 us, p99 4000 us, p99.9 4000 us" in text
     assert "waited for a processor for 1.20 % of the time" in text
     assert "not always active" not in text
