@@ -1,4 +1,7 @@
-"""Entry points of the ROS 2 executables, which run the nodes of ``ros2/`` and report it if rclpy is missing."""
+"""Entry points of the ROS 2 executables.
+
+They run the nodes of ``ros2/``, and end with status 2 if rclpy is missing or two installations of ROS 2 would be mixed.
+"""
 
 from __future__ import annotations
 

@@ -62,8 +62,8 @@ def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
         from wbc_controller.ros2.process import node_without_services
     except ImportError as error:
         raise ConfigurationError(
-            f"transport rclpy: this Python finds no ROS 2 ({error}); source it first, with the Python it was made for "
-            "(docs/ros2.md), or measure with --transport dds"
+            f"transport rclpy: this Python finds no ROS 2 ({error}); source it first, with the Python it was made for, "
+            "or install its wheels (docs/ros2.md), or measure with --transport dds"
         ) from error
     with node_without_services(node, domain) as alone:
         yield alone
