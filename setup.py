@@ -6,6 +6,24 @@ from setuptools import find_packages, setup
 
 PACKAGE = "wbc_controller"
 
+# ROS 2 Jazzy without an installation of ROS, on Fast DDS: wheels of a third party, which exist for these machines only.
+_ROS2_WHEELS = "sys_platform == 'linux' and platform_machine == 'x86_64' and python_version < '3.14'"
+_ROS2 = {
+    "rclpy": ">=7.1.6,<7.2",
+    "rmw-fastrtps-cpp": ">=8.4.3,<8.5",
+    "diagnostic-msgs": ">=5.3.6,<5.4",
+    "geometry-msgs": ">=5.3.6,<5.4",
+    "lifecycle-msgs": ">=2.0.3,<2.1",
+    "nav-msgs": ">=5.3.6,<5.4",
+    "rcl-interfaces": ">=2.0.3,<2.1",
+    "rosgraph-msgs": ">=2.0.3,<2.1",
+    "sensor-msgs": ">=5.3.6,<5.4",
+    "std-msgs": ">=5.3.6,<5.4",
+    "std-srvs": ">=5.3.6,<5.4",
+    "trajectory-msgs": ">=5.3.6,<5.4",
+    "visualization-msgs": ">=5.3.6,<5.4",
+}
+
 setup(
     name=PACKAGE,
     version="0.1.0",
@@ -60,6 +78,7 @@ setup(
             "trimesh>=4,<6",
             "fast-simplification>=0.1.9,<0.3",
         ],
+        "ros2": [f"ros-jazzy-{name}{bounds}; {_ROS2_WHEELS}" for name, bounds in _ROS2.items()],
         "demo": ["wbc_controller[robots,mock,plots,campaign,view]"],
     },
     entry_points={

@@ -1,4 +1,7 @@
-"""Entry points of the ROS 2 executables, which run the nodes of ``ros2/`` and report it if rclpy is missing."""
+"""Entry points of the ROS 2 executables.
+
+They run the nodes of ``ros2/``, and end with status 2 if rclpy is missing or two installations of ROS 2 would be mixed.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,9 @@ import importlib
 import signal
 import sys
 from typing import NoReturn
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.ros2.installation import refuse_mixture
 
 
 def main() -> None:
@@ -32,6 +38,11 @@ def _run(node: str, instead: str) -> NoReturn:
     # Until the node is up, Ctrl-C ends the process at once, where Python would print where in the imports it was.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
+        refuse_mixture()
+    except ConfigurationError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    try:
         from wbc_controller.ros2 import process
 
         serve = importlib.import_module(f"wbc_controller.ros2.{node}").serve
@@ -45,7 +56,8 @@ def _without_ros2(instead: str, error: ImportError) -> int:
     version = ".".join(map(str, sys.version_info[:2]))
     print(
         f"error: this Python ({version}) finds no ROS 2: {error}\n"
-        f"Source it first (. /opt/ros/jazzy/setup.bash), with the Python it was made for; see docs/ros2.md.\n"
+        "Source it first (. /opt/ros/jazzy/setup.bash), with the Python it was made for, or on x86-64 Linux install\n"
+        "its wheels into a virtual environment (pip install 'wbc_controller[ros2]'); see docs/ros2.md.\n"
         f"Without ROS 2 the same runs as: {instead}",
         file=sys.stderr,
     )

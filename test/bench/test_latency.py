@@ -25,7 +25,8 @@ from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 FOUND = Latency(
     controller=RoundTrips(np.array([0.0007] * 98 + [0.003, np.inf]), np.array([0.0] * 98 + [0.004]), 0.002),
     echo=RoundTrips(np.array([0.0002] * 100), np.zeros(99), 0.002),
-    processor=0.253,
+    active=0.253,
+    inactive=0.124,
     waiting=0.012,
     memory=(102_400, 103_424),
     scheduling="fifo 50 on processor 1",
@@ -39,14 +40,15 @@ def test_the_table_says_both_and_their_difference_what_was_late_and_what_was_use
     assert "bare echo         200      200      200" in text
     assert "difference        500     2800     2800" in text
     assert "late: 2.000 % of 100 states (1 without torques) at 500 Hz, the echo 0.000 % of 100" in text
-    assert "25.3 % of one processor; 100.0 MB at the beginning, 101.0 MB at the end; fifo 50 on processor 1" in text
+    assert "25.3 % of one processor active, 12.4 % inactive; 100.0 MB at the beginning, 101.0 MB at the end" in text
+    assert "; fifo 50 on processor 1" in text
     assert "median 0 us, p99 4000 us, p99.9 4000 us" in text
     assert "waited for a processor for 1.20 % of the time" in text
     assert "not always active" not in text
 
 
 def test_the_table_says_when_the_controller_was_not_active():
-    found = Latency(FOUND.controller, FOUND.echo, 0.1, 0.0, (1, 1), "", ("damping FALLEN: …", "damping FALLEN: …"))
+    found = Latency(FOUND.controller, FOUND.echo, 0.1, 0.1, 0.0, (1, 1), "", ("damping FALLEN: …", "damping FALLEN: …"))
     assert lines(found)[-1] == "the controller was not always active: damping FALLEN: …"
 
 
@@ -55,6 +57,7 @@ def test_the_file_holds_the_same_figures():
     assert kept["difference_us"]["median"] == pytest.approx(500.0)
     assert kept["controller"] == {"states": 100, "late": 2, "without_torques": 1}
     assert kept["rate_hz"] == pytest.approx(500.0)
+    assert kept["controller_processor_share"] == {"active": 0.253, "inactive": 0.124}
     assert kept["controller_memory_kb"] == [102_400, 103_424]
 
 
@@ -148,7 +151,8 @@ def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, tr
         assert without < states
         assert 0.0 < kept[f"{path}_us"]["median"] <= kept[f"{path}_us"]["p99"] <= kept[f"{path}_us"]["p99.9"]
     assert kept["controller_us"]["median"] > kept["echo_us"]["median"]
-    assert kept["controller_processor_share"] > 0.0
+    share = kept["controller_processor_share"]
+    assert 0.0 < share["inactive"] < share["active"] < 4.0
     assert min(kept["controller_memory_kb"]) > 20_000
     assert "on processor" in kept["scheduling"]
     assert f" over {transport}" in result.output

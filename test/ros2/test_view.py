@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from launching import PATIENCE, launch, patient
+from launching import PATIENCE, patient, start_node
 
 try:
     from nav_msgs.msg import Odometry
@@ -15,7 +15,6 @@ try:
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
-pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
@@ -54,10 +53,11 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
     node.create_subscription(String, "/wbc_controller/state", lambda m: states.append(m.data), latched)
     node.create_subscription(Odometry, "/odom", lambda m: base.append(m.pose.pose.position), 1)
     node.create_subscription(Bool, "/mock_robot/hold", lambda m: holds.append(m.data), 10)
-    nodes = launch(
-        environment, f"config:={patient('go2', tmp_path)}", "activate:=true", "real_time_factor:=0.5",
-        "use_sim_time:=true",
-    )  # fmt: skip
+    config = f"config:={patient('go2', tmp_path)}"
+    nodes = [
+        start_node(environment, "mock_robot", config, "real_time_factor:=0.5"),
+        start_node(environment, "wbc_controller", config, "activate:=true", "use_sim_time:=true"),
+    ]
     try:
         until(lambda: states[-1:] == ["active"])
         browser = page(until)
@@ -78,6 +78,6 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
         until(lambda: states[-1] == "inactive")
         until(lambda: says("inactive"))
     finally:
-        nodes.send_signal(signal.SIGINT)
-        output, _ = nodes.communicate(timeout=PATIENCE)
-        print(states, output)  # shown by pytest where the test fails
+        for each in nodes:
+            each.send_signal(signal.SIGINT)
+        print(states, [each.wait(PATIENCE) for each in nodes])  # shown by pytest if the test fails

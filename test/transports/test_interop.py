@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from participants import DdsParticipants, Ros2Participants
+from participants import DdsParticipants, Ros2Participants, is_omitted
 
 from wbc_controller.wire.messages import decode, encode, message
 from wbc_controller.wire.topics import (
@@ -50,7 +50,7 @@ def test_every_row_crosses(pair, eventually, example, table, to_dds):
         contacts=("left",),
         frames=("pelvis",),
     )
-    for row in rows:
+    for row in (row for row in rows if not is_omitted(row)):
         received, payload = [], encode(example(row.type))
         reader.subscribe(row, received.append)
         publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))

@@ -52,7 +52,8 @@ class Latency:
     Attributes:
         controller: the round trips by the controller.
         echo: those by the echo.
-        processor: share of one processor that the controller used.
+        active: share of one processor that the active controller used.
+        inactive: the same of the inactive controller, before its first activation, while states arrived.
         waiting: time for which threads of the controller waited for a processor, as a share of the time.
         memory: of the controller, at the beginning and at the end, kB.
         scheduling: how the controller's main thread is scheduled.
@@ -61,7 +62,8 @@ class Latency:
 
     controller: RoundTrips
     echo: RoundTrips
-    processor: float
+    active: float
+    inactive: float
     waiting: float
     memory: tuple[int, int]
     scheduling: str
@@ -184,11 +186,13 @@ class _Bench:
         controller = self._processes.processes["controller"]
         ours: list[RoundTrips] = []
         bare: list[RoundTrips] = []
-        processor = waiting = 0.0
+        active = inactive = waiting = 0.0
         first, said = 0, []
         for count in range(1, blocks + 1):
             controller.send_signal(signal.SIGCONT)
             with _running(self._robot):
+                if count == 1:
+                    inactive = self._inactive_share(seconds / blocks)
                 self._activate()
                 heard = len(self._said)
                 first = first or memory(controller.pid)
@@ -196,7 +200,7 @@ class _Bench:
                 found = self._meter.measure(seconds / blocks, self._period)
                 spent = time.monotonic() - began
                 self._see_to_it_that_it_runs()
-                processor += (processor_time(controller.pid) - used) / spent
+                active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
                 said += self._said[heard:]
                 last, scheduling = memory(controller.pid), in_force(controller.pid)
@@ -211,8 +215,28 @@ class _Bench:
             bare.append(found())
             progress(count * seconds / blocks, ours[-1], bare[-1])
         return Latency(
-            joined(ours), joined(bare), processor / blocks, waiting / blocks, (first, last), scheduling, tuple(said)
+            joined(ours),
+            joined(bare),
+            active / blocks,
+            inactive,
+            waiting / blocks,
+            (first, last),
+            scheduling,
+            tuple(said),
         )
+
+    def _inactive_share(self, seconds: float) -> float:
+        """Measure the share of one processor that the controller uses before its first activation.
+
+        Args:
+            seconds: duration; at most a block is measured, s.
+        """
+        self._until(lambda: self._mode() == "inactive", "the controller to be inactive", lambda: None)
+        time.sleep(_SETTLE)
+        controller = self._processes.processes["controller"].pid
+        used, began = processor_time(controller), time.monotonic()
+        time.sleep(min(seconds, _BLOCK))
+        return (processor_time(controller) - used) / (time.monotonic() - began)
 
     def _listen(self, meter: Meter, topics: list[Endpoint], keys: tuple[str, ...]) -> None:
         """Open the topics that the meter notes, deep enough that no message is lost while this process is busy."""

@@ -20,7 +20,7 @@ def figures(found: Latency) -> dict[str, Any]:
         "difference_us": _microseconds(_difference(found)),
         "controller": _counts(ours),
         "echo": _counts(bare),
-        "controller_processor_share": found.processor,
+        "controller_processor_share": {"active": found.active, "inactive": found.inactive},
         "controller_waiting_share": found.waiting,
         "controller_memory_kb": list(found.memory),
         "states_delayed_us": _microseconds(ours.delay_quantiles),
@@ -41,8 +41,8 @@ def lines(found: Latency) -> list[str]:
     return [
         *table,
         f"late: {_late(ours)} at {1.0 / ours.period:g} Hz, the echo {_late(bare)}",
-        f"controller: {100.0 * found.processor:.1f} % of one processor; {first:.1f} MB at the beginning, {last:.1f} MB "
-        f"at the end; {found.scheduling}",
+        f"controller: {100.0 * found.active:.1f} % of one processor active, {100.0 * found.inactive:.1f} % inactive; "
+        f"{first:.1f} MB at the beginning, {last:.1f} MB at the end; {found.scheduling}",
         f"machine: the time between two states exceeded the period by {', '.join(delays)}; the controller's threads "
         f"waited for a processor for {100.0 * found.waiting:.2f} % of the time",
         *([f"the controller was not always active: {said}"] if said else []),

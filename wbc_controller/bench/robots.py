@@ -18,6 +18,7 @@ from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.mock.measurement import measure
 from wbc_controller.mock.plant import Plant
+from wbc_controller.ros2.installation import refuse_mixture
 from wbc_controller.service.realtime import apply
 from wbc_controller.settings import RealtimeSettings, Settings
 from wbc_controller.transports.transport import Transport
@@ -43,7 +44,7 @@ def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
         domain: DDS domain.
 
     Raises:
-        ConfigurationError: if there is no such transport, or rclpy is not importable.
+        ConfigurationError: if there is no such transport, or rclpy is not importable, or two ROS 2 would be mixed.
         TransportError: if the transport cannot be started.
     """
     if kind not in TRANSPORTS:
@@ -56,12 +57,13 @@ def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
             yield transport
         return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # rclpy takes it from there alone
+    refuse_mixture()
     try:
         from wbc_controller.ros2.process import node_without_services
     except ImportError as error:
         raise ConfigurationError(
-            f"transport rclpy: this Python finds no ROS 2 ({error}); source it first, with the Python it was made for "
-            "(docs/ros2.md), or measure with --transport dds"
+            f"transport rclpy: this Python finds no ROS 2 ({error}); source it first, with the Python it was made for, "
+            "or install its wheels (docs/ros2.md), or measure with --transport dds"
         ) from error
     with node_without_services(node, domain) as alone:
         yield alone

@@ -15,29 +15,44 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.waitable import NumberOfEntities, Waitable
 
 from wbc_controller.service.signals import set_by_signals
 from wbc_controller.transports.ros2 import Ros2Transport
 
 _log = logging.getLogger(__name__)
 
-#: Pause of the executor after each callback, s.
+#: Pause of the executor between two waits, s.
 _PAUSE = 0.02
 
 
-class PacedExecutor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
-    """An executor for non-urgent callbacks: services, timers, parameters, and rclpy's own clock subscription.
+class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
+    """Puts a pause between the end of each wait of a node's executor and the next wait.
 
-    rclpy goes through all entities of a node before each callback: half a millisecond, in which the control loop cannot
-    run. With a simulator's clock that would take a quarter of a processor.
+    Before each wait rclpy goes through all entities of the node: half a millisecond, in which the control loop cannot
+    run. It waits again at once after a wake-up without a callback, inside `spin_once`, so the pause belongs here. The
+    executor is for non-urgent callbacks: services, timers, parameters, and rclpy's own clock subscription.
     """
 
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Run one callback, then pause."""
-        super().spin_once(timeout_sec)
-        time.sleep(_PAUSE)
+    def __init__(self) -> None:
+        super().__init__(ReentrantCallbackGroup())
+        self._resume = time.monotonic()
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """Return no entities: nothing is waited for."""
+        return NumberOfEntities()
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        """Sleep until the pause is over; rclpy calls this before each wait."""
+        time.sleep(max(0.0, self._resume - time.monotonic()))
+
+    def is_ready(self, wait_set: Any) -> bool:
+        """Begin the pause; rclpy calls this after each wait. There is never a callback to run."""
+        self._resume = time.monotonic() + _PAUSE
+        return False
 
 
 def run(serve: Callable[[Any, threading.Event], int]) -> int:
@@ -57,7 +72,7 @@ def run(serve: Callable[[Any, threading.Event], int]) -> int:
         return 2
     try:
         with set_by_signals(stop):
-            return serve(PacedExecutor(), stop)
+            return serve(SingleThreadedExecutor(), stop)
     finally:
         rclpy.try_shutdown()
 
@@ -78,7 +93,7 @@ def logging_to(node: Any) -> Iterator[None]:
 
 @contextlib.contextmanager
 def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator[None]:
-    """Spin a node on a thread."""
+    """Spin a node on a thread, with a pause after each wait."""
     ended = threading.Event()
 
     def spin() -> None:
@@ -91,6 +106,7 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
             _log.exception("the executor has failed")
             leave(1)
 
+    node.add_waitable(Pacer())
     executor.add_node(node)
     thread = threading.Thread(target=spin, name="executor")
     thread.start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import importlib.util
 import logging
 import threading
 import time
@@ -12,21 +13,23 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
+from wbc_controller.transports.ros2_graph import CompatibilityWatch, node_name
 from wbc_controller.transports.ros2_reader import RawStream, Reader, ReaderGroup
 from wbc_controller.transports.topic_types import TopicTypes
-from wbc_controller.transports.transport import UNNAMED, Publish
+from wbc_controller.transports.transport import Publish
 from wbc_controller.wire.topics import Endpoint, Qos
 
 _log = logging.getLogger(__name__)
 
 #: Longest time, at closing, for which delivery of the last messages to the reliable readers is awaited, s.
 _LAST_WORDS = 0.5
-#: What rclpy names a node whose name has not arrived, or that is not of ROS 2.
-_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+#: Packages of messages that nodes run without: PyPI has no wheel of this one.
+_OPTIONAL_PACKAGES = ("tf2_msgs",)
 
 
 class Ros2Transport:
@@ -34,6 +37,7 @@ class Ros2Transport:
 
     Messages stay serialized: no Python message object is made. Callbacks run one at a time, on a thread of the
     transport (`Reader`). The quality of service can be overridden by the node's parameters ``qos_overrides.<topic>.…``.
+    A topic whose message is of an optional package is not published if the package is not installed.
 
     Args:
         node: an ``rclpy.node.Node`` or ``rclpy.lifecycle.LifecycleNode``. A lifecycle node's topics work in all of its
@@ -46,6 +50,7 @@ class Ros2Transport:
         self._node = node
         self._group = ReaderGroup()
         self._reader = Reader(node.context)
+        self._compatibility = CompatibilityWatch(node)
         # Re-entrant, because a callback may publish, open topics, or close the transport.
         self._lock = threading.RLock()
         self._closed = False
@@ -56,6 +61,10 @@ class Ros2Transport:
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
+        package = endpoint.type.split("/")[0]
+        if package in _OPTIONAL_PACKAGES and importlib.util.find_spec(package) is None:
+            _log.warning("%s is not published: the package %s is not installed", endpoint.name, package)
+            return lambda payload: None
         with self._lock:
             message_class = self._check(endpoint)
             try:
@@ -92,7 +101,7 @@ class Ros2Transport:
         self._reader.add(self._subscription(endpoint), deliver)
 
     def _subscription(self, endpoint: Endpoint) -> Any:
-        """A subscription that the executor leaves alone."""
+        """Subscribe without the executor, which neither takes the messages nor handles their events."""
         with self._lock:
             message_class = self._check(endpoint)
             try:
@@ -102,12 +111,15 @@ class Ros2Transport:
                     lambda message: None,  # unused: the messages are taken by hand
                     _profile(endpoint.qos),
                     callback_group=self._group,
+                    # On Fast DDS the default event handlers wake the executor at every message.
+                    event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                     raw=True,
                 )
             except Exception as error:  # as above
                 raise TransportError(f"cannot subscribe to {endpoint.name}: {error}") from error
             self._subscriptions.append(subscription)
+            self._compatibility.add(subscription, endpoint.type)
             return subscription
 
     def stream(self, endpoint: Endpoint, depth: int) -> RawStream:
@@ -126,7 +138,7 @@ class Ros2Transport:
                 found = self._node.get_publishers_info_by_topic(endpoint.name)
             except Exception as error:  # as above
                 raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
-        names, own = sorted(map(_node_name, found)), self._node.get_fully_qualified_name()
+        names, own = sorted(map(node_name, found)), self._node.get_fully_qualified_name()
         for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
             names.remove(own)
         return tuple(names)
@@ -148,6 +160,7 @@ class Ros2Transport:
         for stream in self._streams:
             stream.close()
         self._reader.close()
+        self._compatibility.close()
         with self._lock:
             deadline = time.monotonic() + _LAST_WORDS
             publishers = [publisher for each in self._publishers.values() for publisher in each]
@@ -165,12 +178,6 @@ class Ros2Transport:
             raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
         self._types.check(endpoint.name, endpoint.type)
         return _message_class(endpoint.type)
-
-
-def _node_name(info: Any) -> str:
-    if info.node_name == _NODE_NAME_UNKNOWN:
-        return UNNAMED
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def _message_class(type_name: str) -> Any:

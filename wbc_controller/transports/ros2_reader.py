@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.subscription import Subscription
 
 from wbc_controller.errors import TransportError
 
@@ -22,12 +21,12 @@ _log = logging.getLogger(__name__)
 _LONGEST_WAIT = 200_000_000
 
 
-class ReaderGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Excludes the subscriptions of a `Reader` from the executor, which still handles their QoS events."""
+class ReaderGroup(ReentrantCallbackGroup):  # type: ignore[misc]  # rclpy has no types
+    """Excludes the subscriptions of a `Reader` from the executor."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether an executor may wait for an entity."""
-        return not isinstance(entity, Subscription) and bool(super().can_execute(entity))
+        """Return False: no executor may wait for an entity of this group."""
+        return False
 
 
 class Reader:
