@@ -229,11 +229,16 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, box: _Box) -> bool:
-        """Take what has come on a stream, date it, and drop what is too large; whether anything is left."""
+        """Take the messages of a stream, date them, and drop those that are too large; True if any is left.
+
+        The clock is read after the states: a simulator sends the time first, so the time of these states is there.
+        """
         taken = box.stream.take()
+        self._clock.refresh()
+        now = self._clock.now()
         for payload in taken:
             if len(payload) <= box.largest:
-                box.newest.append((self._clock.now(), payload))
+                box.newest.append((now, payload))
             else:
                 self.requests.turn_away(box.endpoint, f"more than {box.largest} bytes")
         return bool(taken and box.newest)
@@ -243,6 +248,7 @@ class Inputs:
         for box in self._boxes:
             box.stream.take()
             box.newest.clear()
+        self._clock.refresh()
 
     def restart(self) -> None:
         """Take the next stamps as those of a new time: the clock has begun anew."""

@@ -104,9 +104,7 @@ class ControlLoop:
         if trouble:
             self._inputs.restart()
         elif not (stood <= timeout):
-            trouble = (
-                f"the clock has stood still for {1e3 * stood:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
-            )
+            trouble = self._clock_stall(stood, timeout)
         problem = Fault("CLOCK", trouble) if trouble else stale_inputs(ages, timeout, self._inputs.notes)
         self._ownership.refresh(now)
         requests = latched.commands
@@ -123,11 +121,12 @@ class ControlLoop:
             changes=latched.changes,
         )
         late = None
-        passed = clock.now() + stood - now
+        clock.refresh()
+        passed = max(0.0, clock.now() - now)
         if result.solution is not None and not max(ages.values()) + passed <= timeout:
             late = stale_inputs(self._inputs.ages(), timeout)
         if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
-            result = controller.cycle(clock.now() + stood, latched.state, None, problem=late)
+            result = controller.cycle(now + passed, latched.state, None, problem=late)
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
@@ -156,6 +155,21 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _clock_stall(self, stall: float, timeout: float) -> str:
+        """Say why ages cannot be measured during a stall of the clock: it is too coarse, or has stopped.
+
+        Args:
+            stall: advance of the stamps of the states since the clock moved, s.
+            timeout: limit of the ages, s.
+        """
+        step = self._clock.resolution()
+        if stall <= 2.0 * step:  # its next message may just be late
+            return (
+                f"the clock moves in steps of {1e3 * step:.0f} ms, too coarse to measure ages up to "
+                f"{1e3 * timeout:.0f} ms (safety.state_timeout): publish it at the rate of the states"
+            )
+        return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The requests for the controller, and a sentence for each that is refused, as the robot has another owner."""
@@ -272,7 +286,11 @@ class ControlLoop:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
                 deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
-            self._clock.wait(stop, deadline - now if deadline > now else 0.0)
+            try:
+                self._clock.wait(stop, deadline - now if deadline > now else 0.0)
+            except TransportError as error:
+                self.controller.fail(error)
+                stop.wait(period)
             deadline += period
 
     def _guarded_wait(self, stop: threading.Event, period: float) -> None:
