@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections import deque
 
 import numpy as np
 import pytest
+from starved import StarvedThread
 
 from wbc_controller.errors import TransportError
 from wbc_controller.records import Mode
@@ -337,26 +337,6 @@ def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_
     assert (report.command.tau < 0.0).all() if changes is None else not report.command.tau.any()
 
 
-class StarvedThread(MemoryTransport):
-    """A transport whose thread gets no processor: callbacks wait for `run`, streams are there at once."""
-
-    def __init__(self, bus):
-        super().__init__(bus)
-        self.waiting = deque()
-
-    def subscribe(self, endpoint, callback):
-        super().subscribe(endpoint, lambda payload: self.waiting.append((callback, payload)))
-
-    def run(self):
-        while self.waiting:
-            callback, payload = self.waiting.popleft()
-            callback(payload)
-
-    def stream(self, endpoint, depth):
-        memory = MemoryTransport(self._bus)
-        return memory.stream(endpoint, depth)
-
-
 @pytest.fixture
 def starved(bench):
     """A controller by a simulator's clock, whose transport's thread runs on request alone; active for a second."""
@@ -491,3 +471,34 @@ def test_a_loop_on_deadlines_whose_clock_cannot_be_read_goes_on_and_logs_it(benc
     loop.run(stop, controller.period, triggered=False)
     assert len(waits) == 3
     assert "cannot read /clock: deliberate" in caplog.text
+
+
+@pytest.mark.parametrize("by_itself", [True, False])
+def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(simulated, monkeypatch, by_itself):
+    """Before the first torques a simulator does not wait for the controller, and nothing has been sent."""
+    controller, cycle = simulated
+    loop, computed = controller.loop, controller.loop.controller.cycle
+
+    def slow(now, *arguments, **keywords):
+        result = computed(now, *arguments, **keywords)
+        if result.mode is Mode.ACTIVE:
+            controller.send("clock", time_message(round(now * 1e9) + 60_000_000))
+        return result
+
+    cycle(1.0)
+    if by_itself:
+        loop._activate_when_fresh = True
+    else:
+        controller.command("activate")
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.controller, "cycle", slow)
+        report = cycle(1.002)
+    assert (report.mode, report.fault) == (Mode.INACTIVE, None)
+    (sentence,) = report.refused
+    assert re.match(
+        r"command 'activate' is refused: when the torques were computed, joint_states is 60 ms old", sentence
+    )
+    assert not controller.efforts().any()
+    report = cycle(1.064)
+    assert report.mode is (Mode.ACTIVE if by_itself else Mode.INACTIVE)
+    assert report.fault is None

@@ -35,6 +35,8 @@ _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 _SWITCH_INTERVAL = 5.0e-4
 #: Modes in which the torques follow the references, or hold.
 _UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+#: Requests that undo an activation in the same cycle.
+_WITHDRAWN = ("damp", "reset")
 
 
 class ControlLoop:
@@ -99,7 +101,7 @@ class ControlLoop:
         stood = latched.stood
         now = clock.now()
         self._fresh_until = now + timeout - ages["joint_states"]
-        now += stood  # where a simulator's clock stands still, the time of the states goes on
+        now += stood  # during a stall of the simulated clock, the stamps of the states count
         trouble = clock.trouble()
         if trouble:
             self._inputs.restart()
@@ -107,7 +109,7 @@ class ControlLoop:
             trouble = self._clock_stall(stood, timeout)
         problem = Fault("CLOCK", trouble) if trouble else stale_inputs(ages, timeout, self._inputs.notes)
         self._ownership.refresh(now)
-        requests = latched.commands
+        requests, waiting, before = latched.commands, self._activate_when_fresh, controller.mode
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
             requests, refused = self._requests(requests, problem)
@@ -125,8 +127,12 @@ class ControlLoop:
         passed = max(0.0, clock.now() - now)
         if result.solution is not None and not max(ages.values()) + passed <= timeout:
             late = stale_inputs(self._inputs.ages(), timeout)
-        if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
-            result = controller.cycle(now + passed, latched.state, None, problem=late)
+        if late is not None:  # the process was stopped in mid-cycle: its torques must not be sent
+            withdrawn: tuple[str, ...] = ()
+            if before not in _UNDER_CONTROL:  # nothing has been sent yet: a refusal is enough
+                withdrawn, self._activate_when_fresh = _WITHDRAWN, waiting
+                refused += (f"command 'activate' is refused: when the torques were computed, {late.sentence}",)
+            result = controller.cycle(now + passed, latched.state, None, problem=late, requests=withdrawn)
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
