@@ -502,3 +502,22 @@ def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(s
     report = cycle(1.064)
     assert report.mode is (Mode.ACTIVE if by_itself else Mode.INACTIVE)
     assert report.fault is None
+
+
+@pytest.mark.parametrize("synchronized", [False, True])
+def test_a_loop_that_loses_the_processor_after_it_has_taken_a_state_takes_the_newest(bench, synchronized):
+    controller = bench(changes={"safety": {"synchronized_clocks": synchronized}})
+    controller.cycle(10)
+    controller.activate()
+    assert controller.cycle(100).mode is Mode.ACTIVE
+    controller.clock.time += controller.period
+    controller.base()
+    controller.joints()
+    assert controller.loop._inputs.wait(0.0)
+    for _ in range(30):  # 60 ms, more than the limit of the ages
+        controller.clock.time += controller.period
+        controller.base()
+        controller.joints()
+    report = controller.loop.cycle()
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert max(report.ages.values()) == pytest.approx(0.0, abs=1e-9)

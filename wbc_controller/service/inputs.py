@@ -52,6 +52,8 @@ _MOST_POSES = 4
 _STATE_DEPTH = 10
 #: Name of the base's estimate among the ages of the inputs.
 ESTIMATE = "base estimate"
+#: Time since joint states were taken after which the loop looks for newer ones: it had lost the processor, s.
+_PREEMPTED = 0.005
 #: Time on its way from which on a message's age is explained by it, s.
 _WAITED = 0.01
 
@@ -304,6 +306,9 @@ class Inputs:
         for box in self._boxes:
             if not box.newest:  # as `wait` has not just taken them
                 self._collect(box)
+        waiting = self._trigger.newest
+        if waiting and self._clock.now() - waiting[0][0] > _PREEMPTED:
+            self._collect(self._trigger)
         refused: list[str] = []
         at_once = self._at_once() if self._measured and not self._notes else None
         state, ages, stood = at_once or self._one_by_one(holding, refused, held=held)
