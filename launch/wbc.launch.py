@@ -47,7 +47,8 @@ def generate_launch_description() -> LaunchDescription:
             "use_sim_time",
             default_value="false",
             choices=["true", "false"],
-            description="Let ages and ramps go by the mock robot's clock: for a computer that does not keep up.",
+            description="Measure ages and ramps by the mock robot's clock, which waits for a controller that is late: "
+            "for a computer that cannot keep up with real time.",
         ),
         DeclareLaunchArgument(
             "rviz",
@@ -80,7 +81,9 @@ def generate_launch_description() -> LaunchDescription:
         name="mock_robot",
         namespace=LaunchConfiguration("namespace"),
         parameters=[
-            which | {"real_time_factor": ParameterValue(LaunchConfiguration("real_time_factor"), value_type=float)}
+            which,
+            {"real_time_factor": ParameterValue(LaunchConfiguration("real_time_factor"), value_type=float)},
+            {"patient": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)},
         ],
         remappings=clock,
         condition=IfCondition(LaunchConfiguration("mock")),

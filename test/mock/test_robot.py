@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from starved import StarvedThread
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.mock import robot as module
@@ -80,14 +81,14 @@ def stamp_of(content) -> int:
 def make(go2):
     model, shipped = go2
 
-    def build(contacts=None, **options):
+    def build(contacts=None, transport=MemoryTransport, **options):
         settings = shipped
         if contacts:
             values = shipped.model_dump()
             settings = Settings.model_validate(values | {"contacts": values["contacts"] | contacts})
         bus = MemoryBus()
         peer = Peer(bus, settings)
-        return MockRobot(model, settings, MemoryTransport(bus), **options), peer
+        return MockRobot(model, settings, transport(bus), **options), peer
 
     return build
 
@@ -427,6 +428,16 @@ def test_a_patient_robot_goes_on_where_nobody_sends_torques_any_more(make, monke
     peer.on_joint_states = controller
     robot.run(stop)
     assert robot.plant.time == pytest.approx(0.12)
+
+
+def test_torques_are_taken_though_the_transport_s_thread_is_starved(make, go2):
+    """Their age is judged in simulated time, which does not wait for that thread."""
+    robot, peer = make(transport=StarvedThread)
+    tau = np.full(go2[0].na, 0.5)
+    for _ in range(2 * round(go2[1].mock.command_timeout * go2[1].control.rate)):
+        peer.effort(tau)
+        robot.step_period()
+        assert robot.plant.applied_torques == pytest.approx(tau)
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), float("inf")])

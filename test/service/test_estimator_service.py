@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from starved import StarvedThread
 
 from wbc_controller import Simulation
 from wbc_controller.errors import ConfigurationError
@@ -21,13 +22,13 @@ FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foo
 class Robot:
     """Go2, controlled by its true state, and the node that sees its sensors alone."""
 
-    def __init__(self):
+    def __init__(self, transport=MemoryTransport):
         self.simulation = Simulation("go2", preflight=False)
         self.controller = self.simulation.controller
         self.model, settings = self.controller.model, self.controller.config.settings
         bus, self.clock = MemoryBus(), ManualClock()
         topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
-        self.node = EstimatorService(settings, self.model, topics, MemoryTransport(bus), self.clock)
+        self.node = EstimatorService(settings, self.model, topics, transport(bus), self.clock)
         user = MemoryTransport(bus)
         self.heard = {"odom": [], "tf": [], "diagnostics": []}
         self.lines = {}
@@ -175,6 +176,13 @@ def test_which_contacts_hold():
     assert robot.holding() == {"rear_right_foot", "front_right_foot"}
     robot.clock.time = now + 0.2  # the controller sends no forces any more
     assert robot.holding() == FEET - {"front_left_foot"}
+
+
+def test_the_controller_s_forces_count_though_the_transport_s_thread_is_starved():
+    robot = Robot(StarvedThread)
+    for name in ("front_left_foot", "rear_right_foot"):
+        robot.send("contact_wrench", push(), name)
+    assert robot.holding() == {"front_left_foot", "rear_right_foot"}
 
 
 def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(robot):

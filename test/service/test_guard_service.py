@@ -9,6 +9,7 @@ import threading
 
 import numpy as np
 import pytest
+from starved import StarvedThread
 
 from wbc_controller.assembly.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
@@ -28,7 +29,7 @@ TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
 class Stage:
     """A guard on the memory transport, and a user who plays the controller and the robot."""
 
-    def __init__(self, robot_of, make, changed, changes=None):
+    def __init__(self, robot_of, make, changed, changes=None, transport=MemoryTransport):
         self.settings, self.model = robot_of("go2")
         if changes:
             self.settings = changed(self.settings, changes)
@@ -36,7 +37,8 @@ class Stage:
         self.clock = ManualClock(100.0)
         self.bus = MemoryBus()
         robot = describe(self.model.urdf, self.settings.robot)
-        self.service = GuardService(self.settings, robot, TABLE, MemoryTransport(self.bus), self.clock)
+        self.transport = transport(self.bus)
+        self.service = GuardService(self.settings, robot, TABLE, self.transport, self.clock)
         self.user = MemoryTransport(self.bus)
         self.kept = {}
         self.publish = {}
@@ -47,11 +49,11 @@ class Stage:
                 self.kept[topic.key] = []
                 self.user.subscribe(counterpart(topic), self.kept[topic.key].append)
 
-    def command(self, torques=1.0, names=None):
+    def command(self, torques=1.0, names=None, time=1):
         names = self.model.joints if names is None else names
         nothing = np.full(len(names), np.nan)
         effort = np.full(len(names), torques)
-        self.publish["joint_commands"](encode(self.make.joint_state(names, nothing, nothing, effort)))
+        self.publish["joint_commands"](encode(self.make.joint_state(names, nothing, nothing, effort, time)))
 
     def mode(self, text):
         self.publish["controller_state"](encode(self.make.string(text)))
@@ -188,6 +190,31 @@ def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stag
     on.clock.time += 0.02
     on.service.cycle()
     assert on.kept["effort"]
+
+
+def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of, make, changed):
+    on = Stage(robot_of, make, changed, transport=StarvedThread)
+    on.mode("active")
+    on.command()
+    on.joints()
+    on.transport.run()
+    for period in range(2, 500):  # the controller answers each state, and no callback runs
+        on.clock.time += 0.002
+        on.joints()
+        on.command(time=2_000_000 * period)
+        on.service.cycle()
+    assert on.service.guard.takeovers == 0
+    on.mode("inactive")  # and has let go of the robot
+    on.command(torques=0.0, time=2_000_000_000)
+    on.clock.time += 0.1
+    on.service.cycle()
+    assert on.service.guard.takeovers == 0
+    on.command(time=3_000_000_000)
+    on.mode("active")
+    on.transport.run()
+    on.clock.time += 0.2
+    on.service.cycle()
+    assert on.service.guard.takeovers == 1
 
 
 def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypatch):

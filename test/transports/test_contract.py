@@ -7,11 +7,13 @@ import logging
 import threading
 import time
 
+import numpy as np
 import pytest
 from participants import is_omitted
 
 from wbc_controller.errors import TransportError
-from wbc_controller.wire.messages import decode, encode, message
+from wbc_controller.service.simulated_clock import clock_of
+from wbc_controller.wire.messages import decode, encode, header, message, nanoseconds, stamp
 from wbc_controller.wire.topics import (
     COMMAND_OUT,
     CONTROLLER_TOPICS,
@@ -25,6 +27,7 @@ from wbc_controller.wire.topics import (
     TASK_TYPES,
     Direction,
     Endpoint,
+    counterpart,
     endpoints,
 )
 
@@ -275,6 +278,69 @@ def test_a_stream_ends_with_its_transport(join):
     stream.wake()
     with pytest.raises(TransportError, match="/late"):
         transport.stream(endpoint("/late"), depth=1)
+
+
+@pytest.fixture
+def clock_and_writer(join):
+    """A simulated clock, a function that publishes a time in ns, and the transports of their nodes."""
+    reader, writer = join("reader"), join("writer")
+    (topic,) = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "reader")
+    clock, publish = clock_of([topic], reader), writer.advertise(counterpart(topic))
+    tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns))))  # noqa: E731
+    return clock, tell, reader, writer
+
+
+def test_the_simulated_time_is_read_while_the_transport_s_thread_is_busy(clock_and_writer, eventually):
+    clock, tell, reader, writer = clock_and_writer
+    began, shown = [], []
+
+    def occupy_thread(payload):
+        if began:
+            return
+        began.append(payload)
+        deadline = time.monotonic() + 20.0
+        while clock.now() != 7.0 and time.monotonic() < deadline:
+            tell(7_000_000_000)
+            time.sleep(0.005)
+            clock.refresh()
+        shown.append(clock.now())
+
+    reader.subscribe(endpoint("/command"), occupy_thread)
+    ask = writer.advertise(endpoint("/command"))
+    eventually(lambda: shown, lambda: ask(text("x")))
+    assert shown == [7.0]
+
+
+def test_the_time_that_was_sent_before_a_state_is_there_with_it(clock_and_writer, eventually):
+    """Within a tenth of the limit of the stamps: two topics are two readers, whose order DDS does not promise."""
+    clock, tell, reader, writer = clock_and_writer
+    states, period = endpoint("/joint_states", STATE_IN, "sensor_msgs/msg/JointState"), 2_000_000
+    stream = reader.stream(states, depth=1)
+    publish = writer.advertise(counterpart(states))
+    empty = {"name": [], **dict.fromkeys(("position", "velocity", "effort"), np.zeros(0))}
+
+    def send(time_ns):
+        tell(time_ns)
+        publish(encode(message(states.type, header=header(time_ns), **empty)))
+
+    eventually(lambda: stream.take() and (clock.refresh() or clock.stamp()), lambda: send(period))
+    late = []
+
+    def simulate():
+        for number in range(2, 1000):
+            send(number * period)
+            time.sleep(0.001)
+
+    simulator = threading.Thread(target=simulate)
+    simulator.start()
+    while simulator.is_alive():
+        if stream.wait(0.05):
+            taken = stream.take()
+            clock.refresh()
+            late += [nanoseconds(decode(payload, states.type).header.stamp) - clock.stamp() for payload in taken]
+    simulator.join()
+    assert len(late) > 50
+    assert max(late) <= 5_000_000
 
 
 def test_delivery_does_not_wait_for_a_poll(join, eventually):

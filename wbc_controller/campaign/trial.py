@@ -35,7 +35,8 @@ from wbc_controller.mock.robot import MockRobot
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Mode
 from wbc_controller.service.clock import ManualClock
-from wbc_controller.service.controller_service import clock_of, make_loop
+from wbc_controller.service.controller_service import make_loop
+from wbc_controller.service.simulated_clock import clock_of
 from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings.config import load
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport

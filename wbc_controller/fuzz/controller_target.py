@@ -22,8 +22,9 @@ from wbc_controller.fuzz.target import (
 )
 from wbc_controller.mock.robot import MockRobot
 from wbc_controller.records import Array, CycleReport, Mode
-from wbc_controller.service.controller_service import clock_of, make_loop
+from wbc_controller.service.controller_service import make_loop
 from wbc_controller.service.inputs import Inputs, Latched
+from wbc_controller.service.simulated_clock import clock_of
 from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.messages import decode, encode, message

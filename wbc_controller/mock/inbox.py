@@ -7,20 +7,13 @@ from collections import deque
 
 
 class Inbox:
-    """The newest torques, and the answers and requests that wait."""
+    """The answers and requests that wait."""
 
     def __init__(self) -> None:
         self._arrived = threading.Condition()
-        self._effort: bytes | None = None
         # Bounded, because they are not emptied while the robot waits.
         self._answers: deque[bytes] = deque(maxlen=10)
         self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
-
-    def put_effort(self, payload: bytes) -> None:
-        """Store torques; only the newest count."""
-        with self._arrived:
-            self._effort = payload
-            self._arrived.notify()
 
     def put_answer(self, payload: bytes) -> None:
         """Store a command of lockstep."""
@@ -32,12 +25,6 @@ class Inbox:
         """Store a request, with its row of the topic table and its subject."""
         with self._arrived:
             self._requests.append((key, subject, payload))
-
-    def take_effort(self) -> bytes | None:
-        """Take the newest torques; None where none have come since."""
-        with self._arrived:
-            payload, self._effort = self._effort, None
-            return payload
 
     def take_answers(self) -> list[bytes]:
         """Take all commands of lockstep, in order of arrival."""
@@ -52,11 +39,6 @@ class Inbox:
             requests = list(self._requests)
             self._requests.clear()
             return requests
-
-    def wait_for_effort(self, timeout: float) -> bool:
-        """Wait until there are torques, at most `timeout` seconds; says whether there are."""
-        with self._arrived:
-            return self._arrived.wait_for(lambda: self._effort is not None, timeout)
 
     def wait_for_answer(self, timeout: float) -> None:
         """Wait until a command has arrived, at most `timeout` seconds."""

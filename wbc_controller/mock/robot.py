@@ -37,7 +37,7 @@ from wbc_controller.mock.plant import Plant
 from wbc_controller.mock.sensors import PARTS, ImperfectSensors
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
-from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.transports.transport import Publish, Stream, Transport
 from wbc_controller.wire import messages
 from wbc_controller.wire.odometry import transform
 from wbc_controller.wire.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
@@ -65,7 +65,8 @@ _log = logging.getLogger(__name__)
 class MockRobot:
     """Publishes the plant's state every control period, and applies the controller's torques.
 
-    The transport's callbacks only store serialized messages in an inbox; everything else runs on the caller's thread.
+    The caller's thread takes the torques: their age is compared with the simulated time, and no other thread may delay
+    them. The transport's callbacks only store the other serialized messages in an inbox.
 
     Attributes:
         plant: the physics.
@@ -135,6 +136,7 @@ class MockRobot:
         self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
         self._last_refusal: dict[str, str] = {}
         self._inbox = Inbox()
+        self._efforts: Stream | None = None  # torques, which lockstep does not read
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
         opened = endpoints(
@@ -195,7 +197,7 @@ class MockRobot:
     def _wait_for_torques(self) -> None:
         """Let time stand still while a controller that has sent torques is late."""
         late = self.plant.time - self._heard >= max(AHEAD, 2.0 * self._period)
-        if self._inbox.wait_for_effort(PATIENCE if late else 0.0):
+        if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):
             self._heard = self.plant.time
         elif late:
             self._heard = math.inf
@@ -277,8 +279,8 @@ class MockRobot:
         uses = {"push": self._push, "hold": self._hold, "fault": self._fault}
         for key, contact, payload in self._inbox.take_requests():
             self._try(key, payload, uses.get(key, partial(self._grip, contact)))
-        if not self._lockstep:
-            newest = self._inbox.take_effort()
+        if self._efforts is not None:
+            newest = next(iter(self._efforts.take()), None)
             if self.faults.busy:
                 newest = next((parcel.payload for parcel in self.faults.post("effort", 0, newest)[-1:]), None)
             if newest is not None and not self._try("effort", newest, self._take_effort):
@@ -330,7 +332,7 @@ class MockRobot:
         elif key == "joint_commands" and self._lockstep:
             transport.subscribe(endpoint, self._inbox.put_answer)
         elif key == "effort" and not self._lockstep:
-            transport.subscribe(endpoint, self._inbox.put_effort)
+            self._efforts = transport.stream(endpoint, 1)
 
     def _publish(self, key: str, subject: str, content: Any) -> None:
         self._publishers[key, subject](messages.encode(content))

@@ -12,6 +12,7 @@ from wbc_controller.ros2.plain_node import serve_plainly
 _PARAMETERS: dict[str, tuple[Any, str]] = {
     "real_time_factor": (1.0, "Simulated seconds per second."),
     "lockstep": (False, "Wait for the controller's answer to each state."),
+    "patient": (False, "Let simulated time wait for a controller that is late and uses use_sim_time."),
 }
 
 

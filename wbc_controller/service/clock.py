@@ -1,4 +1,4 @@
-"""Clocks of the loop: the machine's monotonic clock, a simulator's clock, and one that is set by hand."""
+"""Clocks of the loop: the machine's monotonic clock, and one that is set by hand."""
 
 from __future__ import annotations
 
@@ -9,6 +9,18 @@ from typing import Protocol
 
 class Clock(Protocol):
     """Measures ages and durations; it never runs backwards."""
+
+    def refresh(self) -> None:
+        """Read the time where it arrives by messages; called on the loop's thread, after it has taken a state.
+
+        Raises:
+            TransportError: if the topic of the clock cannot be read.
+        """
+        ...
+
+    def resolution(self) -> float:
+        """Step between two times that the clock shows, s; 0 if it runs continuously, or the step is unknown."""
+        ...
 
     def now(self) -> float:
         """Time since some fixed instant, s."""
@@ -48,6 +60,13 @@ class MonotonicClock:
         self._ahead = time.time_ns() * 1.0e-9 - time.monotonic()
         self._compare()
 
+    def refresh(self) -> None:
+        """Do nothing: the clock is read whenever it is asked."""
+
+    def resolution(self) -> float:
+        """0, as it runs continuously."""
+        return 0.0
+
     def now(self) -> float:
         """Time since some fixed instant, s."""
         return time.monotonic()
@@ -82,60 +101,6 @@ class MonotonicClock:
         return self._ahead - old
 
 
-class SimulatedClock:
-    """A simulator's clock: it shows the time of the last message on the clock topic, and stands still in between.
-
-    When the simulated time jumps back, as on a restart, this clock continues from its last time and reports the jump
-    once, in `trouble`.
-    """
-
-    #: Longest wall time between two checks of whether `wait` is to end, s.
-    _LOOK = 0.05
-
-    def __init__(self) -> None:
-        self._moved = threading.Condition()
-        self._stamp: int | None = None
-        self._gone_back = 0  # sum of all jumps back, ns
-        self._trouble: str | None = None
-
-    def set(self, stamp: int) -> None:
-        """Set the simulator's time, ns; may be called on any thread."""
-        with self._moved:
-            if self._stamp is not None and stamp < self._stamp:
-                self._gone_back += self._stamp - stamp
-                self._trouble = f"the simulated time went back from {self._stamp * 1e-9:.3f} to {stamp * 1e-9:.3f} s"
-            self._stamp = stamp
-            self._moved.notify_all()
-
-    def now(self) -> float:
-        """Time since some fixed instant, s; 0 before the first message."""
-        with self._moved:
-            return 0.0 if self._stamp is None else (self._stamp + self._gone_back) * 1.0e-9
-
-    def stamp(self) -> int:
-        """The simulator's time, ns; 0 before the first message."""
-        return self._stamp or 0
-
-    def ahead(self) -> float:
-        """The simulator's time less that of `now`, s: not zero once the former has gone back."""
-        return -self._gone_back * 1.0e-9
-
-    def trouble(self) -> str | None:
-        """Reports that no time has arrived yet, or that it has jumped back since the last call; None otherwise."""
-        with self._moved:
-            if self._stamp is None:
-                return "use_sim_time is set, and no time has come on the topic of the clock"
-            trouble, self._trouble = self._trouble, None
-            return trouble
-
-    def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Wait for a duration of simulated time, or until the event is set."""
-        end = self.now() + seconds
-        while not stop.is_set() and self.now() < end:
-            with self._moved:
-                self._moved.wait(self._LOOK)
-
-
 class ManualClock:
     """A clock that stands still until it is set, for lockstep runs and tests.
 
@@ -145,6 +110,13 @@ class ManualClock:
 
     def __init__(self, time: float = 0.0) -> None:
         self.time = time
+
+    def refresh(self) -> None:
+        """Do nothing: the time is set by hand."""
+
+    def resolution(self) -> float:
+        """0, as its steps are unknown."""
+        return 0.0
 
     def now(self) -> float:
         """The time shown, s."""

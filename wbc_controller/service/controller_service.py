@@ -19,18 +19,18 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
 from wbc_controller.records import CycleReport
 from wbc_controller.service.audit import make_audit
-from wbc_controller.service.clock import Clock, MonotonicClock, SimulatedClock
+from wbc_controller.service.clock import Clock, MonotonicClock
 from wbc_controller.service.inputs import Inputs
 from wbc_controller.service.loop import ControlLoop
 from wbc_controller.service.outputs import Outputs
 from wbc_controller.service.ownership import Ownership
 from wbc_controller.service.realtime import apply, in_force
+from wbc_controller.service.simulated_clock import SimulatedClock, clock_of
 from wbc_controller.service.urdf import wait_for_urdf
 from wbc_controller.service.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 from wbc_controller.transports.transport import Transport
-from wbc_controller.wire.decoding import time_of
 from wbc_controller.wire.messages import decode
 from wbc_controller.wire.topics import CONTROLLER_TOPICS, Endpoint
 
@@ -206,23 +206,3 @@ def make_clock(
     if use_sim_time:
         return clock_of(topics, transport)
     return MonotonicClock(synchronized=settings.safety.synchronized_clocks)
-
-
-def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:
-    """Make a clock that follows the simulated time on the clock topic.
-
-    Args:
-        topics: the node's endpoints.
-        transport: carries the messages; it delivers clock messages in every mode and lifecycle state of the node.
-    """
-    clock = SimulatedClock()
-    (endpoint,) = [topic for topic in topics if topic.key == "clock"]
-
-    def receive(payload: bytes) -> None:
-        try:
-            clock.set(time_of(decode(payload, endpoint.type).clock, "clock"))
-        except InputRefused as refusal:
-            _log.warning("%s: refused: %s", endpoint.name, refusal)
-
-    transport.subscribe(endpoint, receive)
-    return clock

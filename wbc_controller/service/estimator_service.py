@@ -11,7 +11,6 @@ import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,14 +77,11 @@ class EstimatorService:
         self._enabled = frozenset(name for name, spec in settings.contacts.items() if spec.enabled)
         self._base, self._clock = model.base_link, clock
         self._name, self._hardware = f"{namespace.strip('/')}/{ESTIMATOR_NODE}: base".strip("/"), model.name
-        self._lock = threading.Lock()
         self._pushed: dict[str, float] = {}  # time of the newest force of each contact
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
-        for topic in topics:
-            if topic.key == "contact_wrench":
-                transport.subscribe(topic, partial(self._take, topic.subject))
+        self._forces = {topic.subject: transport.stream(topic, 1) for topic in topics if topic.key == "contact_wrench"}
         sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *KEYS)]
         tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
         self._inputs = Inputs(
@@ -99,18 +95,17 @@ class EstimatorService:
         self._refused: dict[str, str] = {}  # the newest reason of each topic, however many come
         self._said = ""
 
-    def _take(self, contact: str, payload: bytes) -> None:
-        with self._lock:
-            self._pushed[contact] = self._clock.now()
-
     def meant(self) -> frozenset[str]:
-        """Names of the contacts that are meant to hold: by the controller's forces.
+        """Take the controller's contact forces; names of the contacts that are meant to hold.
 
-        Where the controller sends no forces, those that are enabled in the configuration.
+        If the controller has sent no forces lately, these are the contacts that the configuration enables. This thread
+        takes the forces, as it takes the states: no other thread can delay one against the other.
         """
         now = self._clock.now()
-        with self._lock:
-            return frozenset(name for name, at in self._pushed.items() if now - at <= _FRESH) or self._enabled
+        for name, stream in self._forces.items():
+            if stream.take():
+                self._pushed[name] = now
+        return frozenset(name for name, at in self._pushed.items() if now - at <= _FRESH) or self._enabled
 
     def cycle(self) -> None:
         """Take what has come, and publish the estimate where it is new."""

@@ -12,6 +12,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from wbc_controller.safety.guard import Guard, GuardLimits, GuardMode, Heard
 from wbc_controller.service.clock import Clock, MonotonicClock
 from wbc_controller.service.urdf import find_urdf
 from wbc_controller.settings import Settings
-from wbc_controller.transports.transport import Publish, Transport
+from wbc_controller.transports.transport import Publish, Stream, Transport
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, diagnostics, encode, message, nanoseconds, torques
 from wbc_controller.wire.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
@@ -34,7 +35,7 @@ NODE_NAME = "guard"
 #: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
 _LONGEST_REASON = 300
 
-#: Time before a takeover in which the callbacks can still process commands that have already arrived, s.
+#: Time before a takeover in which a command can still arrive that this computer was too busy to receive, s.
 _SECOND_LOOK = 0.001
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -45,7 +46,8 @@ class GuardService:
     """Monitors the controller's topics, and sends the torques of the guard.
 
     The transport's callbacks decode commands and modes, and store joint states undecoded; everything else runs on the
-    thread that calls `cycle`.
+    thread that calls `cycle`. Before a takeover this thread reads the newest command and mode itself, in case the
+    computer is so busy that the callbacks did not run.
 
     Attributes:
         guard: decides when to take over and which torques to send.
@@ -76,7 +78,9 @@ class GuardService:
         self.guard = Guard(guard_limits(settings, robot.effort_limits))
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
-        self._commands, self._states = JointOrder(settings.robot.joints), JointOrder(settings.robot.joints)
+        joints = settings.robot.joints
+        # Each has one thread: that of the transport, and that of the cycles.
+        self._commands, self._unread_commands, self._states = JointOrder(joints), JointOrder(joints), JointOrder(joints)
         known = settings.estimation
         differentiated = known.joint_velocity == "differentiated"
         self._velocity_filter = VelocityFilter(known.joint_velocity_time) if differentiated else None
@@ -96,19 +100,32 @@ class GuardService:
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
+        self._read: dict[str, bytes] = {}  # the newest command and mode that a callback has read
         readers: dict[str, Callable[[bytes], None]] = {
-            "joint_commands": self._take_command,
+            "joint_commands": partial(self._take_command, self._commands),
             "controller_state": self._take_mode,
             "joint_states": self._take_joint_states,
         }
+        self._unread: dict[str, Stream] = {}
         for topic in topics:
             if topic.key in readers:
                 transport.subscribe(topic, readers[topic.key])
+            if topic.key in ("joint_commands", "controller_state"):
+                self._unread[topic.key] = transport.stream(topic, 1)
 
-    def _take_command(self, payload: bytes) -> None:
-        now = self._clock.now()
+    def _read_newest(self) -> None:
+        """Read the newest command and mode on this thread, unless a callback has read them."""
+        newest = {key: payload for key, stream in self._unread.items() for payload in stream.take()}
+        unread = {key: payload for key, payload in newest.items() if payload != self._read.get(key)}
+        if "controller_state" in unread:
+            self._take_mode(unread["controller_state"])
+        if "joint_commands" in unread:
+            self._take_command(self._unread_commands, unread["joint_commands"])
+
+    def _take_command(self, order: JointOrder, payload: bytes) -> None:
+        now, self._read["joint_commands"] = self._clock.now(), payload
         try:
-            (tau,) = self._commands.columns(decode(payload, self._types["joint_commands"]), "effort")
+            (tau,) = order.columns(decode(payload, self._types["joint_commands"]), "effort")
         except InputRefused as refusal:  # the guard does not count a malformed message as a command
             self._refuse("joint_commands", refusal)
             return
@@ -118,6 +135,7 @@ class GuardService:
             self._refused.pop("joint_commands", None)
 
     def _take_mode(self, payload: bytes) -> None:
+        self._read["controller_state"] = payload
         try:
             mode = Mode(decode(payload, self._types["controller_state"]).data.partition(" ")[0])
         except (InputRefused, ValueError) as error:
@@ -176,6 +194,7 @@ class GuardService:
         if not self.guard.sending and now >= self.guard.deadline(heard):
             # If this thread was kept off the processor, so was the transport's thread: commands may be waiting.
             time.sleep(_SECOND_LOOK)
+            self._read_newest()
             now, heard = self._clock.now(), self._heard()
         tau = self.guard.step(now, heard)
         if tau is not None:

@@ -52,6 +52,8 @@ _MOST_POSES = 4
 _STATE_DEPTH = 10
 #: Name of the base's estimate among the ages of the inputs.
 ESTIMATE = "base estimate"
+#: Time since joint states were taken after which the loop looks for newer ones: it had lost the processor, s.
+_PREEMPTED = 0.005
 #: Time on its way from which on a message's age is explained by it, s.
 _WAITED = 0.01
 
@@ -229,11 +231,16 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, box: _Box) -> bool:
-        """Take what has come on a stream, date it, and drop what is too large; whether anything is left."""
+        """Take the messages of a stream, date them, and drop those that are too large; True if any is left.
+
+        The clock is read after the states: a simulator sends the time first, so the time of these states is there.
+        """
         taken = box.stream.take()
+        self._clock.refresh()
+        now = self._clock.now()
         for payload in taken:
             if len(payload) <= box.largest:
-                box.newest.append((self._clock.now(), payload))
+                box.newest.append((now, payload))
             else:
                 self.requests.turn_away(box.endpoint, f"more than {box.largest} bytes")
         return bool(taken and box.newest)
@@ -243,6 +250,7 @@ class Inputs:
         for box in self._boxes:
             box.stream.take()
             box.newest.clear()
+        self._clock.refresh()
 
     def restart(self) -> None:
         """Take the next stamps as those of a new time: the clock has begun anew."""
@@ -298,6 +306,9 @@ class Inputs:
         for box in self._boxes:
             if not box.newest:  # as `wait` has not just taken them
                 self._collect(box)
+        waiting = self._trigger.newest
+        if waiting and self._clock.now() - waiting[0][0] > _PREEMPTED:
+            self._collect(self._trigger)
         refused: list[str] = []
         at_once = self._at_once() if self._measured and not self._notes else None
         state, ages, stood = at_once or self._one_by_one(holding, refused, held=held)

@@ -35,6 +35,8 @@ _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 _SWITCH_INTERVAL = 5.0e-4
 #: Modes in which the torques follow the references, or hold.
 _UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+#: Requests that undo an activation in the same cycle.
+_WITHDRAWN = ("damp", "reset")
 
 
 class ControlLoop:
@@ -99,17 +101,15 @@ class ControlLoop:
         stood = latched.stood
         now = clock.now()
         self._fresh_until = now + timeout - ages["joint_states"]
-        now += stood  # where a simulator's clock stands still, the time of the states goes on
+        now += stood  # during a stall of the simulated clock, the stamps of the states count
         trouble = clock.trouble()
         if trouble:
             self._inputs.restart()
         elif not (stood <= timeout):
-            trouble = (
-                f"the clock has stood still for {1e3 * stood:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
-            )
+            trouble = self._clock_stall(stood, timeout)
         problem = Fault("CLOCK", trouble) if trouble else stale_inputs(ages, timeout, self._inputs.notes)
         self._ownership.refresh(now)
-        requests = latched.commands
+        requests, waiting, before = latched.commands, self._activate_when_fresh, controller.mode
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
             requests, refused = self._requests(requests, problem)
@@ -123,11 +123,16 @@ class ControlLoop:
             changes=latched.changes,
         )
         late = None
-        passed = clock.now() + stood - now
+        clock.refresh()
+        passed = max(0.0, clock.now() - now)
         if result.solution is not None and not max(ages.values()) + passed <= timeout:
             late = stale_inputs(self._inputs.ages(), timeout)
-        if late is not None:  # the process stood still in mid-cycle: nothing of it may go out
-            result = controller.cycle(clock.now() + stood, latched.state, None, problem=late)
+        if late is not None:  # the process was stopped in mid-cycle: its torques must not be sent
+            withdrawn: tuple[str, ...] = ()
+            if before not in _UNDER_CONTROL:  # nothing has been sent yet: a refusal is enough
+                withdrawn, self._activate_when_fresh = _WITHDRAWN, waiting
+                refused += (f"command 'activate' is refused: when the torques were computed, {late.sentence}",)
+            result = controller.cycle(now + passed, latched.state, None, problem=late, requests=withdrawn)
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
@@ -156,6 +161,21 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _clock_stall(self, stall: float, timeout: float) -> str:
+        """Say why ages cannot be measured during a stall of the clock: it is too coarse, or has stopped.
+
+        Args:
+            stall: advance of the stamps of the states since the clock moved, s.
+            timeout: limit of the ages, s.
+        """
+        step = self._clock.resolution()
+        if stall <= 2.0 * step:  # its next message may just be late
+            return (
+                f"the clock moves in steps of {1e3 * step:.0f} ms, too coarse to measure ages up to "
+                f"{1e3 * timeout:.0f} ms (safety.state_timeout): publish it at the rate of the states"
+            )
+        return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The requests for the controller, and a sentence for each that is refused, as the robot has another owner."""
@@ -272,7 +292,11 @@ class ControlLoop:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
                 deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
-            self._clock.wait(stop, deadline - now if deadline > now else 0.0)
+            try:
+                self._clock.wait(stop, deadline - now if deadline > now else 0.0)
+            except TransportError as error:
+                self.controller.fail(error)
+                stop.wait(period)
             deadline += period
 
     def _guarded_wait(self, stop: threading.Event, period: float) -> None:
