@@ -251,8 +251,7 @@ class BaseEstimator:
             )
         elif not turn <= _MOST_BIAS:
             self._waits_for = (
-                f"the IMU turns at {turn:.3g} rad/s, and a gyroscope at rest measures at most {_MOST_BIAS:g}: the robot "
-                "turns, or the gyroscope's unit is wrong"
+                f"the IMU turns at {turn:.3g} rad/s (limit {_MOST_BIAS:g}): the robot turns, or the gyroscope is wrong"
             )
         elif not abs(pull - gravity) <= _GRAVITY_TOLERANCE * gravity:
             self._waits_for = (

@@ -161,7 +161,7 @@ class ControlLoop:
         return report
 
     def _takes_reset(self, words: tuple[str, ...]) -> bool:
-        """Whether the supervisor takes the first 'reset' of some requests: it does so if the robot is not controlled."""
+        """Whether the supervisor accepts the first 'reset' of some requests, as it does unless it is in control."""
         return self.controller.mode not in _UNDER_CONTROL or "damp" in words[: words.index("reset")]
 
     def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
