@@ -238,7 +238,7 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
         "one foot pulled up": Outcome(
             0.3, 0.1, ("left", "right"), ("NO_SOLUTION: there is none (daqp)",), ended=True, recovery=0.5
         ),
-        "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.21, ()),
+        "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.31, ()),
     }
     monkeypatch.setattr(
         "wbc_controller.accuracy.mishaps.come_of",
@@ -249,7 +249,7 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
         "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | 0.50 s | left, right |"
         in run.output
     )
-    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 210 ms | – | – |" in run.output
+    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 310 ms | – | – |" in run.output
     assert run.exit_code == 1
     assert CliRunner().invoke(accuracy.commands["mishaps"], ["g1", "--jobs", "1"]).exit_code == 0
     found["one foot pulled up"], found["gyroscope bias of 0.05 rad/s"] = Outcome(0.3, 0.1, (), recovery=np.inf), fine

@@ -75,5 +75,5 @@ def test_a_single_wrong_sample_does_not_decide(robot_of):
     _, model, legs, consistency = make(robot_of, "g1", "pelvis")
     legs.update(model.posture, np.zeros(model.nj))
     consistency.update(tuple(legs.points), np.eye(3), np.array([0.0, 0.0, 50.0]), OMEGA, 0.002)
-    assert consistency.speed == pytest.approx(1.0 - np.exp(-0.002 / 0.08))
+    assert consistency.speed == pytest.approx(1.0 - np.exp(-0.002 / 0.1))
     assert consistency.speed < LIMIT

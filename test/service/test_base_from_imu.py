@@ -230,12 +230,12 @@ def test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size(robot, ch
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "ESTIMATE_LOST")
     found = re.fullmatch(
         r"the base estimate was lost: the IMU contradicts all contacts \((.*)\): by its data each of them moves at "
-        r"(0\.\d\d) m/s or more \(limit 0\.11 m/s\); the IMU is wrong, or no contact holds; "
+        r"(0\.\d\d) m/s or more \(limit 0\.12 m/s\); the IMU is wrong, or no contact holds; "
         r"the robot has to stand still for 0\.1 s",
         report.fault.sentence,
     )
     assert set(found[1].split(", ")) == set(FEET)
-    assert 0.11 <= float(found[2]) < 0.3
+    assert 0.12 <= float(found[2]) < 0.3
     assert elapsed < latest
 
 

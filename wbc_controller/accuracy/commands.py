@@ -139,7 +139,7 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
     Prints whether they go on or which fault ends it, the largest error of the base's velocity, the longest time above
     0.2 m/s without a fault, the time from 'reset' to an active controller after the fault, with the robot on the hoist,
     and the contacts that the estimate left out. The status is 1 if an estimate was silently wrong (above 0.2 m/s for
-    more than 0.2 s without a fault, or until the robot lay on the floor), or 'activate' stayed refused.
+    more than 0.3 s without a fault, or until the robot lay on the floor), or 'activate' stayed refused.
     """
     from wbc_controller.accuracy.mishaps import MISHAPS, come_of
 

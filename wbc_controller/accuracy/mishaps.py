@@ -21,7 +21,7 @@ from wbc_controller.records import Mode
 from wbc_controller.settings.config import Config, load
 
 #: Error of the base's velocity above which an estimate is wrong, m/s, and how long it may be so unsaid, s.
-WRONG, UNSAID = 0.2, 0.2
+WRONG, UNSAID = 0.2, 0.3
 #: How the robot sways beside: amplitude in m, and the time for each way, s.
 _SWAY, _BEAT = 0.03, 0.5
 #: Time from the mishap on, s.

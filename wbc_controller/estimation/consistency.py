@@ -21,9 +21,9 @@ from wbc_controller.kernels.leg_kinematics import slowest_contact
 from wbc_controller.records import Array
 
 #: Mean speed of the slowest contact above which the estimate is lost, m/s.
-LIMIT = 0.11
+LIMIT = 0.12
 #: Time constant of the mean, s: noise of the joint velocities and short slips average out.
-_MEAN = 0.08
+_MEAN = 0.1
 #: Speed to which each velocity is limited, m/s: a single wrong sample of the gyroscope must not decide.
 _FASTEST = 1.0
 

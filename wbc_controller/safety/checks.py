@@ -48,7 +48,7 @@ CHECKS = (
     Check("STALE_INPUT", "stamps ahead of this computer's clock, with synchronized clocks",
           ("safety.clock_tolerance",), "s", "the message is refused",
           "service/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much"),
-    Check("ESTIMATE_LOST", "the estimated base: finite, its slowest contact below 0.11 m/s", (), "m/s", _DAMPS,
+    Check("ESTIMATE_LOST", "the estimated base: finite, its slowest contact below 0.12 m/s", (), "m/s", _DAMPS,
           "service/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size"),
     Check("IMPLAUSIBLE_STATE", "magnitude of joint positions and base coordinates", ("safety.max_magnitude",),
           "rad, m", _DAMPS, _STATES + "positions_that_no_robot_has_are_a_fault_and_are_not_compared_with"),
