@@ -215,10 +215,30 @@ def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and
         assert 0.0 < found.error < 0.1
 
 
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [
+        ("g1", "gyroscope bias of 0.2 rad/s about x"),
+        ("go2", "IMU shock of 20 m/s² along z for 50 ms"),
+        ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist"),
+    ],
+)
+def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_again(monkeypatch, robot, name):
+    monkeypatch.setattr("wbc_controller.accuracy.mishaps._LIFTED", 2.0)
+    found = come_of(robot, name, changes={"safety.activation_ramp": 0.0})
+    assert [sentence.partition(":")[0] for sentence in found.said] == ["ESTIMATE_LOST"]
+    assert "the IMU contradicts all contacts" in found.said[0]
+    assert (found.silently_wrong, found.fell, found.ended) == (False, False, "hoist" not in name)
+    assert 0.5 <= found.recovery < 2.0
+
+
 def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
+    fine = Outcome(0.01, 0.0, ())
     found = {
-        "one foot pulled up": Outcome(0.3, 0.1, ("left", "right"), ("NO_SOLUTION: there is none (daqp)",), ended=True),
-        "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.21, ()),
+        "one foot pulled up": Outcome(
+            0.3, 0.1, ("left", "right"), ("NO_SOLUTION: there is none (daqp)",), ended=True, recovery=0.5
+        ),
+        "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.31, ()),
     }
     monkeypatch.setattr(
         "wbc_controller.accuracy.mishaps.come_of",
@@ -226,12 +246,16 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
     )
     run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
     assert (
-        "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | left, right |"
+        "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | 0.50 s | left, right |"
         in run.output
     )
-    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 210 ms | – |" in run.output
+    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 310 ms | – | – |" in run.output
     assert run.exit_code == 1
     assert CliRunner().invoke(accuracy.commands["mishaps"], ["g1", "--jobs", "1"]).exit_code == 0
+    found["one foot pulled up"], found["gyroscope bias of 0.05 rad/s"] = Outcome(0.3, 0.1, (), recovery=np.inf), fine
+    run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
+    assert "| go2 | one foot pulled up | goes on | 0.300 m/s | 100 ms | **refused** | – |" in run.output
+    assert run.exit_code == 1
     assert Outcome(np.nan, np.nan, ()).silently_wrong
     assert Outcome(0.0, 0.0, (), fell=True).silently_wrong
     assert [longest(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]

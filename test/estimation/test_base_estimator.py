@@ -175,6 +175,7 @@ def test_it_begins_when_the_robot_has_stood_still_for_a_while():
     ("changes", "holding", "said"),
     [
         ({"turning": [[0.2 * (-1) ** i, 0.0, 0.0] for i in range(300)]}, None, "varies by 0.2 rad/s (limit 0.05"),
+        ({"turning": [[0.0, 0.0, 0.6]] * 300}, None, "the IMU turns at 0.6 rad/s (limit 0.5)"),
         ({"force": np.array([0.0, 0.0, 1.0])}, None, "the IMU measures 1 m/s² at rest, and gravity is 9.81"),
         ({}, (), "no contact holds"),
     ],

@@ -49,6 +49,19 @@ def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, 
 
 
 @pytest.mark.parametrize(("robot", "frame"), CASES)
+def test_rates_are_the_time_derivatives_of_the_places(robot_of, robot, frame):
+    model, legs = legs_of(robot_of, robot, frame)
+    rng = np.random.default_rng(5)
+    q, v, step = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj), 1e-6
+    names, places = tuple(legs.points), []
+    for time in (step, -step):
+        legs.update(q + time * v, v)
+        places.append(legs.sight(names).places)
+    legs.update(q, v)
+    np.testing.assert_allclose(legs.sight(names).rates, (places[0] - places[1]) / (2.0 * step), atol=1e-7)
+
+
+@pytest.mark.parametrize(("robot", "frame"), CASES)
 def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says(robot_of, robot, frame):
     settings, model = robot_of(robot)
     _, legs = legs_of(robot_of, robot, frame)

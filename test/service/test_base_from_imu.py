@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -199,14 +200,95 @@ def test_an_estimate_that_is_lost_begins_anew(robot):
     """No measurement within the ranges of the messages was found that does it: the filter is spoilt by hand."""
     robot.activate()
     robot.bench.loop._inputs._estimator._running.filter.P[:] = np.nan
-    assert robot.cycle().fault.code == "STALE_INPUT"
-    assert robot.bench.loop._inputs.notes()["base estimate"] == (
-        "the estimate was lost (it was not finite), and the robot has to stand still again"
+    fault = robot.cycle().fault
+    assert (fault.code, fault.sentence) == (
+        "ESTIMATE_LOST",
+        "the base estimate was lost: it is not finite; the robot has to stand still for 0.1 s",
     )
     robot.cycle(80)
     robot.bench.command("reset")
     robot.cycle()
     assert robot.activate().mode is Mode.ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("changes", "latest"),
+    [
+        ({"turning": (0.2, 0.0, 0.0)}, 0.7),
+        ({"turning": (0.0, 0.1, 0.0)}, 0.9),
+        ({"force": (0.0, 0.0, GRAVITY[2] + 20.0)}, 0.05),
+        ({"force": (1.0, 0.0, GRAVITY[2])}, 0.3),
+    ],
+)
+def test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size(robot, changes, latest):
+    robot.activate()
+    elapsed = 0.0
+    while robot.bench.reports[-1].fault is None and elapsed < 2.0:
+        robot.cycle(**changes)
+        elapsed += robot.bench.period
+    report = robot.bench.reports[-1]
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "ESTIMATE_LOST")
+    found = re.fullmatch(
+        r"the base estimate was lost: the IMU contradicts all contacts \((.*)\): by its data each of them moves at "
+        r"(0\.\d\d) m/s or more \(limit 0\.12 m/s\); the IMU is wrong, or no contact holds; "
+        r"the robot has to stand still for 0\.1 s",
+        report.fault.sentence,
+    )
+    assert set(found[1].split(", ")) == set(FEET)
+    assert 0.12 <= float(found[2]) < 0.3
+    assert elapsed < latest
+
+
+def test_one_foot_that_slips_is_no_contradiction(robot):
+    robot.activate()
+    bench = robot.bench
+    knee = bench.model.q_index[bench.model.joints.index("RR_calf_joint")]
+    speed = bench.model.v_index[bench.model.joints.index("RR_calf_joint")]
+    for _ in range(100):
+        bench.q, bench.v = bench.q.copy(), bench.v.copy()
+        bench.q[knee], bench.v[speed] = bench.q[knee] + 0.002, 1.0
+        assert robot.cycle().fault is None
+
+
+def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_velocity(robot):
+    """5 rad/s for 1.5 s: the velocity has grown to 1,500 m/s on the valid data that followed."""
+    robot.cycle(80)
+    estimator = robot.bench.loop._inputs.estimator
+    assert estimator.base is not None
+    robot.cycle(round(1.5 / robot.bench.period), turning=(5.0, 0.0, 0.0))
+    assert estimator.base is None
+    assert estimator.waits_for.startswith("the base estimate was lost: the IMU contradicts all contacts")
+    assert estimator.waits_for.endswith(
+        "the IMU turns at 5 rad/s (limit 0.5): the robot turns, or the gyroscope is wrong"
+    )
+    robot.bench.command("activate")
+    (refusal,) = robot.cycle(turning=(5.0, 0.0, 0.0)).refused
+    assert refusal == f"command 'activate' is refused: {estimator.waits_for}"
+    for _ in range(500):
+        robot.cycle()
+        assert estimator.base is None or np.abs(estimator.base[1]).max() < 1e-3
+    robot.bench.command("activate")
+    assert robot.cycle().mode is Mode.ACTIVE
+
+
+def test_reset_restarts_the_settling(robot):
+    robot.activate()
+    robot.bench.command("reset")  # refused, as the controller is active
+    assert robot.cycle().mode is Mode.ACTIVE
+    robot.bench.command("damp")
+    robot.cycle(10)
+    estimator = robot.bench.loop._inputs.estimator
+    assert estimator.base is not None
+    robot.bench.command("reset")
+    robot.bench.command("activate")
+    report = robot.cycle()
+    assert (report.mode, estimator.base) == (Mode.INACTIVE, None)
+    (refusal,) = report.refused
+    assert "'activate' is refused: base estimate has not arrived" in refusal
+    assert robot.activate().mode is Mode.ACTIVE
+    for word in ("damp", "reset"):  # in one cycle
+        robot.bench.command(word)
+    assert (robot.cycle().mode, estimator.base) == (Mode.INACTIVE, None)
 
 
 def test_a_frame_that_the_robot_does_not_have_is_refused(robot_of, changed):

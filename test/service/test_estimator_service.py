@@ -44,10 +44,11 @@ class Robot:
     def send(self, key, content, subject=""):
         self.lines[key, subject](content if isinstance(content, bytes) else encode(content))
 
-    def sense(self, imu=True):
+    def sense(self, imu=True, turning=0.0):
         stamp = round(1e9 * self.simulation.time) + 1
         self.clock.time = 1e-9 * stamp
         found = measure(self.model, self.simulation.plant, stamp, self.node.estimator.imu_frame)
+        found.angular_velocity = found.angular_velocity + [turning, 0.0, 0.0]
         if imu:
             self.send("imu", found.message("imu"))
         self.send("joint_states", found.message("joint_states"))
@@ -146,9 +147,25 @@ def test_a_long_silence_begins_the_estimate_anew(robot):
     before = len(robot.heard["odom"])
     robot.run(0.1)
     assert len(robot.heard["odom"]) == before
-    assert robot.said.message == "the robot has to stand still for 0.5 s"
+    assert robot.said.message == (
+        "the base estimate was lost: the IMU was silent for 0.202 s; the robot has to stand still for 0.5 s"
+    )
     robot.run(0.6)
     assert len(robot.heard["odom"]) > before
+
+
+def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_again(robot):
+    robot.run(0.7)
+    robot.simulation.run(0.1, lambda _: robot.sense(turning=2.0))
+    before = len(robot.heard["odom"])
+    robot.run(0.3)
+    assert len(robot.heard["odom"]) == before
+    assert robot.said.message.startswith(
+        "the base estimate was lost: the IMU contradicts all contacts (front_left_foot"
+    )
+    robot.run(0.6)
+    assert len(robot.heard["odom"]) > before
+    assert np.abs(robot.node.estimator.base[1]).max() < 0.02
 
 
 def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):

@@ -115,15 +115,19 @@ class Rig:
                 raise NoSolution(why, self.report.mode.value, None)
             each()
 
+    def settle(self) -> None:
+        """Wait for the estimate, with the base held."""
+        settled = 0.0 if self.estimator is None else self.settings.estimation.settling
+        for _ in range(math.ceil((settled + 0.05) * self.settings.control.rate)):
+            self.cycle()
+
     def stand(self) -> None:
         """Wait for the estimate, activate, and let the base go.
 
         Raises:
             NoSolution: where that does not succeed.
         """
-        settled = 0.0 if self.estimator is None else self.settings.estimation.settling
-        for _ in range(math.ceil((settled + 0.05) * self.settings.control.rate)):
-            self.cycle()
+        self.settle()
         deadline = self.time + _PATIENCE
         while self.report.mode is not Mode.ACTIVE:
             self.user.say("command", "activate")

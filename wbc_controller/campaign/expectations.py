@@ -13,7 +13,7 @@ from wbc_controller.safety.plausibility import MEMORY
 from wbc_controller.settings import Settings
 
 #: Reasons for which a robot that can no longer stand, or that is told something else than what is, may be damped.
-BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSIBLE_STATE"})
+BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSIBLE_STATE", "ESTIMATE_LOST"})
 STALE = frozenset({"STALE_INPUT"})
 IMPLAUSIBLE = frozenset({"IMPLAUSIBLE_STATE"})
 CLOCK = frozenset({"CLOCK"})
@@ -269,6 +269,7 @@ RULES: Mapping[str, _Rule] = {
     "odom_wrong_frame": _absent,
     "imu_noise": _survives,
     "imu_bias": _survives,
+    "imu_shock": _survives,
     "message_delay": _delayed,
     "message_growing_delay": _delayed_ever_more,
     "message_jitter": _no_stream(lambda fault, known: STALE_OR_BALANCE),

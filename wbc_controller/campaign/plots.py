@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _COLORS = {
     "survived": "#22a06b",
     "STALE_INPUT": "#2f7de1",
+    "ESTIMATE_LOST": "#c2569f",
     "IMPLAUSIBLE_STATE": "#8a63d2",
     "FALLEN": "#e5812b",
     "NO_SOLUTION": "#b58900",

@@ -12,6 +12,7 @@ from scipy.special import chdtri
 from wbc_controller.core.arrays import all_true, sum_of_squares
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
+from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.estimation.move import HERE, Move
@@ -21,6 +22,8 @@ from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
 _GRAVITY_TOLERANCE = 0.1
+#: Largest bias of a gyroscope, rad/s: a robot that measures more at the start turns, or its gyroscope is broken.
+_MOST_BIAS = 0.5
 #: Probability with which a contact that holds is taken for one that slips, per update.
 _SLIP = 1.0e-5
 #: A contact that was left out rests if it has moved by less than this for this time, m and s: no faster than 0.1 m/s.
@@ -79,9 +82,12 @@ class BaseEstimator:
     A contact whose kinematics contradict the estimate by more than noise can is left out: it slips, or has lifted. It
     is taken in again where it is once it rests, or at once where no other contact is left.
 
+    If all contacts move in the estimate (`consistency`), the IMU is silent, or the numbers are not finite, the estimate
+    is lost: it starts again when the robot stands still.
+
     Attributes:
         imu_frame: name of the IMU's frame.
-        waits_for: why there is no estimate yet.
+        lost: why the last estimate was lost; empty before the first one, after `restart`, and while there is one.
     """
 
     def __init__(
@@ -102,12 +108,18 @@ class BaseEstimator:
             kinematics.frame(poses.frame, "estimation.pose_frame")
         self._pose_sensor = poses
         self.imu_frame = kinematics.imu_frame
-        self.waits_for = "no IMU data have come"
+        self.lost = ""
+        self._waits_for = "no IMU data have come"
         self._kinematics = kinematics
         self._sensors = sensors
         self._gravity = gravity
         self._still: list[ImuSample] = []
         self._running: _Running | None = None
+
+    @property
+    def waits_for(self) -> str:
+        """Why there is no estimate; empty while there is one."""
+        return f"the base estimate was lost: {self.lost}; {self._waits_for}" if self.lost else self._waits_for
 
     @property
     def filter(self) -> InvariantFilter | None:
@@ -168,7 +180,7 @@ class BaseEstimator:
     def restart(self) -> None:
         """Forget everything: the robot has to stand still again."""
         self._running, self._still = None, []
-        self.waits_for = "no IMU data have come"
+        self.lost, self._waits_for = "", "no IMU data have come"
 
     def update(self, samples: Sequence[ImuSample], q: Array, v: Array, holding: Collection[str]) -> None:
         """Take what has been measured since the last update.
@@ -201,18 +213,18 @@ class BaseEstimator:
         try:
             refused = self._running.poses.take(samples, held=held)
         except np.linalg.LinAlgError as error:
-            self._go_on(f"the estimate was lost ({error})")
+            self._go_on(str(error))
             return []
         self._go_on(self._running.broken())
         return refused
 
     def _go_on(self, lost: str | None) -> None:
-        """Say what is waited for, or begin anew where the estimate is lost."""
+        """Start again if the estimate is lost; otherwise say what the absolute poses wait for."""
         if lost is not None:
             self.restart()
-            self.waits_for = f"{lost}, and the robot has to stand still again"
+            self.lost, self._waits_for = lost, f"the robot has to stand still for {self._sensors.settling:g} s"
         elif self._running is not None and self._running.poses is not None:
-            self.waits_for = self._running.poses.waits_for
+            self._waits_for = self._running.poses.waits_for
 
     def _stand(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> None:
         """Wait until the robot has stood still for a while, and begin."""
@@ -225,29 +237,34 @@ class BaseEstimator:
         newest = self._still[-1].stamp
         self._still = [sample for sample in self._still if newest - sample.stamp <= sensors.settling]
         if newest - self._still[0].stamp < _SETTLED * sensors.settling:
-            self.waits_for = f"the robot has to stand still for {sensors.settling:g} s"
+            self._waits_for = f"the robot has to stand still for {sensors.settling:g} s"
             return
         turning = np.array([sample.angular_velocity for sample in self._still])
         force = np.array([sample.specific_force for sample in self._still])
         wobble, pull = float(turning.std(axis=0).max()), float(np.linalg.norm(force.mean(axis=0)))
+        turn = float(np.linalg.norm(turning.mean(axis=0)))
         gravity = float(np.linalg.norm(self._gravity))
         if not wobble <= sensors.stillness:
-            self.waits_for = (
+            self._waits_for = (
                 f"the robot has to stand still for {sensors.settling:g} s: its angular velocity varies by {wobble:.3g} "
                 f"rad/s (limit {sensors.stillness:g}, estimation.stillness)"
             )
+        elif not turn <= _MOST_BIAS:
+            self._waits_for = (
+                f"the IMU turns at {turn:.3g} rad/s (limit {_MOST_BIAS:g}): the robot turns, or the gyroscope is wrong"
+            )
         elif not abs(pull - gravity) <= _GRAVITY_TOLERANCE * gravity:
-            self.waits_for = (
+            self._waits_for = (
                 f"the IMU measures {pull:.3g} m/s² at rest, and gravity is {gravity:.3g}: its unit, or its "
                 "accelerometer, is wrong"
             )
         elif not holding:
-            self.waits_for = "no contact holds that does not roll or belong to two links of the robot"
+            self._waits_for = "no contact holds that does not roll or belong to two links of the robot"
         else:
             begun = self._begun(turning.mean(axis=0), force.mean(axis=0), holding)
             poses = AbsolutePoses(self._pose_sensor, self._kinematics, begun) if self._pose_sensor is not None else None
             self._running = _Running(begun, self._still[-1], self._kinematics, sensors, poses)
-            self._still, self.waits_for = [], ""
+            self._still, self.lost, self._waits_for = [], "", ""
             self._go_on(self._running.follow([], holding))
 
     def _begun(self, turning: Array, force: Array, holding: Sequence[str]) -> InvariantFilter:
@@ -308,6 +325,7 @@ class _Running:
         self._sensors = sensors
         self._anchoring = Anchoring()
         self._rolling = Rolling(kinematics.rolling)
+        self._consistency = ContactConsistency(kinematics)
         self._most = {name: float(chdtri(3 * len(points), _SLIP)) for name, points in kinematics.points.items()}
         self._limits: dict[tuple[str, ...], Array] = {}  # the same, of several contacts
 
@@ -321,7 +339,8 @@ class _Running:
         return tuple(self._moving)
 
     def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> str | None:
-        """Take measurements; why the estimate cannot go on, where it cannot."""
+        """Take measurements; why the estimate is lost, or None."""
+        before = self.stamp
         for sample in samples:
             dt = sample.stamp - self._last.stamp
             if dt > _GAP:
@@ -331,8 +350,8 @@ class _Running:
         try:
             self._touch(holding)
         except np.linalg.LinAlgError as error:
-            return f"the estimate was lost ({error})"
-        lost = self.broken()
+            return str(error)
+        lost = self.broken() or self._contradicted(tuple(holding), self.stamp - before)
         if lost is None and self.poses is not None:
             self.poses.follow(self.stamp)
         elif lost is None and self._anchoring.due(self.stamp):
@@ -340,10 +359,22 @@ class _Running:
         return lost
 
     def broken(self) -> str | None:
-        """Why the estimate cannot go on, where it cannot."""
+        """Why the numbers of the filter cannot be used, or None."""
         if not math.isfinite(sum_of_squares(self.filter.columns) + sum_of_squares(self.filter.P)):
-            return "the estimate was lost (it was not finite)"
+            return "it is not finite"
         return None
+
+    def _contradicted(self, holding: tuple[str, ...], elapsed: float) -> str | None:
+        """By how much all contacts contradict the IMU, in words; None if one of them is at rest."""
+        found, contacts = self.filter, self._consistency
+        omega = self._last.angular_velocity - found.gyroscope_bias
+        contacts.update(holding, found.rotation, found.velocity, omega, elapsed)
+        if contacts.speed <= LIMIT:
+            return None
+        return (
+            f"the IMU contradicts all contacts ({', '.join(holding)}): by its data each of them moves at "
+            f"{contacts.speed:.2f} m/s or more (limit {LIMIT:g} m/s); the IMU is wrong, or no contact holds"
+        )
 
     @property
     def odometry(self) -> Move:

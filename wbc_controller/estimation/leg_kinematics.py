@@ -30,6 +30,7 @@ class Sight:
         places: their positions in the axes of the IMU, (k, 3) in m.
         covariance: of these positions, from noise of the joints' positions and of the points, (3 k, 3 k) in m².
         turning: angular velocity of each contact's link against the base, in the base's axes, (c, 3) in rad/s.
+        rates: time derivatives of the positions, from the joint velocities, (k, 3) in m/s.
     """
 
     names: tuple[str, ...]
@@ -37,6 +38,7 @@ class Sight:
     places: Array
     covariance: Array
     turning: Array
+    rates: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +197,11 @@ class LegKinematics:
         touch = self._together[contacts]
         k = len(touch.names)
         seen = Sight(
-            touch.names, touch.ends, np.empty((k, 3)), np.empty((3 * k, 3 * k)), np.empty((len(contacts), 3))
+            touch.names, touch.ends, np.empty((k, 3)), np.empty((3 * k, 3 * k)), np.empty((len(contacts), 3)),
+            np.empty((k, 3)),
         )  # fmt: skip
         sights(
             self._links, self._data.J, self._moves, touch.joints, self._imu_joint, self.imu, touch.ends, touch.points,
-            self._v, *self._noise, seen.places, seen.covariance, seen.turning,
+            self._v, *self._noise, seen.places, seen.covariance, seen.turning, seen.rates,
         )  # fmt: skip
         return seen

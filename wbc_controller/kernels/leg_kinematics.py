@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from wbc_controller.kernels.compiled import (
     ANY_MATRIX,
+    ANY_VECTOR,
     INDICES,
     INTEGER,
     NUMBER,
@@ -22,11 +25,12 @@ from wbc_controller.records import Array
 
 @compiled(
     ROWS, ANY_MATRIX, SIGN_ROWS, INDICES, INTEGER, VECTOR, INDICES, ROWS, VECTOR, NUMBER, NUMBER, ROWS_OUT, ROWS_OUT,
-    ROWS_OUT,
+    ROWS_OUT, ROWS_OUT,
 )  # fmt: skip
 def sights(
     joints: Array, J: Array, moves: np.ndarray, links: np.ndarray, own: int, imu: Array, ends: np.ndarray,
     points: Array, v: Array, joint_noise: float, point_noise: float, places: Array, covariance: Array, turning: Array,
+    rates: Array,
 ) -> None:  # fmt: skip
     """Points of links as seen from an IMU, in its axes: Rᵀ r, and d (Rᵀ r) = Rᵀ (dr + r × dθ) as the IMU turns by dθ.
 
@@ -45,11 +49,13 @@ def sights(
         places: for Rᵀ r, (k, 3) in m.
         covariance: for its covariance, (3 k, 3 k) in m².
         turning: for the angular velocity of each link, (c, 3) in rad/s.
+        rates: for the time derivative of `places`, (k, 3) in m/s.
     """
     k, c = len(points), len(links)
     seen, change = np.empty((k, 3)), np.empty(3 * k)
     covariance[:] = 0.0
     turning[:] = 0.0
+    rates[:] = 0.0
     start = 0
     for i in range(c):
         at = joints[links[i]]
@@ -83,6 +89,8 @@ def sights(
                     dx, dy, dz = cross(px - imu[9], py - imu[10], pz - imu[11], wx, wy, wz)
                     x, y, z = x - J[0, j] - cx + dx, y - J[1, j] - cy + dy, z - J[2, j] - cz + dz
                 change[3 * n], change[3 * n + 1], change[3 * n + 2] = turn_back(imu, x, y, z)
+                for axis in range(3):
+                    rates[n, axis] += change[3 * n + axis] * v[j]
             start = ends[i]
         for a in range(low, high):
             share = joint_noise**2 * change[a]
@@ -156,3 +164,57 @@ def base_of_imu(
         turned[3 * j + 1] = sine * B[3 * j] + cosine * B[3 * j + 1]
         turned[3 * j + 2] = B[3 * j + 2]
     quaternion(turned, pose[3:])
+
+
+@compiled(ROWS, ANY_VECTOR, VECTOR, VECTOR, VECTOR, ROWS, ROWS, INDICES, ROWS, ROWS, NUMBER, NUMBER, ROWS_OUT)
+def slowest_contact(
+    R: Array, velocity: Array, omega: Array, imu: Array, motion: Array, places: Array, rates: Array, ends: np.ndarray,
+    turning: Array, radii: Array, share: float, fastest: float, mean: Array,
+) -> float:  # fmt: skip
+    """Update the mean velocity of each contact in the world, and return the smallest speed (`estimation.consistency`).
+
+    A point at y from the IMU has the velocity u = v + R (ω × y + ẏ). From the centre of a ball on a link that turns by
+    ω_l, the contact point is at -r n and has the velocity u - ω_l × r n.
+
+    Args:
+        R: from the IMU's axes to the world, (3, 3).
+        velocity: v of the IMU in the world, (3,) in m/s.
+        omega: ω of the IMU in its axes, (3,) in rad/s.
+        imu: placement of the IMU on the base, (12,).
+        motion: twist of the IMU against the base, in the base's axes, (6,).
+        places: y of each point, in the IMU's axes, (k, 3) in m.
+        rates: ẏ of each point, (k, 3) in m/s.
+        ends: index after the last point of each contact, (c,).
+        turning: angular velocity of each contact's link against the base, in the base's axes, (c, 3) in rad/s.
+        radii: r n of each ball in the world, zero of other contacts, (c, 3) in m.
+        share: weight of the present velocities in the means.
+        fastest: speed to which the present velocities are limited, m/s.
+        mean: mean velocity of each contact in the world, (c, 3) in m/s; updated.
+
+    Returns:
+        The smallest norm of the means, m/s.
+    """
+    slowest, start, w, u = math.inf, 0, np.empty(3), np.empty(3)
+    for i in range(len(ends)):
+        x, y, z = 0.0, 0.0, 0.0
+        for n in range(start, ends[i]):
+            cx, cy, cz = cross(omega[0], omega[1], omega[2], places[n, 0], places[n, 1], places[n, 2])
+            x, y, z = x + cx + rates[n, 0], y + cy + rates[n, 1], z + cz + rates[n, 2]
+        count = ends[i] - start
+        x, y, z = x / count, y / count, z / count
+        ax, ay, az = turn_back(imu, turning[i, 0] - motion[3], turning[i, 1] - motion[4], turning[i, 2] - motion[5])
+        ax, ay, az = ax + omega[0], ay + omega[1], az + omega[2]
+        for axis in range(3):
+            w[axis] = R[axis, 0] * ax + R[axis, 1] * ay + R[axis, 2] * az
+            u[axis] = velocity[axis] + R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
+        rx, ry, rz = cross(w[0], w[1], w[2], radii[i, 0], radii[i, 1], radii[i, 2])
+        u[0], u[1], u[2] = u[0] - rx, u[1] - ry, u[2] - rz
+        speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+        limit = fastest / speed if speed > fastest else 1.0
+        total = 0.0
+        for axis in range(3):
+            mean[i, axis] += share * (limit * u[axis] - mean[i, axis])
+            total += mean[i, axis] * mean[i, axis]
+        slowest = min(slowest, math.sqrt(total))
+        start = ends[i]
+    return slowest

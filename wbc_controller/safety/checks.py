@@ -48,6 +48,8 @@ CHECKS = (
     Check("STALE_INPUT", "stamps ahead of this computer's clock, with synchronized clocks",
           ("safety.clock_tolerance",), "s", "the message is refused",
           "service/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much"),
+    Check("ESTIMATE_LOST", "the estimated base: finite, its slowest contact below 0.12 m/s", (), "m/s", _DAMPS,
+          "service/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size"),
     Check("IMPLAUSIBLE_STATE", "magnitude of joint positions and base coordinates", ("safety.max_magnitude",),
           "rad, m", _DAMPS, _STATES + "positions_that_no_robot_has_are_a_fault_and_are_not_compared_with"),
     Check("IMPLAUSIBLE_STATE", "speeds of the joints and the base",
@@ -91,7 +93,10 @@ def checks_table() -> str:
     """The table of all checks, as Markdown."""
     rows = ["| Checked | Threshold | Unit | Response | Code | Test in `test/` |", "|---|---|---|---|---|---|"]
     for check in CHECKS:
-        limits, code = ", ".join(f"`{key}`" for key in check.limits), f"`{check.code}`" if check.code else "none"
+        limits, code = (
+            ", ".join(f"`{key}`" for key in check.limits) or "fixed",
+            f"`{check.code}`" if check.code else "none",
+        )
         file, _, test = check.test.partition("::")
         rows.append(f"| {check.what} | {limits} | {check.unit} | {check.response} | {code} | `{file}`: `{test}` |")
     return "\n".join(rows) + "\n"

@@ -30,7 +30,8 @@ from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.messages import assemble
 from wbc_controller.kernels.states import latch
-from wbc_controller.records import Array, ChangeSettings, RobotState
+from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
+from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.service.clock import Clock
 from wbc_controller.service.contact_sensors import KEYS, ContactSensors
 from wbc_controller.service.requests import Requests, refusal
@@ -259,11 +260,28 @@ class Inputs:
         self._known, self._bound = (), False
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
+        self.restart_estimate()
+        if self._contact_sensors is not None:
+            self._contact_sensors.restart()
+
+    def restart_estimate(self) -> None:
+        """Start the estimate of the base again: the robot has to stand still."""
         if self._estimator is not None:
             self._estimator.restart()
             self._base = None
-        if self._contact_sensors is not None:
-            self._contact_sensors.restart()
+
+    def fault(self, ages: Mapping[str, float], timeout: float) -> Fault | None:
+        """Input fault, or None.
+
+        Args:
+            ages: age of each part of the state, s.
+            timeout: largest allowed age, s.
+        """
+        stale = stale_inputs(ages, timeout, self.notes)
+        if stale is None or self._estimator is None or not self._estimator.lost:
+            return stale
+        measured = {name: age for name, age in ages.items() if name != ESTIMATE}
+        return stale_inputs(measured, timeout, self.notes) or Fault("ESTIMATE_LOST", self._estimator.waits_for)
 
     @property
     def estimator(self) -> BaseEstimator | None:

@@ -107,9 +107,12 @@ class ControlLoop:
             self._inputs.restart()
         elif not (stood <= timeout):
             trouble = self._clock_stall(stood, timeout)
-        problem = Fault("CLOCK", trouble) if trouble else stale_inputs(ages, timeout, self._inputs.notes)
-        self._ownership.refresh(now)
         requests, waiting, before = latched.commands, self._activate_when_fresh, controller.mode
+        if "reset" in requests and self._takes_reset(requests):
+            self._inputs.restart_estimate()
+            ages = self._inputs.ages()
+        problem = Fault("CLOCK", trouble) if trouble else self._inputs.fault(ages, timeout)
+        self._ownership.refresh(now)
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
             requests, refused = self._requests(requests, problem)
@@ -176,6 +179,10 @@ class ControlLoop:
                 f"{1e3 * timeout:.0f} ms (safety.state_timeout): publish it at the rate of the states"
             )
         return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
+
+    def _takes_reset(self, words: tuple[str, ...]) -> bool:
+        """Whether the supervisor accepts the first 'reset' of some requests, as it does unless it is in control."""
+        return self.controller.mode not in _UNDER_CONTROL or "damp" in words[: words.index("reset")]
 
     def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The requests for the controller, and a sentence for each that is refused, as the robot has another owner."""

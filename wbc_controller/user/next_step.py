@@ -9,6 +9,7 @@ from collections.abc import Mapping
 NEXT_STEPS: Mapping[str, str] = {
     "CLOCK": "see that one node publishes the time, and that nobody sets the clock; then reset, activate",
     "STALE_INPUT": "see that the robot's driver runs, and its messages come in time (wbc status); then reset, activate",
+    "ESTIMATE_LOST": "look at the IMU and its mounting; let the robot stand still or hang it up; then reset, activate",
     "IMPLAUSIBLE_STATE": "look at the joint or sensor that is named, with the robot hung up; then reset, activate",
     "FALLEN": "hold the robot up (wbc send hold for the mock robot), then reset, activate, release",
     "NO_SOLUTION": "wbc replay names the constraints in conflict; take back the last request; then reset, activate",

@@ -69,6 +69,7 @@ CHANGES = {
     "odom_wrong_frame": {"base"},
     "imu_noise": {"angular_velocity", "specific_force"},
     "imu_bias": {"angular_velocity"},
+    "imu_shock": {"angular_velocity", "specific_force"},
     "stamp_zero": {"stamp of joint_states", "stamp of odom"},
     "stamp_frozen": {"stamp of joint_states", "stamp of odom"},
     "stamp_back": {"stamp of joint_states", "stamp of odom"},

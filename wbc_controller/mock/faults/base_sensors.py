@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from wbc_controller.core.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.mock.faults.fault import Effect, Fault, Site, number
@@ -281,6 +284,25 @@ class ImuBias(Fault):
         return Effect(shift)
 
 
+class ImuShock(Fault):
+    """The IMU, read with `estimation.base_state: imu`, measures an offset: a shock, or a bias step if it lasts."""
+
+    place = _PLACE
+    axis: Literal["x", "y", "z"] = Field("x", description="of the IMU")
+    turn: float = number(0.0, 0.0, 50.0, "rad/s", "offset of the gyroscope about the axis")
+    force: float = number(20.0, 0.0, 500.0, "m/s²", "offset of the accelerometer along the axis")
+
+    def begin(self, site: Site) -> Effect:
+        """Add the offset to each measurement."""
+        axis = np.eye(3)["xyz".index(self.axis)]
+
+        def shift(measured: Measurement) -> None:
+            measured.angular_velocity = measured.angular_velocity + self.turn * axis
+            measured.specific_force = measured.specific_force + self.force * axis
+
+        return Effect(shift)
+
+
 def _turn(pose: Array, rotation: Array) -> None:
     """Turn the orientation of a pose, (7,), by a rotation vector in the world's axes, (3,) in rad."""
     pose[3:] = quaternion_of(pin.exp3(rotation) @ rotation_of(pose[3:]))
@@ -289,4 +311,5 @@ def _turn(pose: Array, rotation: Array) -> None:
 KINDS: tuple[type[Fault], ...] = (
     OdomNoise, OdomVelocityNoise, OdomDrift, OdomTurnDrift, OdomJump, OdomTurnJump, OdomTilt, OdomFrozen, OdomLag,
     OdomSlow, OdomBadQuaternion, OdomNotANumber, OdomAbsurd, OdomWrongFrame, ImuNoise, ImuBias,
+    ImuShock,
 )  # fmt: skip

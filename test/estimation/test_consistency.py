@@ -1,0 +1,79 @@
+"""Velocities of the contacts in the estimate, against Pinocchio, and which contacts count."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.assembly.program import make_qp
+from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
+from wbc_controller.estimation.leg_kinematics import LegKinematics
+
+OMEGA = np.zeros(3)
+
+
+def make(robot_of, robot, frame):
+    settings, model = robot_of(robot)
+    frames = {name: contact.frame for name, contact in settings.contacts.items()}
+    contacts = make_qp(settings, model).contacts
+    legs = LegKinematics(model, contacts, frames, frame, joint_noise=1e-3, point_noise=1e-3)
+    return settings, model, legs, ContactConsistency(legs)
+
+
+@pytest.mark.parametrize(("robot", "frame"), [("g1", "torso_link"), ("go2", "base")])
+def test_the_velocities_are_those_of_the_contact_points(robot_of, robot, frame):
+    settings, model, legs, consistency = make(robot_of, robot, frame)
+    rng = np.random.default_rng(0)
+    base, twist = pin.SE3ToXYZQUAT(pin.SE3.Random()), 0.1 * rng.normal(size=6)
+    q, v = model.state(model.posture, 0.1 * rng.normal(size=model.nj), base, twist)
+    legs.update(q[model.q_index], v[model.v_index])
+    data, names = model.pinocchio.createData(), tuple(legs.points)
+    pin.forwardKinematics(model.pinocchio, data, q, v)
+    imu = model.frame_id(frame, "test")
+    placement = pin.updateFramePlacement(model.pinocchio, data, imu)
+    moving = pin.getFrameVelocity(model.pinocchio, data, imu, pin.LOCAL_WORLD_ALIGNED)
+    R = np.ascontiguousarray(placement.rotation)
+    consistency.update(names, R, moving.linear, R.T @ moving.angular, np.inf)  # the mean is the present velocity
+    speeds, seen = [], legs.sight(names)
+    for i, name in enumerate(names):
+        link = model.frame_id(settings.contacts[name].frame, "test")
+        origin = pin.updateFramePlacement(model.pinocchio, data, link).translation
+        motion = pin.getFrameVelocity(model.pinocchio, data, link, pin.LOCAL_WORLD_ALIGNED)
+        points = placement.translation + seen.places[slice(*np.append(0, seen.ends)[i : i + 2])] @ R.T
+        touching = points - legs.rolling.get(name, np.zeros(3))
+        expected = motion.linear + np.cross(motion.angular, touching - origin)
+        speeds.append(np.linalg.norm(expected.mean(axis=0)))
+    assert consistency.speed == pytest.approx(min(speeds), rel=1e-9)
+    assert consistency.speed > 0.0
+
+
+def test_a_contact_that_holds_no_longer_counts_until_it_moves(robot_of):
+    _, model, legs, consistency = make(robot_of, "g1", "pelvis")
+    left, right = legs.points
+    bent = np.zeros(model.nj)
+    bent[model.joints.index("left_hip_pitch_joint")] = 0.5  # the left foot moves at some 0.3 m/s
+
+    def pass_time(seconds, holding, v, velocity=0.0):
+        legs.update(model.posture, v)
+        for _ in range(round(seconds / 0.01)):
+            consistency.update(holding, np.eye(3), np.array([velocity, 0.0, 0.0]), OMEGA, 0.01)
+
+    pass_time(0.5, (left, right), bent)
+    assert consistency.speed == 0.0
+    pass_time(0.5, (left,), bent)
+    assert consistency.speed == 0.0  # the right foot is unloaded and rests
+    pass_time(0.5, (left,), bent, velocity=-0.2)
+    assert consistency.speed > LIMIT
+    pass_time(0.5, (left,), bent)  # the right foot has moved and no longer counts
+    assert consistency.speed > LIMIT
+    pass_time(0.01, (), bent)
+    assert consistency.speed == 0.0
+
+
+def test_a_single_wrong_sample_does_not_decide(robot_of):
+    _, model, legs, consistency = make(robot_of, "g1", "pelvis")
+    legs.update(model.posture, np.zeros(model.nj))
+    consistency.update(tuple(legs.points), np.eye(3), np.array([0.0, 0.0, 50.0]), OMEGA, 0.002)
+    assert consistency.speed == pytest.approx(1.0 - np.exp(-0.002 / 0.1))
+    assert consistency.speed < LIMIT
