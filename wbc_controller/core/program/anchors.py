@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from wbc_controller.core.arrays import solved
+from wbc_controller.core.method_calls import array_from
 from wbc_controller.core.program.layout import Layout
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.errors import ConfigurationError
@@ -44,7 +45,7 @@ def pull(layout: Layout, dynamics: Dynamics, anchors: Mapping[str, Array]) -> Ar
                 f"contact {contact.name!r} has stiffness = {contact.stiffness:g} 1/s² and no anchor in the references "
                 f"(they have: {', '.join(anchors) or 'none'}); `AnchoredContact.anchor` makes one"
             )
-        wanted[rows] = contact.stiffness * contact.displacement(dynamics, anchor)
+        wanted[rows] = contact.stiffness * array_from(contact, "displacement", (contact.size,), dynamics, anchor)
     grams = J.dot(J.T)
     grams.reshape(-1)[:: len(J) + 1] += _RIDGE
     return np.asarray(J.dot(J.T.dot(solved(grams, wanted))))

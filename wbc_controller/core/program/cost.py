@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wbc_controller.core.arrays import as_slice
+from wbc_controller.core.method_calls import array_from, arrays_from, require_finite
 from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.program.problem import Level, Quadratic, Squares
 from wbc_controller.core.program.rows import Rows
@@ -15,7 +16,7 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
-from wbc_controller.core.tasks.task import MotionTask
+from wbc_controller.core.tasks.task import MotionTask, equation_of
 from wbc_controller.kernels.frames import JOINTS
 from wbc_controller.records import Array, References
 
@@ -172,10 +173,14 @@ class LevelCost:
         squares.constant = rest
         others: dict[str, Array] = {}
         for task, rows, right in plan.others:
-            others[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
+            shape = (task.dimension,)
+            others[task.name] = array_from(task, "fill", shape, dynamics, wanted[task.name], rows, right)
+            require_finite(task, "fill", "rows", rows)
+            require_finite(task, "fill", "right", right)
         for (task, columns), minus_share, share in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
             if task.name not in plan.rows.shares:
-                asked, others[task.name] = task.right(dynamics, wanted[task.name])
+                shapes = ((task.size,), (task.size,))
+                asked, others[task.name] = arrays_from(task, "right", shapes, dynamics, wanted[task.name])
                 squares.minus_target[columns] = minus_share * asked
                 squares.constant += 0.5 * float((share * asked).dot(asked))
         return plan.rows.places, errors, others
@@ -288,9 +293,11 @@ class LevelCost:
                 continue
             reference = references.tasks[task.name]
             if isinstance(task, AccelerationTask):
-                J, right, errors[task.name] = task.equation(dynamics, reference)
+                k = task.dimension
+                shapes = ((k, nv), (k,), (k,))
+                J, right, errors[task.name] = arrays_from(task, "equation", shapes, dynamics, reference)
                 rows = np.hstack([J, np.zeros((len(J), n - nv))])
-            elif isinstance(task, EffortTask) and (equation := task.equation(layout, reference)) is not None:
+            elif isinstance(task, EffortTask) and (equation := equation_of(task, layout, reference, n)) is not None:
                 rows, right = equation
             else:
                 continue
