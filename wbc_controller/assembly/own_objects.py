@@ -95,7 +95,7 @@ def _check_task(task: Task, model: RobotModel) -> None:
         try:
             found = np.arange(model.nv)[columns]
         except (IndexError, TypeError, ValueError):
-            found = np.zeros(0)
+            found = np.zeros(0, dtype=np.int64)
         fits = found.shape == (size,) and len(rows) == size
         _require(task, "columns", columns, f"{size} indices below nv = {model.nv}, with a mask that selects all", fits)
 
@@ -129,7 +129,9 @@ def _attribute(owner: Task | Contact | RowLimit, name: str) -> Any:
     try:
         return getattr(owner, name)
     except AttributeError as error:
-        raise ConfigurationError(f"{type(owner).__name__} has no attribute {name!r}; set it before it is used") from error
+        raise ConfigurationError(
+            f"{type(owner).__name__} has no attribute {name!r}, which its class must set"
+        ) from error
 
 
 def _require(owner: Task | Contact | RowLimit, name: str, value: Any, expected: str, fits: bool) -> None:
@@ -138,7 +140,7 @@ def _require(owner: Task | Contact | RowLimit, name: str, value: Any, expected: 
 
 
 def _is_number(value: Any, least: float) -> bool:
-    return isinstance(value, int | float | np.floating | np.integer) and least <= value < np.inf
+    return isinstance(value, int | float | np.floating | np.integer) and bool(least <= value < np.inf)
 
 
 def _fits(task: Task, name: str) -> bool:

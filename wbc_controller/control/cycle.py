@@ -90,6 +90,7 @@ class ControlCycle:
 
         Raises:
             ConfigurationError: where the configuration cannot be used, with the value and the valid ones.
+            MethodError: if a method of your own tasks, contacts or limits fails, or returns an invalid array.
         """
         self.config = load(config)
         settings = self.config.settings

@@ -1,4 +1,4 @@
-"""Calls of the methods of tasks, contacts and limits, which users may define: an invalid result is an error with a name.
+"""Calls of the methods of tasks, contacts and limits, which users may define; errors name the class and the method.
 
 Arrays from these methods go into compiled code and into the arrays of the quadratic program. A wrong shape would be
 broadcast there, or would let compiled code write outside of its memory.
@@ -112,8 +112,9 @@ def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array,
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")
     lower, upper = (checked(owner, method, bound, (size,), finite=False) for bound in bounds)
     require_bounds(owner, method, lower, upper)
-    same = isinstance(bounds, tuple) and lower is bounds[0] and upper is bounds[1]
-    return bounds if same else (lower, upper)
+    if isinstance(bounds, tuple) and lower is bounds[0] and upper is bounds[1]:
+        return bounds
+    return lower, upper
 
 
 def require_bounds(owner: Named, method: str, lower: Array, upper: Array) -> None:

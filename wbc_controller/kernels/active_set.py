@@ -357,7 +357,7 @@ def residuals(rows: Array, bounds: Array, offset: Array, found: Array) -> tuple[
     total = bounds.shape[1]
     end = len(found) - len(offset)
     equalities = end - 4 * total
-    if not (0 <= equalities and rows.shape[1] - 1 + len(rows) - equalities == total and bounds.shape[0] == 2):
+    if not (equalities >= 0 and rows.shape[1] - 1 + len(rows) - equalities == total and bounds.shape[0] == 2):
         raise ValueError("residuals: rows, bounds and found have sizes that do not agree")
     if len(offset) > len(rows) - equalities:
         raise ValueError("residuals: there are more outputs than inequality constraints")

@@ -73,7 +73,7 @@ def read(payload: bytes, table: np.ndarray, one: Array, other: Array) -> int:
         take, or at the limit of that: then the codec's way finds out what to say.
     """
     size, stamp, quaternion = table[0], table[5], table[6]
-    if len(payload) != size or len(one) != table[3] or len(other) != table[4]:
+    if len(payload) != size or len(one) != table[3] or len(other) != table[4] or (table[2] > 0 and len(one) == 0):
         return -1
     like, edges = signs(table, 7, 1, size)[0], indices(table, 8, table[1])
     unmeasured, first, second = (
@@ -137,14 +137,16 @@ def assemble(
     q_index, v_index = indices(table, 1, table[0]), indices(table, 2, table[0])
     if not (len(positions) == len(q_index) and len(velocities) == len(q_index)):
         raise ValueError("assemble: positions or velocities have another size than the joints")
-    if len(pose) + len(q_index) != len(q) or len(twist) + len(q_index) != len(v):
-        raise ValueError("assemble: q or v has another size than base and joints together")
+    if len(pose) > len(q) or len(twist) > len(v):
+        raise ValueError("assemble: pose or twist is larger than q or v")
     q[:], v[:] = 0.0, 0.0
     for i in range(len(pose)):
         q[i] = pose[i]
     for i in range(len(twist)):
         v[i] = twist[i]
     for i in range(len(q_index)):
+        if not (0 <= q_index[i] < len(q) and 0 <= v_index[i] < len(v)):
+            raise IndexError("assemble: the index of a joint is not below the size of q or v")
         q[q_index[i]] = positions[i]
         v[v_index[i]] = velocities[i]
 

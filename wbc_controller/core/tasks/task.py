@@ -125,7 +125,7 @@ def rest_of(task: Task, dynamics: Dynamics) -> Reference:
     reference, form = call(task, "rest", dynamics), task.form
     if not isinstance(reference, Reference):
         raise MethodError(
-            f"{task.full_name}: {type(task).__name__}.rest() returned a {type(reference).__name__}, expected a Reference"
+            f"{task.full_name}: {type(task).__name__}.rest() returned {type(reference).__name__}, expected a Reference"
         )
     rate = (form.vector + (3 if form.oriented else 0),)
     return Reference(
