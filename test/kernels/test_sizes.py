@@ -1,5 +1,7 @@
 """Arrays whose sizes do not agree are refused by compiled functions: they would read or write beyond them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -7,12 +9,22 @@ import pytest
 import wbc_controller as wbc
 from wbc_controller.assembly.preflight import stance
 from wbc_controller.assembly.program import make_qp
+from wbc_controller.assembly.references import make_board_plan
+from wbc_controller.assembly.robot import make_model
 from wbc_controller.core.limits import JointMotionLimit
 from wbc_controller.core.references.board import ReferenceBoard
-from wbc_controller.assembly.references import make_board_plan
-from wbc_controller.kernels import active_set, audit, frames, invariant_filter, leg_kinematics, messages, supervision
-from wbc_controller.kernels import self_collision
+from wbc_controller.kernels import (
+    active_set,
+    audit,
+    frames,
+    invariant_filter,
+    leg_kinematics,
+    messages,
+    self_collision,
+    supervision,
+)
 from wbc_controller.kernels.compiled import Bound
+from wbc_controller.kernels.joint_motion import acceleration_bounds
 from wbc_controller.records import Reference, RobotState
 
 N = 3
@@ -59,9 +71,7 @@ def followed(tau, out):
     each = np.arange(N)
     own = Bound(N, N, np.ones(N), np.ones(N), each, each, np.stack([-np.ones(N), np.ones(N)]), np.ones(2))
     tables = Bound(0, 0, own.table)
-    supervision.supervised(
-        tables.table, of(N), of(N), np.nan, False, of(tau), of(N), of(N), 1.0, 0.0, 0.002, of(out)
-    )
+    supervision.supervised(tables.table, of(N), of(N), np.nan, False, of(tau), of(N), of(N), 1.0, 0.0, 0.002, of(out))
 
 
 #: A call with sizes that agree, and calls with others.
@@ -69,7 +79,7 @@ CALLS = {
     "feedback": (
         lambda *n: frames.feedback(of(n[0]), of(n[1]), of(n[2]), np.ones((2, n[3])), of(n[4]), of(n[5]), of(n[6])),
         (1,) * 7,
-        [(2, *(1,) * 6), (50, *(1,) * 6), (1000, *(1,) * 6), *(tuple(1 + (i == k) for i in range(7)) for k in range(7))],
+        [(size, *(1,) * 6) for size in (2, 50, 1000)] + [tuple(1 + (i == k) for i in range(7)) for k in range(7)],
     ),
     "limited": (
         lambda *n: supervision.limited(of(n[0]), of(n[1]), of(n[2]), 0.1, of(n[3]), of(n[4]), of(n[5])),
@@ -132,8 +142,6 @@ def test_joints_beyond_a_state_are_refused():
 @pytest.mark.parametrize("array", [of(5), of(2, 4), np.zeros(6, dtype=np.int64), np.zeros(6, dtype=np.int8), 0])
 def test_a_table_with_another_array_than_is_expected_is_refused(array):
     good = 1, 1, 1, np.arange(1), np.arange(1), of(2, 1), np.ones(1), np.ones(7), of(1), of(1)
-    from wbc_controller.kernels.joint_motion import acceleration_bounds
-
     acceleration_bounds(Bound(*good).table, of(1), of(1))
     for place in range(3, len(good)):
         with pytest.raises(ValueError, match="another size or type"):
@@ -148,8 +156,6 @@ def test_a_table_has_no_more_entries_than_compiled_functions_read():
 @pytest.fixture(scope="module")
 def program():
     config = wbc.load("go2").settings
-    from wbc_controller.assembly.robot import make_model
-
     model = make_model(config)
     qp = make_qp(config, model)
     active = [name for name, contact in config.contacts.items() if contact.enabled]
@@ -175,8 +181,6 @@ def test_a_reference_of_another_size_is_refused(program, part):
     arrays = {each: getattr(com, each) for each in ("position", "velocity", "acceleration")}
     wrong = Reference(**{**arrays, part: of(2)})
     tasks = {**references.tasks, "com": wrong}
-    from dataclasses import replace
-
     with pytest.raises(ValueError, match="the reference of task 'com' has"):
         qp.solve(state, replace(references, tasks=tasks))
 

@@ -9,13 +9,15 @@ import numpy as np
 
 from wbc_controller.core.contacts import AnchoredContact, Contact
 from wbc_controller.core.contacts.contact import anchor_of, points_of
+from wbc_controller.core.contacts.contact import evaluate as evaluate_contact
 from wbc_controller.core.limits import RowLimit
 from wbc_controller.core.method_calls import array_from, bounds_of, call, checked, require_bounds, require_finite
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.tasks import AccelerationTask, EffortTask, MotionTask, Task
+from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.core.tasks.task import equation_of, rest_of
+from wbc_controller.core.tasks.task import evaluate as evaluate_task
 from wbc_controller.errors import ConfigurationError, MethodError
 
 _Made = TypeVar("_Made", Task, Contact, RowLimit)
@@ -172,11 +174,7 @@ def evaluate_methods(
     for task in tasks:
         reference = rest_of(task, dynamics)
         if isinstance(task, AccelerationTask):
-            _evaluate_motion(task, dynamics)
-            rows, right = np.full((task.dimension, model.nv), np.nan), np.full(task.dimension, np.nan)
-            array_from(task, "fill", right.shape, dynamics, reference, rows, right)
-            require_finite(task, "fill", "rows", rows)
-            require_finite(task, "fill", "right", right)
+            evaluate_task(task, dynamics, reference)
         elif isinstance(task, EffortTask):
             layout = formulation.layout(tuple(formulation.contacts))
             equation_of(task, layout, reference, layout.problem.n)
@@ -186,27 +184,13 @@ def evaluate_methods(
         _evaluate_limit(limit, dynamics, formulation.period)
 
 
-def _evaluate_motion(task: AccelerationTask, dynamics: Dynamics) -> None:
-    position = array_from(task, "position", (task.form.size,), dynamics)
-    array_from(task, "error", (task.size,), dynamics, position)
-    array_from(task, "jacobian", (task.size, dynamics.model.nv), dynamics)
-    array_from(task, "drift", (task.size,), dynamics)
-    if isinstance(task, MotionTask):
-        array_from(task, "velocity", (task.size,), dynamics)
-
-
 def _evaluate_contact(contact: Contact, dynamics: Dynamics) -> None:
-    size, nv = contact.size, dynamics.model.nv
-    array_from(contact, "jacobian", (size, nv), dynamics)
-    array_from(contact, "drift", (size,), dynamics)
+    size = contact.size
+    evaluate_contact(contact, dynamics)
     for activation in (0.5, 1.0):
         bounds_of(contact, "bounds", call(contact, "bounds", activation), size)
     points_of(contact, dynamics)
     array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(size))
-    J, acceleration = np.full((size, nv), np.nan), np.full(size, np.nan)
-    call(contact, "fill", dynamics, J, acceleration)
-    require_finite(contact, "fill", "J", J)
-    require_finite(contact, "fill", "acceleration", acceleration)
     if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
         array_from(contact, "displacement", (size,), dynamics, anchor_of(contact, dynamics))
 

@@ -89,8 +89,8 @@ class ControlCycle:
             timer: gives seconds, for the stage times.
 
         Raises:
-            ConfigurationError: where the configuration cannot be used, with the value and the valid ones.
-            MethodError: if a method of your own tasks, contacts or limits fails, or returns an invalid array.
+            ConfigurationError: if the configuration cannot be used, with the value and the valid ones; or if a method
+                of your own objects fails or returns an invalid array, with the class and the method.
         """
         self.config = load(config)
         settings = self.config.settings

@@ -46,7 +46,12 @@ def call(owner: Named, method: str, *arguments: Any) -> Any:
     except MethodError:
         raise
     except Exception as error:
-        raise MethodError(f"{_title(owner, method)} raised {type(error).__name__}: {error}") from error
+        raise raised(owner, method, error) from error
+
+
+def raised(owner: Named, method: str, error: Exception) -> MethodError:
+    """The error of a method that has raised an exception."""
+    return MethodError(f"{_title(owner, method)} raised {type(error).__name__}: {error}")
 
 
 def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Array:
@@ -64,11 +69,16 @@ def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Arra
     Raises:
         MethodError: as `call`, and if the array has another shape, is not numeric, or contains NaN or infinity.
     """
-    return checked(owner, method, call(owner, method, *arguments), shape)
+    array = checked(owner, method, call(owner, method, *arguments), shape)
+    require_finite_result(owner, method, array)
+    return array
 
 
 def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: Any) -> tuple[Array, ...]:
     """Call a method that returns a tuple of arrays, and check each as `array_from` does.
+
+    Returns:
+        The arrays as float64.
 
     Args:
         owner: the task, contact or limit.
@@ -79,11 +89,13 @@ def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: 
     Raises:
         MethodError: as `array_from`, and if the method does not return as many arrays as `shapes`.
     """
-    return arrays_of(owner, method, call(owner, method, *arguments), shapes)
+    arrays = arrays_of(owner, method, call(owner, method, *arguments), shapes)
+    require_finite_result(owner, method, *arrays)
+    return arrays
 
 
 def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -> tuple[Array, ...]:
-    """Check the tuple of arrays that a method has returned, as `arrays_from` does.
+    """Check number, types and shapes of the arrays that a method has returned.
 
     Args:
         owner: the task, contact or limit.
@@ -110,7 +122,7 @@ def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array,
     """
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")
-    lower, upper = (checked(owner, method, bound, (size,), finite=False) for bound in bounds)
+    lower, upper = (checked(owner, method, bound, (size,)) for bound in bounds)
     require_bounds(owner, method, lower, upper)
     if isinstance(bounds, tuple) and lower is bounds[0] and upper is bounds[1]:
         return bounds
@@ -132,44 +144,49 @@ def require_bounds(owner: Named, method: str, lower: Array, upper: Array) -> Non
         )
 
 
+def require_finite_result(owner: Named, method: str, *arrays: Array) -> None:
+    """Require finite numbers in arrays that a method has returned.
+
+    Raises:
+        MethodError: if there is NaN or infinity.
+    """
+    for array in arrays:
+        if not np.isfinite(array).all():
+            raise MethodError(f"{_title(owner, method)} returned {_short(array)}, expected finite numbers")
+
+
 def require_finite(owner: Named, method: str, name: str, written: Array) -> None:
     """Require finite numbers in an array that a method has written in place.
 
     Raises:
         MethodError: if there is NaN or infinity.
     """
-    if not math.isfinite(sum_of_squares(written)) and not np.isfinite(written).all():
+    if not is_finite(written) and not np.isfinite(written).all():
         raise MethodError(f"{_title(owner, method)} wrote {_short(written)} to {name}, expected finite numbers")
 
 
-def checked(owner: Named, method: str, value: Any, shape: Shape, *, finite: bool = True) -> Array:
-    """Check an array that a method has returned.
+def is_finite(values: Array) -> bool:
+    """Whether the sum of the squares is finite: not if there is NaN, infinity, or a number beyond 1e150."""
+    return math.isfinite(sum_of_squares(values))
+
+
+def checked(owner: Named, method: str, value: Any, shape: Shape) -> Array:
+    """Check type and shape of an array that a method has returned; cheap, for every cycle.
 
     Args:
         owner: the task, contact or limit.
         method: name of the method.
         value: what it returned.
         shape: the shape that the array must have.
-        finite: whether NaN and infinity are refused.
 
     Returns:
         The same array, or its conversion to float64.
 
     Raises:
-        MethodError: as `array_from`.
+        MethodError: if it is not an array of numbers, or has another shape.
     """
-    if (
-        type(value) is np.ndarray
-        and value.dtype == _FLOAT64
-        and value.shape == shape
-        and (not finite or math.isfinite(sum_of_squares(value)))
-    ):
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
         return value
-    return _converted(owner, method, value, shape, finite)
-
-
-def _converted(owner: Named, method: str, value: Any, shape: Shape, finite: bool) -> Array:
-    """Convert a value that is not simply an array of float64 with finite numbers."""
     try:
         array = np.asarray(value)
     except ValueError:  # lists of different lengths
@@ -180,10 +197,7 @@ def _converted(owner: Named, method: str, value: Any, shape: Shape, finite: bool
         )
     if array.shape != shape:
         raise MethodError(f"{_title(owner, method)} returned shape {array.shape}, expected {shape}")
-    array = np.asarray(array, dtype=np.float64)
-    if finite and not np.isfinite(array).all():
-        raise MethodError(f"{_title(owner, method)} returned {_short(array)}, expected finite numbers")
-    return array
+    return np.asarray(array, dtype=np.float64)
 
 
 def _title(owner: Named, method: str) -> str:

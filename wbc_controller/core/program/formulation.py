@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wbc_controller.core.contacts import Contact
+from wbc_controller.core.contacts.contact import Contact, evaluate
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.core.method_calls import bounds_of, call, require_finite
+from wbc_controller.core.method_calls import bounds_of, call, is_finite, raised, require_finite
 from wbc_controller.core.program.anchors import pull
 from wbc_controller.core.program.cost import Errors, LevelCost
 from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
@@ -274,16 +274,24 @@ class Formulation:
     def _fill_contacts(self, layout: Layout, references: References) -> None:
         """Fill what compiled code does not know of contacts: some know alone what they depend on."""
         for place in layout.by_themselves:
-            call(place.contact, "fill", self.dynamics, place.J, place.acceleration)
-            require_finite(place.contact, "fill", "J", place.J)
-            require_finite(place.contact, "fill", "acceleration", place.acceleration)
+            contact = place.contact
+            try:
+                contact.fill(self.dynamics, place.J, place.acceleration)
+            except Exception as error:
+                evaluate(contact, self.dynamics)  # names the method, if it fails by itself
+                raise error if isinstance(error, MethodError) else raised(contact, "fill", error) from error
+            if not (is_finite(place.J) and is_finite(place.acceleration)):
+                evaluate(contact, self.dynamics)
             self._bound_force(place, references.contacts)
         if layout.anchored:
             layout.contact_motion += pull(layout, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
-            call(limit, "fill", self.dynamics, self.period, *parts)
+            try:
+                limit.fill(self.dynamics, self.period, *parts)
+            except Exception as error:
+                raise error if isinstance(error, MethodError) else raised(limit, "fill", error) from error
             if len(limit.names) != len(parts[1]):
                 raise MethodError(
                     f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names to "

@@ -150,7 +150,10 @@ class Dynamics:
     def _require_frame(self, frame_id: int) -> None:
         """Require a frame to exist: Pinocchio reads beyond its memory for others."""
         if not 0 <= frame_id < len(self._link_of):
-            raise IndexError(f"frame {frame_id}, but the model has {len(self._link_of)} frames; use RobotModel.frame_id")
+            count = len(self._link_of)
+            raise IndexError(
+                f"frame {frame_id}, but the model has {count} frames; RobotModel.frame_id finds them by name"
+            )
 
     def external_force(self, frame: str, wrench: Array) -> Array:
         """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).

@@ -8,7 +8,16 @@ from typing import Protocol
 
 import numpy as np
 
-from wbc_controller.core.method_calls import array_from, arrays_from, arrays_of, call, checked
+from wbc_controller.core.method_calls import (
+    array_from,
+    arrays_from,
+    arrays_of,
+    call,
+    checked,
+    is_finite,
+    require_finite,
+    require_finite_result,
+)
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.form import ReferenceForm
@@ -128,11 +137,10 @@ def rest_of(task: Task, dynamics: Dynamics) -> Reference:
             f"{task.full_name}: {type(task).__name__}.rest() returned {type(reference).__name__}, expected a Reference"
         )
     rate = (form.vector + (3 if form.oriented else 0),)
-    return Reference(
-        checked(task, "rest", reference.position, (form.size,)),
-        checked(task, "rest", reference.velocity, rate),
-        checked(task, "rest", reference.acceleration, rate),
-    )
+    arrays = reference.position, reference.velocity, reference.acceleration
+    position, velocity, acceleration = arrays_of(task, "rest", arrays, ((form.size,), rate, rate))
+    require_finite_result(task, "rest", position, velocity, acceleration)
+    return Reference(position, velocity, acceleration)
 
 
 class AccelerationTask(Task):
@@ -198,8 +206,9 @@ class AccelerationTask(Task):
         Returns:
             The task error, (k,).
         """
-        k = self.dimension
-        rows[...], right[...], error = arrays_from(self, "equation", (rows.shape, (k,), (k,)), dynamics, reference)
+        J, b, error = self.equation(dynamics, reference)
+        rows[...] = checked(self, "equation", J, rows.shape)
+        right[...] = checked(self, "equation", b, right.shape)
         return error
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
@@ -213,9 +222,36 @@ class AccelerationTask(Task):
             J (k, nv), b (k,), and the task error (k,), all with the mask applied.
         """
         size, rows = self.size, self.rows
-        right, error = arrays_from(self, "right", ((size,), (size,)), dynamics, reference)
-        J = array_from(self, "jacobian", (size, dynamics.model.nv), dynamics)
+        right, error = self.right(dynamics, reference)
+        right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
+        J = checked(self, "jacobian", self.jacobian(dynamics), (size, dynamics.model.nv))
         return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
+
+
+def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
+    """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
+
+    Args:
+        task: the task.
+        dynamics: the snapshot.
+        reference: the task reference.
+
+    Raises:
+        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
+    """
+    size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
+    array_from(task, "position", (task.form.size,), dynamics)
+    array_from(task, "error", size, dynamics, reference.position)
+    array_from(task, "jacobian", (task.size, nv), dynamics)
+    array_from(task, "drift", size, dynamics)
+    if isinstance(task, MotionTask):
+        array_from(task, "velocity", size, dynamics)
+    arrays_from(task, "right", (size, size), dynamics, reference)
+    arrays_from(task, "equation", ((*k, nv), k, k), dynamics, reference)
+    rows, right = np.full((*k, nv), np.nan), np.full(k, np.nan)
+    array_from(task, "fill", k, dynamics, reference, rows, right)
+    require_finite(task, "fill", "rows", rows)
+    require_finite(task, "fill", "right", right)
 
 
 class Efforts(Protocol):
@@ -280,6 +316,8 @@ def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int
         return None
     k = task.dimension
     rows, right = arrays_of(task, "equation", equation, ((k, n), (k,)))
+    if not (is_finite(rows) and is_finite(right)) and is_finite(reference.position):
+        require_finite_result(task, "equation", rows, right)
     return rows, right
 
 
@@ -341,11 +379,11 @@ class MotionTask(AccelerationTask):
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """ẍ* - J̇v and the task error, both (size,)."""
         shape, right = (self.size,), np.empty(self.size)
-        error = array_from(self, "error", shape, dynamics, reference.position)
+        error = checked(self, "error", self.error(dynamics, reference.position), shape)
         feedback(
             error,
-            array_from(self, "velocity", shape, dynamics),
-            array_from(self, "drift", shape, dynamics) if self.has_drift else _ZERO,
+            checked(self, "velocity", self.velocity(dynamics), shape),
+            checked(self, "drift", self.drift(dynamics), shape) if self.has_drift else _ZERO,
             self.gain_rows,
             reference.velocity,
             reference.acceleration,
@@ -390,10 +428,10 @@ class RateTask(AccelerationTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """x_ref - x, (size,)."""
-        return position - array_from(self, "position", (self.form.size,), dynamics)
+        return position - checked(self, "position", self.position(dynamics), (self.form.size,))
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """ẋ* - δ and the task error, both (size,)."""
         shape = (self.size,)
-        error = array_from(self, "error", shape, dynamics, reference.position)
-        return reference.velocity + self.gain * error - array_from(self, "drift", shape, dynamics), error
+        error = checked(self, "error", self.error(dynamics, reference.position), shape)
+        return reference.velocity + self.gain * error - checked(self, "drift", self.drift(dynamics), shape), error
