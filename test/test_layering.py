@@ -28,16 +28,17 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "kernels": ((), ("numpy", "numba", "llvmlite")),  # a part of Numba
     "core/arrays": ((), ("numpy", "scipy")),
     "core/tunable": ((), ()),
+    "core/method_calls": (("core/arrays",), ("numpy",)),
     "core/robot": (("core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
-    "core/contacts": (("core/robot", "core/tunable", "kernels"), ("numpy", "scipy", "pinocchio")),
+    "core/contacts": (("core/robot", "core/tunable", "core/method_calls", "kernels"), ("numpy", "scipy", "pinocchio")),
     "core/limits": (("core/robot", "core/tunable", "kernels"), ("numpy", "pinocchio", "coal")),
     "core/tasks": (
-        ("core/robot", "core/contacts", "core/arrays", "core/tunable", "kernels"),
+        ("core/robot", "core/contacts", "core/arrays", "core/tunable", "core/method_calls", "kernels"),
         ("numpy", "pinocchio"),
     ),
     "core/references": (("core/robot", "core/contacts", "core/tasks"), ("numpy", "pinocchio")),
     "core/program": (
-        ("core/robot", "core/contacts", "core/limits", "core/tasks", "core/arrays", "core/tunable", "kernels"),
+        (*CORE[:4], "core/arrays", "core/tunable", "core/method_calls", "kernels"),
         ("numpy", "scipy"),
     ),
     "core/solvers": (
@@ -53,11 +54,20 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "estimation": (("core/robot", "core/contacts", "core/arrays", "kernels"), ("numpy", "scipy", "pinocchio")),
     "bridges": (("core/robot", "core/tasks"), ("numpy",)),
     "views": (
-        ("core/robot", "core/contacts", "core/tasks", "settings"),
+        ("core/robot", "core/contacts", "core/tasks", "core/method_calls", "settings"),
         ("numpy", "scipy", "pinocchio", "coal", "plotly", "rich"),
     ),
     "assembly": (
-        (*CORE, "core/program", "core/solvers", "core/whole_body_qp", "safety", "estimation", "settings"),
+        (
+            *CORE,
+            "core/method_calls",
+            "core/program",
+            "core/solvers",
+            "core/whole_body_qp",
+            "safety",
+            "estimation",
+            "settings",
+        ),
         ("numpy", "scipy", "pinocchio", "coal"),
     ),
     "control": (
@@ -70,7 +80,10 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("core/references", "core/whole_body_qp", "settings", "assembly", "control", "wire", "transports"),
         ("numpy", "yaml", "backports", "compression"),
     ),
-    "diagnostics": (("core/robot", "core/contacts", "core/tasks", "views", "wire", "kernels"), ("numpy",)),
+    "diagnostics": (
+        ("core/robot", "core/contacts", "core/tasks", "core/method_calls", "views", "wire", "kernels"),
+        ("numpy",),
+    ),
     "service": (
         (
             "core/robot",

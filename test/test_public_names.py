@@ -129,6 +129,8 @@ def test_the_errors_are_one_tree():
         for name, kind in vars(errors).items()
         if isinstance(kind, type) and kind.__module__ == errors.__name__
     }
-    assert set(own) == {"WbcError", "ConfigurationError", "InputRefused", "NoSolution", "TransportError"}
+    assert set(own) == {
+        "WbcError", "ConfigurationError", "MethodError", "InputRefused", "NoSolution", "TransportError",
+    }  # fmt: skip
     assert all(issubclass(kind, errors.WbcError) for kind in own.values())
     assert all(name in errors.__doc__ for name in own)

@@ -4,6 +4,7 @@
 
     WbcError
     ├── ConfigurationError      a robot file, model or command line that cannot be used (exit status 2)
+    │   └── MethodError         a method of a task, contact or limit has failed
     ├── InputRefused            one message or command was not accepted; the controller keeps running
     ├── NoSolution              the quadratic program has no usable solution; carries the problem and the reason
     └── TransportError          the middleware could not be started, or a topic could not be opened
@@ -26,6 +27,14 @@ class ConfigurationError(WbcError):
     """A configuration that cannot be used.
 
     The message names the file, the key, the value found there, and the valid ones.
+    """
+
+
+class MethodError(ConfigurationError):
+    """A method of a task, contact or limit has raised an exception or returned an invalid value.
+
+    The message names the object, its class and the method. While a controller is made it is an error of the
+    configuration; in a running controller it leads to damping with the fault ``METHOD_FAILED``.
     """
 
 

@@ -8,6 +8,7 @@ import sys
 import weakref
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
@@ -53,8 +54,9 @@ def test_the_first_start_says_that_it_compiles_and_the_next_one_finds_it(file, c
     assert not caplog.messages
 
 
-def test_what_is_kept_has_other_names_than_older_code_looks_for(file):
+def test_what_is_kept_has_other_names_than_older_code_looks_for(file, monkeypatch):
     """Older code in the same folder cannot read the types of arguments, and would end at the import."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     load(file)
     kept = [each.name for each in file.parent.rglob("*.nb[ci]")]
     assert len(kept) == 2

@@ -46,7 +46,7 @@ def filled(dynamics, contacts=(), tasks=()):
     steps = [*contacts, *(task.instruction() for task, _ in tasks)]
     out = np.full((sum(len(step.rows) for step in steps), dynamics.model.nv + 1), np.nan)
     placed = [(task, step, 0) for (task, _), step in zip(tasks, steps, strict=False)]
-    block = Rows(dynamics, out, np.zeros(1), [(step, 0) for step in contacts], placed)
+    block = Rows(dynamics, out, np.zeros(out.shape[1]), [(step, 0) for step in contacts], placed)
     _, errors = fill(block, dynamics, {task.name: wanted for task, wanted in tasks})
     return (out[:, :-1], out[:, -1]), errors
 
@@ -118,7 +118,7 @@ def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(ro
 def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
     dynamics, _ = moved(robot, seed)
     out = np.full((8, dynamics.model.nv + 3), 7.0)
-    fill(Rows(dynamics, out, np.zeros(1), momentum=1), dynamics, {})
+    fill(Rows(dynamics, out, np.zeros(out.shape[1]), momentum=1), dynamics, {})
     near(out[1:7, :-3], dynamics.centroidal_matrix)
     near(out[1:7, -1], -dynamics.centroidal_drift)
     assert (out[[0, 7]] == 7.0).all()
@@ -131,7 +131,7 @@ def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
     for fixed in (False, True):
         wanted = Reference(*(frozen(part) if fixed else part for part in (position, np.zeros(3), np.zeros(3))))
         out = np.zeros((3, dynamics.model.nv + 1))
-        block = Rows(dynamics, out, np.zeros(1), tasks=[(task, task.instruction(), 0)])
+        block = Rows(dynamics, out, np.zeros(out.shape[1]), tasks=[(task, task.instruction(), 0)])
         fill(block, dynamics, {"com": wanted})
         before = out[:, -1].copy()
         position += 1.0

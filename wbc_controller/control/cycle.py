@@ -27,7 +27,7 @@ from wbc_controller.core.references.changes import Change
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import Task
-from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
+from wbc_controller.errors import ConfigurationError, InputRefused, MethodError, NoSolution
 from wbc_controller.records import (
     Array,
     ChangeSettings,
@@ -89,7 +89,8 @@ class ControlCycle:
             timer: gives seconds, for the stage times.
 
         Raises:
-            ConfigurationError: where the configuration cannot be used, with the value and the valid ones.
+            ConfigurationError: if the configuration cannot be used, with the value and the valid ones; or if a method
+                of your own objects fails or returns an invalid array, with the class and the method.
         """
         self.config = load(config)
         settings = self.config.settings
@@ -427,8 +428,10 @@ class ControlCycle:
 
 
 def _defect(error: Exception) -> Fault:
-    """A defect must end in damping with a reason, never in a process that dies with torques applied."""
+    """The fault of an exception: it ends in damping with a reason, never in a dead process with torques applied."""
     _log.exception("the controller failed")
+    if isinstance(error, MethodError):
+        return Fault("METHOD_FAILED", str(error))
     return Fault("INTERNAL_ERROR", f"{type(error).__name__}: {error}")
 
 

@@ -250,6 +250,7 @@ class WholeBodyQP:
         if self._usable(answer, layout, solver.tolerance):
             return answer
         if answer.status == NOT_FINITE:
+            self.formulation.require_finite_limits(layout)
             raise NoSolution(
                 "the state, the references or the torques before hold a value that is not finite",
                 "not solved",

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from wbc_controller.core.method_calls import array_from
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import MotionTask, Task
 from wbc_controller.records import Array, References, Solution
@@ -54,7 +55,8 @@ class Shortfall:
                 self._since.pop(name, None)
                 continue
             error = np.zeros(task.size)
-            error[task.rows] = task.error(dynamics, reference.position)[task.rows]
+            whole = array_from(task, "error", (task.size,), dynamics, reference.position)
+            error[task.rows] = whole[task.rows]
             how_far = _distance(error, task.unit)
             began, first = self._since.get(name, (now, error))
             if not (how_far and np.linalg.norm(error - first) <= _STILL * np.linalg.norm(first)):

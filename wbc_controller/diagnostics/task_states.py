@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Mapping
 
+from wbc_controller.core.method_calls import array_from
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import AccelerationTask, Task
 from wbc_controller.records import Array, References
@@ -55,7 +56,7 @@ class TaskStates:
         task = self._tasks[name]
         positions = {"task_reference": references.tasks[name].position}
         if isinstance(task, AccelerationTask):
-            positions["task_value"] = task.position(dynamics)
+            positions["task_value"] = array_from(task, "position", (task.form.size,), dynamics)
         template = self._templates.get(name) or self._lay_out(name, references.tasks[name].position)
         return name, {key: template.write(stamp, position) for key, position in positions.items()}
 

@@ -18,6 +18,7 @@ from wbc_controller.kernels.compiled import (
     VECTOR,
     VECTOR_OUT,
     compiled,
+    first_rows,
     matrix,
     part,
     signs,
@@ -355,6 +356,11 @@ def residuals(rows: Array, bounds: Array, offset: Array, found: Array) -> tuple[
     """
     total = bounds.shape[1]
     end = len(found) - len(offset)
+    equalities = end - 4 * total
+    if not (equalities >= 0 and rows.shape[1] - 1 + len(rows) - equalities == total and bounds.shape[0] == 2):
+        raise ValueError("residuals: rows, bounds and found have sizes that do not agree")
+    if len(offset) > len(rows) - equalities:
+        raise ValueError("residuals: there are more outputs than inequality constraints")
     room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : end]
     least, most = _residuals(rows, bounds, offset, found[:total], room, off, found[end:])
     return least, _violation(least, most)
@@ -411,12 +417,16 @@ def condensed(
         `NOT_FOUND`; the cost, the smallest room, and the largest violation of a constraint.
     """
     n, soft, first, end, total = table[0], table[1], table[2], table[3], table[0] + table[4]
-    stack, slack = matrix(table[6], soft, n + 1), vector(table[7], soft)
-    inverse, minus_target = vector(table[8], n + 1), vector(table[9], n + 1)
-    rows, bounds = matrix(table[10], end + table[4], n + 1), matrix(table[11], 2, total)
+    stack, slack = first_rows(table, 6, soft, n + 1), vector(table, 7, soft)
+    inverse, minus_target = vector(table, 8, n + 1), vector(table, 9, n + 1)
+    rows, bounds = matrix(table, 10, end + table[4], n + 1), matrix(table, 11, 2, total)
+    if len(found) != 4 * total + end + table[5]:
+        raise ValueError("condensed: found has another size than the constraints ask for")
+    if len(work) < (first + (count if count else end - first) + kept) * (n + 1 - first):
+        raise ValueError("condensed: work is too small")
     value, multipliers = found[:total], found[total : 2 * total]
     room, off = found[2 * total : 4 * total].reshape(2, total), found[4 * total : 4 * total + end]
-    both, constants, limits = signs(table[12], 2, total), vector(table[13], table[5]), vector(table[14], 3)
+    both, constants, limits = signs(table, 12, 2, total), vector(table, 13, table[5]), vector(table, 14, 3)
     sides, other, feasible, precise, largest = both[0], both[1], limits[0], limits[1], limits[2]
     number = 0
     for i in range(total):

@@ -35,7 +35,9 @@ def mechanical_energy(table: np.ndarray, v: Array) -> float:
         v: generalized velocity, (nv,).
     """
     nv = table[0]
-    M, com, weight = matrix(table[4], nv, nv), vector(table[5], 3), vector(table[6], 3)
+    if len(v) != nv:
+        raise ValueError("mechanical_energy: v has another size than the model's")
+    M, com, weight = matrix(table, 4, nv, nv), vector(table, 5, 3), vector(table, 6, 3)
     energy = 0.0
     for j in range(nv):
         momentum = 0.0
@@ -85,10 +87,14 @@ def follow(
         Whether the solution predicts the motion.
     """
     entries, nq, nv, na = table[0], table[1], table[2], table[3]
-    actuators, moved_by, ratios = indices(table[4], entries), indices(table[5], entries), vector(table[6], entries)
-    mass, com_velocity, com_drift = vector(table[7], 1)[0], vector(table[8], 3), vector(table[10], 3)
-    com_jacobian, sums, vectors = matrix(table[9], nv, 6), vector(table[11], SUMS), matrix(table[12], 2, nv)
-    before = vector(table[13], nq + 2 * nv + na)
+    actuators, moved_by, ratios = indices(table, 4, entries), indices(table, 5, entries), vector(table, 6, entries)
+    mass, com_velocity, com_drift = vector(table, 7, 1)[0], vector(table, 8, 3), vector(table, 10, 3)
+    com_jacobian, sums, vectors = matrix(table, 9, nv, 6), vector(table, 11, SUMS), matrix(table, 12, 2, nv)
+    before = vector(table, 13, nq + 2 * nv + na)
+    if not (len(q) == nq and len(v) == nv and len(v_dot) == nv and len(tau) == na and len(tau_found) == na):
+        raise ValueError("follow: state, accelerations or torques have another size than the model's")
+    if not ((len(beside) == nv or len(beside) == 0) and (len(moved) == nv or len(moved) == 0)):
+        raise ValueError("follow: beside or moved has another size than v")
     q_before, v_before, v_dot_before = before[:nq], before[nq : nq + nv], before[nq + nv : nq + 2 * nv]
     tau_before = before[nq + 2 * nv :]
     missed, force = vectors[0], vectors[1]
@@ -168,10 +174,12 @@ def look_back(
         as a share of its limit, with its joint.
     """
     nv, nj, pairs, held = table[0], table[1], table[2], table[3]
-    M, sums, vectors = matrix(table[4], nv, nv), vector(table[11], SUMS), matrix(table[12], 2, nv)
-    components, joints = indices(table[7], pairs), indices(table[8], pairs)
-    factors, limits = vector(table[9], pairs), vector(table[10], nj)
-    force, torques, time_constant = vector(table[13], held), vector(table[14], nv), vector(table[15], 1)[0]
+    M, sums, vectors = matrix(table, 4, nv, nv), vector(table, 11, SUMS), matrix(table, 12, 2, nv)
+    components, joints = indices(table, 7, pairs), indices(table, 8, pairs)
+    factors, limits = vector(table, 9, pairs), vector(table, 10, nj)
+    force, torques, time_constant = vector(table, 13, held), vector(table, 14, nv), vector(table, 15, 1)[0]
+    if len(found) != 3 + nj:
+        raise ValueError("look_back: found has another size than the force and the joints")
     share = lasted / (time_constant + lasted)
     now = _mechanical_energy(table, v)
     energy += share * ((now - stored - sums[WORK]) / lasted - energy)

@@ -44,8 +44,11 @@ VECTOR_OUT = Borrowed(types.float64, 1, "C")
 ROWS_OUT = Borrowed(types.float64, 2, "C")
 ANY_MATRIX_OUT = Borrowed(types.float64, 2, "A")
 
-#: More entries than any table has.
+#: The most entries that a table has.
 _MOST_ENTRIES = 32
+#: Kinds of numbers of the arrays in a table; 0 is an integer in place of an array.
+_NUMBERS, _INTEGERS, _SMALL_INTEGERS = 1, 2, 3
+_KINDS = {np.dtype(np.float64): _NUMBERS, np.dtype(np.int64): _INTEGERS, np.dtype(np.int8): _SMALL_INTEGERS}
 #: What `Bound` gives.
 TABLE = Borrowed(types.int64, 1, "C", readonly=True)
 
@@ -125,31 +128,37 @@ def as_part(function: _Function) -> _Function:
 class Bound:
     """Numbers and arrays that a compiled function works on in every cycle, in a table.
 
-    What is handed over is collected by Python and compared with its type in every call. A table holds the addresses of
-    arrays that stay once and for all; `vector`, `matrix`, `indices` and `signs` make arrays of them again. The arrays
-    live as long as the table's owner.
+    Arguments are collected by Python and compared with their types in every call. A table holds the addresses of arrays
+    that stay for good, and beside each the array's size and type. `vector`, `matrix`, `indices` and `signs` make arrays
+    of them again, and compare the size and type with what the compiled function expects. The arrays live as long as the
+    table's owner.
 
     Attributes:
-        table: integers as they are, and addresses of arrays, in the order given.
+        table: integers as they are, and addresses of arrays, in the order given; in its second half, for each of these
+            entries, 4 times the number of elements plus the kind of number, 0 for an integer, (2 * `_MOST_ENTRIES`,).
     """
 
     def __init__(self, *parts: int | np.ndarray) -> None:
         """Make a table.
 
         Raises:
-            ValueError: where an array does not lie in memory row by row.
-            TypeError: where it holds other numbers than compiled functions read.
+            ValueError: if an array does not lie in memory row by row, or there are more parts than a table has entries.
+            TypeError: if an array holds other numbers than compiled functions read.
         """
+        if len(parts) > _MOST_ENTRIES:
+            raise ValueError(f"a table of {len(parts)} parts; it has at most {_MOST_ENTRIES} entries")
         self._arrays = tuple(part for part in parts if isinstance(part, np.ndarray))
-        for array in self._arrays:
-            if not array.flags.c_contiguous:
-                raise ValueError(f"an array of shape {array.shape} does not lie in memory row by row")
-            if array.dtype not in (np.float64, np.int64, np.int8):
-                raise TypeError(f"an array of {array.dtype}; compiled functions read float64, int64 and int8")
-        self.table = np.array(
-            [part.__array_interface__["data"][0] if isinstance(part, np.ndarray) else part for part in parts],
-            dtype=np.int64,
-        )
+        self.table = np.zeros(2 * _MOST_ENTRIES, dtype=np.int64)
+        for i, part in enumerate(parts):
+            if not isinstance(part, np.ndarray):
+                self.table[i] = part
+                continue
+            if not part.flags.c_contiguous:
+                raise ValueError(f"an array of shape {part.shape} does not lie in memory row by row")
+            if part.dtype not in _KINDS:
+                raise TypeError(f"an array of {part.dtype}; compiled functions read float64, int64 and int8")
+            self.table[i] = part.__array_interface__["data"][0]
+            self.table[_MOST_ENTRIES + i] = 4 * part.size + _KINDS[part.dtype]
         self.table.setflags(write=False)
 
 
@@ -170,33 +179,57 @@ _to_numbers, _to_indices, _to_signs = _pointer(types.float64), _pointer(types.in
 
 
 @part
-def vector(address: int, size: int) -> Any:
-    """Numbers at an address in a table, (size,)."""
-    return numba.carray(_to_numbers(address), (size,))
+def _require(table: np.ndarray, entry: int, size: int, kind: int) -> None:
+    """Require an entry of a table to be an array of a size and a kind of numbers.
+
+    Raises:
+        ValueError: if it is another array, or an integer.
+    """
+    if table[_MOST_ENTRIES + entry] != 4 * size + kind:
+        raise ValueError("an array in a table has another size or type than the compiled function expects")
 
 
 @part
-def matrix(address: int, rows: int, columns: int) -> Any:
-    """Numbers at an address in a table, (rows, columns)."""
-    return numba.carray(_to_numbers(address), (rows, columns))
+def vector(table: np.ndarray, entry: int, size: int) -> Any:
+    """Numbers at an entry of a table, (size,)."""
+    _require(table, entry, size, _NUMBERS)
+    return numba.carray(_to_numbers(table[entry]), (size,))
 
 
 @part
-def indices(address: int, size: int) -> Any:
-    """Integers at an address in a table, (size,)."""
-    return numba.carray(_to_indices(address), (size,))
+def matrix(table: np.ndarray, entry: int, rows: int, columns: int) -> Any:
+    """Numbers at an entry of a table, (rows, columns)."""
+    _require(table, entry, rows * columns, _NUMBERS)
+    return numba.carray(_to_numbers(table[entry]), (rows, columns))
 
 
 @part
-def table_at(address: int) -> Any:
-    """A table at an address in another one: its entries, with room for more than any table has."""
-    return numba.carray(_to_indices(address), (_MOST_ENTRIES,))
+def first_rows(table: np.ndarray, entry: int, rows: int, columns: int) -> Any:
+    """Numbers at an entry of a table, of which there may be more rows, (rows, columns)."""
+    if table[_MOST_ENTRIES + entry] < 4 * rows * columns + _NUMBERS:
+        raise ValueError("an array in a table has fewer rows than the compiled function expects")
+    return numba.carray(_to_numbers(table[entry]), (rows, columns))
 
 
 @part
-def signs(address: int, rows: int, columns: int) -> Any:
-    """Small integers at an address in a table, (rows, columns)."""
-    return numba.carray(_to_signs(address), (rows, columns))
+def indices(table: np.ndarray, entry: int, size: int) -> Any:
+    """Integers at an entry of a table, (size,)."""
+    _require(table, entry, size, _INTEGERS)
+    return numba.carray(_to_indices(table[entry]), (size,))
+
+
+@part
+def table_at(table: np.ndarray, entry: int) -> Any:
+    """A table at an entry of another one."""
+    _require(table, entry, 2 * _MOST_ENTRIES, _INTEGERS)
+    return numba.carray(_to_indices(table[entry]), (2 * _MOST_ENTRIES,))
+
+
+@part
+def signs(table: np.ndarray, entry: int, rows: int, columns: int) -> Any:
+    """Small integers at an entry of a table, (rows, columns)."""
+    _require(table, entry, rows * columns, _SMALL_INTEGERS)
+    return numba.carray(_to_signs(table[entry]), (rows, columns))
 
 
 def compile_all() -> None:

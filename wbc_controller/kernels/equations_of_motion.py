@@ -37,10 +37,14 @@ def fill_dynamics(table: np.ndarray, h: Array, v: Array, before: Array, share: f
     """
     count, free, na, nf, begin, nv = table[0], table[1], table[2], table[3], table[5], len(v)
     right = nv + nf
-    starts, columns, values = indices(table[6], free + na + 1), indices(table[7], count), vector(table[8], count)
-    damping, rows = vector(table[9], nf), matrix(table[10], table[4], right + 1)
-    lower, upper, M = vector(table[11], na), vector(table[12], na), matrix(table[13], nv, nv)
-    unit, available, bias = vector(table[14], 1)[0], matrix(table[15], 3, na), vector(table[16], na)
+    starts, columns, values = indices(table, 6, free + na + 1), indices(table, 7, count), vector(table, 8, count)
+    damping, rows = vector(table, 9, nf), matrix(table, 10, table[4], right + 1)
+    lower, upper, M = vector(table, 11, na), vector(table, 12, na), matrix(table, 13, nv, nv)
+    unit, available, bias = vector(table, 14, 1)[0], matrix(table, 15, 3, na), vector(table, 16, na)
+    if len(h) != nv:
+        raise ValueError("fill_dynamics: h and v have different sizes")
+    if share >= 0.0 and len(before) != na:
+        raise ValueError("fill_dynamics: the torques before have another size than the actuators")
     for i in range(nf):
         speed = 0.0
         for j in range(nv):

@@ -61,10 +61,10 @@ def link_terms(table: np.ndarray, velocity: Array) -> None:
         velocity: generalized velocity, (nv,).
     """
     n, nv = table[0], len(velocity)
-    joints, v, a, f = matrix(table[2], n, 12), matrix(table[3], n, 6), matrix(table[4], n, 6), matrix(table[5], n, 6)
-    roots, gravity, com = indices(table[6], table[1]), vector(table[7], 4), vector(table[8], 3)
-    centroidal, links, per_mass = matrix(table[9], nv, 6), matrix(table[10], n, 12), matrix(table[11], nv, 6)
-    com_velocity, com_drift, drift = vector(table[12], 3), vector(table[13], 3), vector(table[14], 6)
+    joints, v, a, f = matrix(table, 2, n, 12), matrix(table, 3, n, 6), matrix(table, 4, n, 6), matrix(table, 5, n, 6)
+    roots, gravity, com = indices(table, 6, table[1]), vector(table, 7, 4), vector(table, 8, 3)
+    centroidal, links, per_mass = matrix(table, 9, nv, 6), matrix(table, 10, n, 12), matrix(table, 11, nv, 6)
+    com_velocity, com_drift, drift = vector(table, 12, 3), vector(table, 13, 3), vector(table, 14, 6)
     mass = gravity[3]
     for i in range(1, len(joints)):
         R = joints[i]
@@ -311,6 +311,8 @@ def _joint_targets(
     rest = 0.0
     for i in range(count):
         column = places[count + i]
+        if not (0 <= places[i] < len(q) and 0 <= column < len(v)):
+            raise IndexError("the index of a joint is not below the size of q or v")
         error[i] = numbers[2 * count + i] - q[places[i]]
         asked = numbers[i] * error[i] + numbers[count + i] * (numbers[3 * count + i] - v[column])
         asked += numbers[4 * count + i]
@@ -374,12 +376,12 @@ def fill_rows(table: np.ndarray, q: Array, v: Array, errors: Array) -> float:
         The cost that no acceleration avoids, of the tasks on single accelerations.
     """
     n, nv, columns = table[3], len(v), table[5]
-    instructions, places = indices(table[6], 10 * table[0]), indices(table[7], table[1])
-    numbers, joints, links = vector(table[8], table[2]), matrix(table[9], n, 12), matrix(table[10], n, 12)
-    twists, moves = matrix(table[11], nv, 6), signs(table[12], n, nv)
-    com, com_velocity, com_drift = vector(table[13], 3), vector(table[14], 3), vector(table[15], 3)
-    per_mass, centroidal, drift = matrix(table[16], nv, 6), matrix(table[17], nv, 6), vector(table[18], 6)
-    block, minus_target = matrix(table[19], table[4], columns), vector(table[20], columns)
+    instructions, places = indices(table, 6, 10 * table[0]), indices(table, 7, table[1])
+    numbers, joints, links = vector(table, 8, table[2]), matrix(table, 9, n, 12), matrix(table, 10, n, 12)
+    twists, moves = matrix(table, 11, nv, 6), signs(table, 12, n, nv)
+    com, com_velocity, com_drift = vector(table, 13, 3), vector(table, 14, 3), vector(table, 15, 3)
+    per_mass, centroidal, drift = matrix(table, 16, nv, 6), matrix(table, 17, nv, 6), vector(table, 18, 6)
+    block, minus_target = matrix(table, 19, table[4], columns), vector(table, 20, columns)
     rest = 0.0
     for k in range(table[0]):
         step = instructions[10 * k :]
@@ -420,7 +422,14 @@ def feedback(
         acceleration_wanted: ẍ_ref, (size,).
         right: for the result, (size,).
     """
-    for i in range(len(error)):
+    size = len(error)
+    if not (len(velocity) == size and (len(drift) == size or len(drift) == 0) and len(right) == size):
+        raise ValueError("feedback: error, velocity, drift and right have sizes that do not agree")
+    if not (gains.shape[0] == 2 and gains.shape[1] == size):
+        raise ValueError("feedback: the gains have another size than the error")
+    if not (len(velocity_wanted) == size and len(acceleration_wanted) == size):
+        raise ValueError("feedback: velocity or acceleration of the reference has another size than the error")
+    for i in range(size):
         right[i] = gains[0, i] * error[i] + gains[1, i] * (velocity_wanted[i] - velocity[i]) + acceleration_wanted[i]
         if len(drift):
             right[i] -= drift[i]

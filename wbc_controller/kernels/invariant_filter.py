@@ -42,6 +42,20 @@ def _coefficients(w: Array) -> tuple[float, float, float]:
 
 
 @part
+def _require_state(R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array) -> None:
+    """Require the sizes of a state of the filter to agree.
+
+    Raises:
+        ValueError: if they do not.
+    """
+    size = 9 + 3 * columns.shape[1]
+    if not (R.shape == (3, 3) and columns.shape[0] == 3 and columns.shape[1] >= 2 and P.shape == (size, size)):
+        raise ValueError("invariant filter: R, columns and P have sizes that do not agree")
+    if not (len(gyroscope_bias) == 3 and len(accelerometer_bias) == 3):
+        raise ValueError("invariant filter: a bias has another size than 3")
+
+
+@part
 def _carried(P: Array, G: Array, R: Array, gravity: Array, dt: float, out: Array) -> None:
     """Φ P, with Φ = 1 + A dt: its few blocks beside the diagonal, row by row."""
     n, end = len(P), G.shape[1]
@@ -87,6 +101,12 @@ def propagate(
         columns_out: for the new columns.
         P_out: for the new P.
     """
+    _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
+    _require_state(R_out, columns_out, gyroscope_bias, accelerometer_bias, P_out)
+    if not (columns.shape[1] == columns_out.shape[1] and len(gravity) == 3 and len(noise) == 5):
+        raise ValueError("propagate: the new columns, gravity or noise have another size")
+    if not (len(angular_velocity) == 3 and len(specific_force) == 3):
+        raise ValueError("propagate: angular velocity or specific force has another size than 3")
     n = len(P)
     end = n - 6
     G = np.empty((3, end))  # what rotations of the IMU do to the error, transposed: R, and x × R for each column x
@@ -210,6 +230,16 @@ def correct(
         1; 0 where a contact is beyond its limit, -1 where S is not positive definite. The new state is written for 1
         alone.
     """
+    _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
+    _require_state(R_out, columns_out, gyroscope_out, accelerometer_out, P_out)
+    k, c = len(points), len(ends)
+    if not (columns.shape[1] == columns_out.shape[1] and places.shape == (k, 3) and covariance.shape == (3 * k, 3 * k)):
+        raise ValueError("correct: the new columns, places or covariance have another size than the points")
+    if not (len(limits) == c and len(squares) == c and (c == 0 or ends[c - 1] <= k)):
+        raise ValueError("correct: limits, squares or ends have another size than the contacts")
+    for i in range(k):
+        if not 0 <= points[i] < columns.shape[1] - 2:
+            raise IndexError("correct: a point is not below the number of points of the filter")
     n, m = len(P), 3 * len(points)
     end = n - 6
     y, U, Y = np.empty(m), np.empty((m, m)), np.empty((m, n))

@@ -75,13 +75,16 @@ def acceleration_bounds(table: np.ndarray, q_all: Array, v_all: Array) -> None:
         v_all: generalized velocity, (nv,) in rad/s.
     """
     count, limited, slowed = table[0], table[1] > 0, table[2] > 0
-    q_index, v_index = indices(table[3], count), indices(table[4], count)
-    limits, fastest, numbers = matrix(table[5], 2, count), vector(table[6], count), vector(table[7], 7)
-    lower, upper = vector(table[8], len(v_all)), vector(table[9], len(v_all))
+    q_index, v_index = indices(table, 3, count), indices(table, 4, count)
+    limits, numbers = matrix(table, 5, 2, count if limited else 0), vector(table, 7, 7)
+    fastest = vector(table, 6, count if slowed else 0)
+    lower, upper = vector(table, 8, len(v_all)), vector(table, 9, len(v_all))
     most, period, ahead, slowing = numbers[0], numbers[1], numbers[2], numbers[3]
     stopping, return_time, rounding = numbers[4], numbers[5], numbers[6]
     for i in range(count):
         column = v_index[i]
+        if not (0 <= q_index[i] < len(q_all) and 0 <= column < len(v_all)):
+            raise IndexError("the index of a joint is not below the size of q or v")
         q, v = q_all[q_index[i]], v_all[column]
         if not (q * 0.0 == 0.0 and v * 0.0 == 0.0):  # infinite or NaN: seen by the check for finite values
             lower[column] = upper[column] = math.nan

@@ -51,7 +51,13 @@ def sights(
         turning: for the angular velocity of each link, (c, 3) in rad/s.
         rates: for the time derivative of `places`, (k, 3) in m/s.
     """
-    k, c = len(points), len(links)
+    k, c, nv = len(points), len(links), J.shape[1]
+    if not (J.shape[0] == 6 and len(v) == nv and moves.shape == (len(joints), nv) and joints.shape[1] == 12):
+        raise ValueError("sights: joints, J, moves or v have sizes that do not agree")
+    if not (len(imu) == 12 and len(ends) == c and points.shape[1] == 3 and (c == 0 or ends[c - 1] == k)):
+        raise ValueError("sights: imu, ends or points have another size than the links ask for")
+    if not (places.shape == (k, 3) and covariance.shape == (3 * k, 3 * k) and turning.shape == (c, 3)):
+        raise ValueError("sights: places, covariance or turning have another size than the points")
     seen, change = np.empty((k, 3)), np.empty(3 * k)
     covariance[:] = 0.0
     turning[:] = 0.0
@@ -116,6 +122,10 @@ def imu_on_base(
         imu: for its placement on the base, (12,).
         motion: for its twist, (6,) in m/s and rad/s.
     """
+    if not (J.shape[0] == 6 and len(v) == J.shape[1] and moves.shape == (len(joints), len(v))):
+        raise ValueError("imu_on_base: joints, J, moves or v have sizes that do not agree")
+    if not (joints.shape[1] == 12 and len(mount) == 12 and len(imu) == 12 and len(motion) == 6):
+        raise ValueError("imu_on_base: a placement or a twist has another size than 12 or 6")
     place(joints[own], mount, imu)
     motion[:] = 0.0
     for j in range(6, J.shape[1]):
@@ -145,6 +155,12 @@ def base_of_imu(
         pose: for position and quaternion (x, y, z, w) of the base in the other world, (7,).
         twist: for the base's twist in its own axes, (6,).
     """
+    if not (R.shape == (3, 3) and columns.shape[0] == 3 and columns.shape[1] >= 2 and len(imu) == 12):
+        raise ValueError("base_of_imu: R, columns or imu have another size")
+    if not (len(angular_velocity) == 3 and len(bias) == 3 and len(motion) == 6 and len(world) == 2 and len(shift) == 3):
+        raise ValueError("base_of_imu: a velocity, the bias, world or shift has another size")
+    if not (len(pose) == 7 and len(twist) == 6):
+        raise ValueError("base_of_imu: pose or twist has another size than 7 or 6")
     wx, wy, wz = turn(imu, angular_velocity[0] - bias[0], angular_velocity[1] - bias[1], angular_velocity[2] - bias[2])
     wx, wy, wz = wx - motion[3], wy - motion[4], wz - motion[5]
     B, turned = np.empty(9), np.empty(9)  # the base's axes by columns: R times the rows of the IMU's

@@ -73,13 +73,13 @@ def read(payload: bytes, table: np.ndarray, one: Array, other: Array) -> int:
         take, or at the limit of that: then the codec's way finds out what to say.
     """
     size, stamp, quaternion = table[0], table[5], table[6]
-    if len(payload) != size or len(one) != table[3] or len(other) != table[4]:
+    if len(payload) != size or len(one) != table[3] or len(other) != table[4] or (table[2] > 0 and len(one) == 0):
         return -1
-    like, edges = signs(table[7], 1, size)[0], indices(table[8], table[1])
+    like, edges = signs(table, 7, 1, size)[0], indices(table, 8, table[1])
     unmeasured, first, second = (
-        indices(table[9], table[2]), indices(table[10], table[3]), indices(table[11], table[4])
+        indices(table, 9, table[2]), indices(table, 10, table[3]), indices(table, 11, table[4])
     )  # fmt: skip
-    largest = vector(table[12], 2)
+    largest = vector(table, 12, 2)
     differs = np.uint8(0)
     for k in range(0, len(edges), 2):
         for i in range(edges[k], edges[k + 1]):
@@ -114,6 +114,8 @@ def _normalize(values: Array, start: int) -> float:
 @compiled(VECTOR_OUT, INTEGER)
 def normalize(values: Array, start: int) -> float:
     """Divide the quaternion (4,) at a place by its norm, and give the norm: the same bits as `read`."""
+    if start < 0 or start + 4 > len(values):
+        raise IndexError("normalize: there is no quaternion at this place")
     return _normalize(values, start)
 
 
@@ -132,13 +134,19 @@ def assemble(
         q: takes the configuration, (nq,).
         v: takes the velocity, (nv,).
     """
-    q_index, v_index = indices(table[1], table[0]), indices(table[2], table[0])
+    q_index, v_index = indices(table, 1, table[0]), indices(table, 2, table[0])
+    if not (len(positions) == len(q_index) and len(velocities) == len(q_index)):
+        raise ValueError("assemble: positions or velocities have another size than the joints")
+    if len(pose) > len(q) or len(twist) > len(v):
+        raise ValueError("assemble: pose or twist is larger than q or v")
     q[:], v[:] = 0.0, 0.0
     for i in range(len(pose)):
         q[i] = pose[i]
     for i in range(len(twist)):
         v[i] = twist[i]
     for i in range(len(q_index)):
+        if not (0 <= q_index[i] < len(q) and 0 <= v_index[i] < len(v)):
+            raise IndexError("assemble: the index of a joint is not below the size of q or v")
         q[q_index[i]] = positions[i]
         v[v_index[i]] = velocities[i]
 

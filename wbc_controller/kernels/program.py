@@ -33,8 +33,8 @@ def fill_program(tables: np.ndarray, q: Array, v: Array, h: Array, before: Array
     Returns:
         The cost that no acceleration avoids, of the tasks on single accelerations.
     """
-    _link_terms(table_at(tables[0]), v)
-    rest = _fill_rows(table_at(tables[1]), q, v, errors)
-    _fill_dynamics(table_at(tables[2]), h, v, before, share)
-    _acceleration_bounds(table_at(tables[3]), q, v)
+    _link_terms(table_at(tables, 0), v)
+    rest = _fill_rows(table_at(tables, 1), q, v, errors)
+    _fill_dynamics(table_at(tables, 2), h, v, before, share)
+    _acceleration_bounds(table_at(tables, 3), q, v)
     return rest

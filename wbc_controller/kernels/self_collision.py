@@ -135,12 +135,14 @@ def near_pairs(table: np.ndarray, q: Array, v: Array, A: float, T: float, margin
         Their number; NaN anywhere makes a pair one of them.
     """
     k, s, n, e = table[0], table[1], table[2], table[5]
-    pairs, ends, starts = indices(table[6], 2 * k), indices(table[7], 2 * k), indices(table[8], s + 1)
-    components, levers, places = indices(table[9], e), vector(table[10], e), indices(table[11], table[3])
-    shape_links, mounts, faster = indices(table[12], s), matrix(table[13], s, 4), vector(table[14], 3)[0]
-    joints, links = matrix(table[15], n, 12), matrix(table[16], n, 12)
-    seen, least, sums = vector(table[21], table[4]), vector(table[22], k), matrix(table[23], e + 1, 2)
-    near, reach = indices(table[24], k), vector(table[25], k)
+    pairs, ends, starts = indices(table, 6, 2 * k), indices(table, 7, 2 * k), indices(table, 8, s + 1)
+    components, levers, places = indices(table, 9, e), vector(table, 10, e), indices(table, 11, table[3])
+    shape_links, mounts, faster = indices(table, 12, s), matrix(table, 13, s, 4), vector(table, 14, 3)[0]
+    joints, links = matrix(table, 15, n, 12), matrix(table, 16, n, 12)
+    seen, least, sums = vector(table, 21, table[4]), vector(table, 22, k), matrix(table, 23, e + 1, 2)
+    near, reach = indices(table, 24, k), vector(table, 25, k)
+    if len(q) != table[4] or len(v) != table[3]:
+        raise ValueError("near_pairs: q or v has another size than the model's")
     for shape in range(s):
         speed, change = 0.0, 0.0
         for i in range(starts[shape], starts[shape + 1]):
@@ -208,10 +210,15 @@ def distance_rows(table: np.ndarray, chosen: np.ndarray, rows: Array, rates: Arr
         drifts: for δ, (k,) in m/s².
     """
     k, s, n, nv = table[0], table[1], table[2], table[3]
-    pairs, shape_links = indices(table[6], 2 * k), indices(table[12], s)
-    links, twists, moves = matrix(table[16], n, 12), matrix(table[17], nv, 6), signs(table[18], n, nv)
-    shapes, results = matrix(table[19], s, 12), matrix(table[20], k, RESULT)
-    for i in range(len(chosen)):
+    pairs, shape_links = indices(table, 6, 2 * k), indices(table, 12, s)
+    links, twists, moves = matrix(table, 16, n, 12), matrix(table, 17, nv, 6), signs(table, 18, n, nv)
+    shapes, results = matrix(table, 19, s, 12), matrix(table, 20, k, RESULT)
+    count = len(chosen)
+    if not (rows.shape == (count, nv) and len(rates) == count and len(drifts) == count):
+        raise ValueError("distance_rows: rows, rates or drifts have another size than the pairs")
+    for i in range(count):
+        if not 0 <= chosen[i] < k:
+            raise IndexError("distance_rows: a pair is not below the number of pairs")
         result, one, other = results[chosen[i]], pairs[2 * chosen[i]], pairs[2 * chosen[i] + 1]
         normal, p = result[NORMAL : NORMAL + 3], result[FIRST : FIRST + 3]
         a, b = shape_links[one], shape_links[other]
@@ -260,6 +267,8 @@ def acceleration_apart(
         most: largest acceleration that is asked for, m/s².
         out: for the bounds, (k,) in m/s².
     """
+    if not (len(rate) == len(distance) and len(out) == len(distance)):
+        raise ValueError("acceleration_apart: distances, rates and bounds have different sizes")
     for i in range(len(distance)):
         out[i] = _apart(distance[i], rate[i], margin, A, T, return_speed, most)
 
@@ -286,12 +295,14 @@ def fill_apart(
     Returns:
         Whether `shown` has changed: the pairs of the rows.
     """
-    k, nv, constants = table[0], table[3], vector(table[14], 3)
+    k, nv, constants = table[0], table[3], vector(table, 14, 3)
     faster, return_speed, most = constants[0], constants[1], constants[2] * A
-    results, least, near = matrix(table[20], k, RESULT), vector(table[22], k), indices(table[24], k)
-    reach, found, values = vector(table[25], k), indices(table[26], k), matrix(table[27], k, nv)
-    rates, drifts = vector(table[28], k), vector(table[29], k)
-    chosen, shown = indices(table[30], k), indices(table[31], k)
+    results, least, near = matrix(table, 20, k, RESULT), vector(table, 22, k), indices(table, 24, k)
+    reach, found, values = vector(table, 25, k), indices(table, 26, k), matrix(table, 27, k, nv)
+    rates, drifts = vector(table, 28, k), vector(table, 29, k)
+    chosen, shown = indices(table, 30, k), indices(table, 31, k)
+    if not (rows.shape == (len(lower), nv) and len(upper) == len(lower) and count <= k):
+        raise ValueError("fill_apart: rows, bounds or the number of pairs do not agree")
     close = 0
     for c in range(count):
         i = near[c]

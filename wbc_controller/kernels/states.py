@@ -58,13 +58,13 @@ def latch(
         Stamp of the joint states, ns, negative where something needs a closer look; ages of joint states and odometry,
         s; and how far the stamps have gone on while our clock stood still, s.
     """
-    stamp, base_stamp = _read(joint_states, table_at(tables[0]), positions, velocities), 1
+    stamp, base_stamp = _read(joint_states, table_at(tables, 0), positions, velocities), 1
     if len(odometry) and stamp > 0:
-        base_stamp = _read(odometry, table_at(tables[1]), pose, twist)
+        base_stamp = _read(odometry, table_at(tables, 1), pose, twist)
     if not (stamp > 0 and base_stamp > 0):
         return -1, 0.0, 0.0, 0.0
-    memory = vector(tables[2], SIZE)
-    base_memory = vector(tables[3], SIZE) if tables[3] else memory
+    memory = vector(tables, 2, SIZE)
+    base_memory = vector(tables, 3, SIZE) if tables[3] else memory
     if not is_plain(memory, stamp, came, ahead, tolerance):
         return -1, 0.0, 0.0, 0.0
     if len(odometry):
@@ -74,6 +74,6 @@ def latch(
         accept(base_memory, base_stamp, odometry_came)
     notice(memory, stamp, came)
     accept(memory, stamp, came)
-    _assemble(table_at(tables[4]), positions, velocities, pose, twist, q, v)
+    _assemble(table_at(tables, 4), positions, velocities, pose, twist, q, v)
     stood = max(memory[STOOD], base_memory[STOOD])
     return stamp, age_of(memory, now, ahead), age_of(base_memory, now, ahead), stood

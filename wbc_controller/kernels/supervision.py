@@ -47,6 +47,8 @@ def _within(values: Array, limits: Array) -> bool:
 @compiled(ANY_VECTOR, VECTOR)
 def within(values: Array, limits: Array) -> bool:
     """Whether all |values| are at most their limits, (n,) each; not if one is NaN."""
+    if len(values) != len(limits):
+        raise ValueError("within: values and limits have different sizes")
     return _within(values, limits)
 
 
@@ -162,10 +164,10 @@ def compared(table: np.ndarray, q: Array, v: Array, dt: float, some_untold: bool
         is ``STUCK`` beyond its own; u is not zero (``UNTOLD``); positions and velocities of the measured joints, or of
         the base, repeat bit for bit, and not all of these velocities are zero (``JOINTS_REPEAT``, ``BASE_REPEATS``).
     """
-    floating, limits = table[0] > 0, matrix(table[4], 3, len(v))
-    q_index, v_index = indices(table[2], table[1]), indices(table[3], table[1])
-    magnitude, before, v_before = vector(table[5], 1)[0], vector(table[6], len(q)), vector(table[7], len(v))
-    mismatch, untold = vector(table[8], len(v)), vector(table[9], len(v))
+    floating, limits = table[0] > 0, matrix(table, 4, 3, len(v))
+    q_index, v_index = indices(table, 2, table[1]), indices(table, 3, table[1])
+    magnitude, before, v_before = vector(table, 5, 1)[0], vector(table, 6, len(q)), vector(table, 7, len(v))
+    mismatch, untold = vector(table, 8, len(v)), vector(table, 9, len(v))
     for i in range(len(q)):
         if not abs(q[i]) <= magnitude:
             return ABSURD
@@ -223,6 +225,8 @@ def compared(table: np.ndarray, q: Array, v: Array, dt: float, some_untold: bool
 
 @part
 def _upward(q: Array) -> tuple[float, float, float]:
+    if len(q) < 7:
+        raise ValueError("a configuration without a floating base")
     x, y, z, w = q[3], q[4], q[5], q[6]
     return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
@@ -255,6 +259,11 @@ def height(q: Array, parents: np.ndarray, placements: Array, axes: Array, links:
         links: links of the points, (k,).
         points: the points on them, (k, 3) in m.
     """
+    n = len(parents)
+    if not (len(q) >= 7 + n and placements.shape == (n, 12) and axes.shape == (n, 6)):
+        raise ValueError("height: q, placements or axes have another size than the joints")
+    if points.shape != (len(links), 3):
+        raise ValueError("height: there are not three coordinates for each link")
     up, z = np.empty((len(parents) + 1, 3)), np.zeros(len(parents) + 1)
     up[0, 0], up[0, 1], up[0, 2] = _upward(q)
     for i in range(len(parents)):
@@ -286,7 +295,10 @@ def _limited(tau: float, before: float, step: float, lower: float, upper: float)
 @compiled(VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, VECTOR_OUT)
 def limited(tau: Array, before: Array, rate: Array, dt: float, lower: Array, upper: Array, out: Array) -> None:
     """Torques by no more than rate Δt from those before, and, last, within what is available, (na,) each in N·m."""
-    for i in range(len(tau)):
+    n = len(tau)
+    if not (len(before) == n and len(rate) == n and len(lower) == n and len(upper) == n and len(out) == n):
+        raise ValueError("limited: torques and limits have different sizes")
+    for i in range(n):
         out[i] = _limited(tau[i], before[i], dt * rate[i], lower[i], upper[i])
 
 
@@ -321,9 +333,11 @@ def followed(
         Whether the torques are usable; where they are not, nothing that was written counts.
     """
     na, nj = table[0], table[1]
-    limits, rate = vector(table[2], na), vector(table[3], na)
-    q_index, v_index = indices(table[4], nj), indices(table[5], nj)
-    available, numbers = matrix(table[6], 2, na), vector(table[7], 2)
+    limits, rate = vector(table, 2, na), vector(table, 3, na)
+    q_index, v_index = indices(table, 4, nj), indices(table, 5, nj)
+    available, numbers = matrix(table, 6, 2, na), vector(table, 7, 2)
+    if not (len(tau) == na and len(before) == na and len(out) == na + 2 * nj and len(v_dot) == len(v)):
+        raise ValueError("followed: torques, accelerations or command have another size than actuators and joints")
     lower, upper, tolerance, period = available[0], available[1], numbers[0], numbers[1]
     for i in range(na):
         excess = tolerance * limits[i]
@@ -334,6 +348,8 @@ def followed(
             wanted = kept * before[i] + (1.0 - kept) * wanted
         out[i] = _limited(wanted, before[i], dt * rate[i], lower[i], upper[i])
     for i in range(nj):
+        if not (0 <= q_index[i] < len(q) and 0 <= v_index[i] < len(v)):
+            raise IndexError("the index of a joint is not below the size of q or v")
         ahead = v[v_index[i]] + period * v_dot[v_index[i]]
         out[na + i] = q[q_index[i]] + period * ahead
         out[na + nj + i] = ahead
@@ -370,9 +386,9 @@ def supervised(
     """
     found, tilted, usable = 0, 0.0, False
     if tables[0] != 0 and elapsed == elapsed:
-        found = compared(table_at(tables[0]), q, v, elapsed, some_untold)
+        found = compared(table_at(tables, 0), q, v, elapsed, some_untold)
     if tables[1] != 0:
-        tilted = tilt(q, vector(tables[1], 3))
+        tilted = tilt(q, vector(tables, 1, 3))
     if len(tau):
-        usable = followed(table_at(tables[2]), tau, v_dot, q, v, before, share, kept, dt, out)
+        usable = followed(table_at(tables, 2), tau, v_dot, q, v, before, share, kept, dt, out)
     return found, tilted, usable

@@ -16,6 +16,7 @@ NEXT_STEPS: Mapping[str, str] = {
     "RELAXED": "look at the constraints that were relaxed; ask for less; then reset, activate",
     "BAD_TORQUE": "look at the recording of the fault (wbc replay); then reset, activate",
     "ESTOP": "when it is safe: reset, then activate",
+    "METHOD_FAILED": "correct the class and method that are named; the log has the traceback; then start it again",
     "INTERNAL_ERROR": "a defect of the controller: keep the log and the recording of the fault, and report it",
 }
 _CODE = re.compile(rf"\b({'|'.join(NEXT_STEPS)})\b")

@@ -10,7 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.core.contacts import Contact, UnilateralContact
+from wbc_controller.core.contacts.contact import points_of
 from wbc_controller.core.contacts.support import support_polygon
+from wbc_controller.core.method_calls import array_from
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.tasks import (
     CapturePointTask,
@@ -97,7 +99,7 @@ def _shapes(
     references: References | None,
     forces: Mapping[str, Array],
 ) -> Iterator[Shape]:
-    corners = {name: contact.points(dynamics) for name, contact in contacts.items()}
+    corners = {name: points_of(contact, dynamics) for name, contact in contacts.items()}
     feet = [name for name in (forces or corners) if _supports(contacts[name])]
     standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
     ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
@@ -152,7 +154,7 @@ def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Arr
 def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
     """The force at its centre of pressure, and the edges of the pyramid that it must stay in."""
     weight, centre = dynamics.model.mass * dynamics.model.gravity, corners.mean(axis=0)
-    wrench = contact.wrench_in_world(dynamics, force)
+    wrench = array_from(contact, "wrench_in_world", (6,), dynamics, force)
     if not isinstance(contact, UnilateralContact):
         return [centre, centre + FORCE_LENGTH / weight * wrench[:3]], []
     axes = [contact.wrench_in_world(dynamics, unit)[:3] for unit in np.eye(contact.size)[:3]]

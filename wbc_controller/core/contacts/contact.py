@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.core.method_calls import array_from, call, checked, require_finite
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tunable import Tunable
@@ -63,6 +64,11 @@ class Contact(ABC):
         self.size = basis.shape[1]
         self.metric: Array = np.ones(self.size)
 
+    @property
+    def full_name(self) -> str:
+        """Kind and name, for error messages."""
+        return f"contact {self.name!r}"
+
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
         """J, (k, nv): J v is the velocity of the contact, in the axes in which f is expressed."""
@@ -97,12 +103,13 @@ class Contact(ABC):
 
     def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
         """Write J, (k, nv), and the required J v̇ at J v = 0, (k,), in place."""
-        J[:] = self.jacobian(dynamics)
-        acceleration[:] = self.acceleration_at_rest(dynamics)
+        J[:] = checked(self, "jacobian", self.jacobian(dynamics), J.shape)
+        at_rest = self.acceleration_at_rest(dynamics)
+        acceleration[:] = checked(self, "acceleration_at_rest", at_rest, acceleration.shape)
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
         """The required J v̇ at J v = 0, (k,): the acceleration that keeps the contact at rest."""
-        return -self.drift(dynamics)
+        return -checked(self, "drift", self.drift(dynamics), (self.size,))
 
 
 class AnchoredContact(Contact):
@@ -146,6 +153,41 @@ class AnchoredContact(Contact):
         To first order, J v = e held for one second returns to the anchor. e is 0 along axes of f in which the contact
         has no position to return to.
         """
+
+
+def evaluate(contact: Contact, dynamics: Dynamics) -> None:
+    """Evaluate the methods of a contact's motion and check what they return, as `tasks.task.evaluate` does.
+
+    Raises:
+        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
+    """
+    k, nv = (contact.size,), dynamics.model.nv
+    array_from(contact, "jacobian", (*k, nv), dynamics)
+    array_from(contact, "drift", k, dynamics)
+    array_from(contact, "acceleration_at_rest", k, dynamics)
+    J, acceleration = np.full((*k, nv), np.nan), np.full(k, np.nan)
+    call(contact, "fill", dynamics, J, acceleration)
+    require_finite(contact, "fill", "J", J)
+    require_finite(contact, "fill", "acceleration", acceleration)
+
+
+def points_of(contact: Contact, dynamics: Dynamics) -> Array:
+    """Corners of the support polygon in the world, (n, 3) in m, checked.
+
+    Raises:
+        MethodError: if `Contact.points` raises an exception, or returns another shape, or NaN.
+    """
+    points = call(contact, "points", dynamics)
+    return checked(contact, "points", points, (np.shape(points)[0] if np.ndim(points) else 0, 3))
+
+
+def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
+    """The anchor of a contact activated at this state, (7,), checked and read-only.
+
+    Raises:
+        MethodError: if `AnchoredContact.anchor` raises an exception, or returns another shape, or NaN.
+    """
+    return frozen(array_from(contact, "anchor", (7,), dynamics))
 
 
 class UnilateralContact(AnchoredContact):

@@ -23,6 +23,11 @@ class RowLimit(ABC):
     unit: str
     summary: str = ""
 
+    @property
+    def full_name(self) -> str:
+        """Kind, for error messages."""
+        return f"limit {self.kind!r}"
+
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
         """Write the rows and bounds for one state.

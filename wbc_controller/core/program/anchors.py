@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from wbc_controller.core.arrays import solved
+from wbc_controller.core.contacts import AnchoredContact
+from wbc_controller.core.method_calls import checked, is_finite, raised, require_finite_result
 from wbc_controller.core.program.layout import Layout
 from wbc_controller.core.robot.dynamics import Dynamics
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.records import Array
 
 #: Regularization ε of J Jᵀ, in its units; small enough that its effect within the range of J is negligible.
@@ -44,7 +46,18 @@ def pull(layout: Layout, dynamics: Dynamics, anchors: Mapping[str, Array]) -> Ar
                 f"contact {contact.name!r} has stiffness = {contact.stiffness:g} 1/s² and no anchor in the references "
                 f"(they have: {', '.join(anchors) or 'none'}); `AnchoredContact.anchor` makes one"
             )
-        wanted[rows] = contact.stiffness * contact.displacement(dynamics, anchor)
+        wanted[rows] = contact.stiffness * _displacement(contact, dynamics, anchor)
     grams = J.dot(J.T)
     grams.reshape(-1)[:: len(J) + 1] += _RIDGE
     return np.asarray(J.dot(J.T.dot(solved(grams, wanted))))
+
+
+def _displacement(contact: AnchoredContact, dynamics: Dynamics, anchor: Array) -> Array:
+    """`AnchoredContact.displacement`, checked."""
+    try:
+        displacement = checked(contact, "displacement", contact.displacement(dynamics, anchor), (contact.size,))
+    except Exception as error:
+        raise error if isinstance(error, MethodError) else raised(contact, "displacement", error) from error
+    if not is_finite(displacement) and is_finite(anchor):
+        require_finite_result(contact, "displacement", displacement)
+    return displacement

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wbc_controller.core.arrays import as_slice
+from wbc_controller.core.method_calls import arrays_of, checked, is_finite, raised
 from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.program.problem import Level, Quadratic, Squares
 from wbc_controller.core.program.rows import Rows
@@ -15,9 +16,10 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import AccelerationTask, EffortTask, Task
-from wbc_controller.core.tasks.task import MotionTask
+from wbc_controller.core.tasks.task import MotionTask, equation_of, evaluate
+from wbc_controller.errors import MethodError
 from wbc_controller.kernels.frames import JOINTS
-from wbc_controller.records import Array, References
+from wbc_controller.records import Array, Reference, References
 
 #: Length that scales rates of angular momentum to those of linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
@@ -57,6 +59,37 @@ class _Plan:
     minus_shares: list[Array] = field(default_factory=list)
     rests: list[Array] = field(default_factory=list)
     weights: Mapping[str, float] = field(default_factory=dict)
+
+
+def _is_finite(reference: Reference) -> bool:
+    return all(is_finite(part) for part in (reference.position, reference.velocity, reference.acceleration))
+
+
+def _right_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+    """`AccelerationTask.right`, checked; a task that fails is evaluated again, so that the error names the method."""
+    size = (task.size,)
+    try:
+        right, error = arrays_of(task, "right", task.right(dynamics, reference), (size, size))
+    except Exception as failure:
+        evaluate(task, dynamics, reference)
+        raise failure if isinstance(failure, MethodError) else raised(task, "right", failure) from failure
+    if not is_finite(right) and _is_finite(reference):
+        evaluate(task, dynamics, reference)
+    return right, error
+
+
+def _equation_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
+    """`AccelerationTask.equation`, checked like `_right_of`."""
+    k = (task.dimension,)
+    try:
+        equation = task.equation(dynamics, reference)
+        J, right, error = arrays_of(task, "equation", equation, ((*k, dynamics.model.nv), k, k))
+    except Exception as failure:
+        evaluate(task, dynamics, reference)
+        raise failure if isinstance(failure, MethodError) else raised(task, "equation", failure) from failure
+    if not (is_finite(J) and is_finite(right)) and _is_finite(reference):
+        evaluate(task, dynamics, reference)
+    return J, right, error
 
 
 class LevelCost:
@@ -172,10 +205,17 @@ class LevelCost:
         squares.constant = rest
         others: dict[str, Array] = {}
         for task, rows, right in plan.others:
-            others[task.name] = task.fill(dynamics, wanted[task.name], rows, right)
+            reference = wanted[task.name]
+            try:
+                others[task.name] = checked(task, "fill", task.fill(dynamics, reference, rows, right), right.shape)
+            except Exception as error:
+                evaluate(task, dynamics, reference)  # names the method, if it fails by itself
+                raise error if isinstance(error, MethodError) else raised(task, "fill", error) from error
+            if not (is_finite(rows) and is_finite(right)) and _is_finite(reference):
+                evaluate(task, dynamics, reference)
         for (task, columns), minus_share, share in zip(plan.single, plan.minus_shares, plan.rests, strict=True):
             if task.name not in plan.rows.shares:
-                asked, others[task.name] = task.right(dynamics, wanted[task.name])
+                asked, others[task.name] = _right_of(task, dynamics, wanted[task.name])
                 squares.minus_target[columns] = minus_share * asked
                 squares.constant += 0.5 * float((share * asked).dot(asked))
         return plan.rows.places, errors, others
@@ -288,9 +328,9 @@ class LevelCost:
                 continue
             reference = references.tasks[task.name]
             if isinstance(task, AccelerationTask):
-                J, right, errors[task.name] = task.equation(dynamics, reference)
+                J, right, errors[task.name] = _equation_of(task, dynamics, reference)
                 rows = np.hstack([J, np.zeros((len(J), n - nv))])
-            elif isinstance(task, EffortTask) and (equation := task.equation(layout, reference)) is not None:
+            elif isinstance(task, EffortTask) and (equation := equation_of(task, layout, reference, n)) is not None:
                 rows, right = equation
             else:
                 continue

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wbc_controller.core.contacts import Contact
+from wbc_controller.core.contacts.contact import Contact, evaluate
 from wbc_controller.core.limits import JointMotionLimit, RowLimit, TorqueLimit
+from wbc_controller.core.method_calls import bounds_of, call, is_finite, raised, require_finite
 from wbc_controller.core.program.anchors import pull
 from wbc_controller.core.program.cost import Errors, LevelCost
 from wbc_controller.core.program.layout import FORCE_UNIT, ContactPlace, Layout
@@ -20,6 +21,7 @@ from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.core.tasks import EffortTask, Task
 from wbc_controller.core.tunable import Tunable
+from wbc_controller.errors import MethodError
 from wbc_controller.kernels.compiled import Bound
 from wbc_controller.kernels.equations_of_motion import fill_dynamics
 from wbc_controller.kernels.frames import fill_rows, link_terms
@@ -210,7 +212,8 @@ class Formulation:
             motion, tables = known.motion, known.tables
         else:
             q_index, v_index = (each.astype(np.int64) for each in (self.model.q_index, self.model.v_index))
-            bounds = layout.problem.x_lower, layout.problem.x_upper
+            nv, problem = self.model.nv, layout.problem
+            bounds = problem.x_lower[:nv], problem.x_upper[:nv]
             motion = self.motion_limit.bind(q_index, v_index, self.period, *bounds)
             parts = self.dynamics.bound, rows.bound, layout.bound, motion
             tables = Bound(*(part.table for part in parts))
@@ -261,8 +264,9 @@ class Formulation:
     def _bound_force(self, place: ContactPlace, activations: Mapping[str, float]) -> None:
         """Fill the bounds of a contact's force."""
         contact = place.contact
-        bounds = contact.bounds(1.0 if contact.permanent else activations[contact.name])
+        bounds = call(contact, "bounds", 1.0 if contact.permanent else activations[contact.name])
         if bounds is not place.bounds:
+            bounds = bounds_of(contact, "bounds", bounds, contact.size)
             np.divide(bounds[0], FORCE_UNIT, out=place.lower)
             np.divide(bounds[1], FORCE_UNIT, out=place.upper)
             place.bounds = bounds
@@ -270,15 +274,44 @@ class Formulation:
     def _fill_contacts(self, layout: Layout, references: References) -> None:
         """Fill what compiled code does not know of contacts: some know alone what they depend on."""
         for place in layout.by_themselves:
-            place.contact.fill(self.dynamics, place.J, place.acceleration)
+            contact = place.contact
+            try:
+                contact.fill(self.dynamics, place.J, place.acceleration)
+            except Exception as error:
+                evaluate(contact, self.dynamics)  # names the method, if it fails by itself
+                raise error if isinstance(error, MethodError) else raised(contact, "fill", error) from error
+            if not (is_finite(place.J) and is_finite(place.acceleration)):
+                evaluate(contact, self.dynamics)
             self._bound_force(place, references.contacts)
         if layout.anchored:
             layout.contact_motion += pull(layout, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
-            limit.fill(self.dynamics, self.period, *parts)
+            try:
+                limit.fill(self.dynamics, self.period, *parts)
+            except Exception as error:
+                raise error if isinstance(error, MethodError) else raised(limit, "fill", error) from error
+            if len(limit.names) != len(parts[1]):
+                raise MethodError(
+                    f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names to "
+                    f"{len(limit.names)}, expected {len(parts[1])}: the number of rows must not change"
+                )
             layout.relabel(rows, limit.names)
+
+    def require_finite_limits(self, layout: Layout) -> None:
+        """Check the rows and bounds that the limits have written for the last problem, if its state is finite.
+
+        Raises:
+            MethodError: if there is NaN, or an infinite entry of G.
+        """
+        if not (np.isfinite(self.dynamics.q).all() and np.isfinite(self.dynamics.v).all()):
+            return
+        for limit, (rows, lower, upper) in zip(self.row_limits, layout.limit_parts, strict=True):
+            require_finite(limit, "fill", "rows", rows)
+            for name, bounds in (("lower", lower), ("upper", upper)):
+                if np.isnan(bounds).any():
+                    require_finite(limit, "fill", name, bounds)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
         """Bounds of the problem's torque rows from the available torques alone, without the torque rate limit."""

@@ -15,6 +15,7 @@ from wbc_controller.core.program.cost import Errors
 from wbc_controller.core.program.formulation import Formulation
 from wbc_controller.core.program.layout import FORCE_UNIT, Layout
 from wbc_controller.core.program.problem import Residuals
+from wbc_controller.core.tasks.task import equation_of
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
@@ -128,7 +129,7 @@ def _effort_errors(formulation: Formulation, layout: Layout, x: Array, reference
     """The errors of tasks on contact forces or torques."""
     for task in formulation.effort_tasks:
         if references.weights.get(task.name, 0.0) > 0.0:
-            equation = task.equation(layout, references.tasks[task.name])
+            equation = equation_of(task, layout, references.tasks[task.name], len(x))
             if equation is not None:
                 yield (), x, {task.name: equation[0] @ x - equation[1]}
 

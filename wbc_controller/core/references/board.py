@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from wbc_controller.core.contacts import AnchoredContact
+from wbc_controller.core.contacts.contact import AnchoredContact, anchor_of
 from wbc_controller.core.references.changes import (
     Change,
     EnableContact,
@@ -21,7 +21,7 @@ from wbc_controller.core.references.relative import in_world
 from wbc_controller.core.references.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.core.references.tuning import TuningRamp
 from wbc_controller.core.robot.dynamics import Dynamics
-from wbc_controller.core.tasks import Task
+from wbc_controller.core.tasks.task import Task, rest_of
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
 
@@ -126,7 +126,7 @@ class ReferenceBoard:
             self._weights[name] = plan.weight
             weight = plan.weight if plan.enabled else 0.0
             self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
-            self._trajectories[name] = _stay(plan.task.rest(dynamics), time)
+            self._trajectories[name] = _stay(rest_of(plan.task, dynamics), time)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
             self._anchor(name, dynamics)
@@ -210,7 +210,7 @@ class ReferenceBoard:
         """Set the anchor of a contact to its present pose; references sampled before keep their anchors."""
         contact = self.contact_plans[name].anchored
         if contact is not None:
-            self._anchors = frozen_mapping({**self._anchors, name: contact.anchor(dynamics)})
+            self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
 
     def _placed(
         self, change: SetSetpoint | SetTrajectory, dynamics: Dynamics, time: float
@@ -228,7 +228,7 @@ class ReferenceBoard:
         if stored is not None:
             return stored.position if isinstance(stored, SetSetpoint) else stored.points[-1].position
         if self._asleep(task, time):
-            return self.plans[task].task.rest(dynamics).position
+            return rest_of(self.plans[task].task, dynamics).position
         return self._trajectories[task].knots[-1].position
 
     def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
@@ -246,7 +246,7 @@ class ReferenceBoard:
         if enabled:
             goal = self._goals.pop(task, None)
             if self._asleep(task, time):
-                self._trajectories[task] = _stay(self.plans[task].task.rest(dynamics), time)
+                self._trajectories[task] = _stay(rest_of(self.plans[task].task, dynamics), time)
                 if goal is not None:
                     self._trajectories[task] = self._joining(goal, time)
         self._enabled[task] = enabled

@@ -115,22 +115,29 @@ class Dynamics:
         pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
 
     def placement(self, frame_id: int) -> pin.SE3:
-        """Placement of a frame in the world."""
+        """Placement of a frame in the world.
+
+        Raises:
+            IndexError: if the model has no such frame; likewise in the methods below.
+        """
+        self._require_frame(frame_id)
         return pin.updateFramePlacement(self._pin, self._data, frame_id)
 
     def velocity(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Spatial velocity of a frame, (6,), linear part first."""
+        self._require_frame(frame_id)
         velocity: Array = pin.getFrameVelocity(self._pin, self._data, frame_id, axes).vector
         return velocity
 
     def jacobian(self, frame_id: int, axes: pin.ReferenceFrame) -> Array:
         """Jacobian of a frame, (6, nv), linear rows first."""
+        self._require_frame(frame_id)
         return _matrix(pin.getFrameJacobian(self._pin, self._data, frame_id, axes))
 
     def drift_local(self, frame_id: int) -> Array:
         """Spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): J̇v of its local velocity J v."""
-        at_origin = pin.Motion(self.links[self._link_of[frame_id], 6:])
-        drift: Array = self.placement(frame_id).actInv(at_origin).vector
+        placement = self.placement(frame_id)
+        drift: Array = placement.actInv(pin.Motion(self.links[self._link_of[frame_id], 6:])).vector
         return drift
 
     def drift_world(self, frame_id: int) -> Array:
@@ -139,6 +146,14 @@ class Dynamics:
         drift, twist = self.drift_local(frame_id), self.velocity(frame_id, pin.LOCAL_WORLD_ALIGNED)
         linear = placement.rotation @ drift[:3] + np.cross(twist[3:], twist[:3])
         return np.concatenate([linear, placement.rotation @ drift[3:]])
+
+    def _require_frame(self, frame_id: int) -> None:
+        """Require a frame to exist: Pinocchio reads beyond its memory for others."""
+        if not 0 <= frame_id < len(self._link_of):
+            count = len(self._link_of)
+            raise IndexError(
+                f"frame {frame_id}, but the model has {count} frames; RobotModel.frame_id finds them by name"
+            )
 
     def external_force(self, frame: str, wrench: Array) -> Array:
         """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).

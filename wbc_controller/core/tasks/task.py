@@ -8,11 +8,21 @@ from typing import Protocol
 
 import numpy as np
 
+from wbc_controller.core.method_calls import (
+    array_from,
+    arrays_from,
+    arrays_of,
+    call,
+    checked,
+    is_finite,
+    require_finite,
+    require_finite_result,
+)
 from wbc_controller.core.robot.dynamics import Dynamics
 from wbc_controller.core.robot.instruction import Instruction
 from wbc_controller.core.tasks.form import ReferenceForm
 from wbc_controller.core.tunable import Tunable
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.kernels.frames import feedback
 from wbc_controller.records import Array, Reference, frozen
 
@@ -81,6 +91,11 @@ class Task(ABC):
         self._whole = len(self.rows) == len(mask)
 
     @property
+    def full_name(self) -> str:
+        """Kind and name, for error messages."""
+        return f"task {self.name!r}"
+
+    @property
     def gains(self) -> Mapping[str, Array]:
         """The gains by name."""
         return {name: getattr(self, name) for name in self.gain_names}
@@ -108,6 +123,24 @@ class Task(ABC):
     @abstractmethod
     def _stiffness_of_rows(self) -> Array:
         """Change of the rows' right-hand sides per unit of the task error, () or (size,)."""
+
+
+def rest_of(task: Task, dynamics: Dynamics) -> Reference:
+    """Reference of a task until a command sets another one, checked.
+
+    Raises:
+        MethodError: if `Task.rest` raises an exception, or an array has another shape than the task's form, or NaN.
+    """
+    reference, form = call(task, "rest", dynamics), task.form
+    if not isinstance(reference, Reference):
+        raise MethodError(
+            f"{task.full_name}: {type(task).__name__}.rest() returned {type(reference).__name__}, expected a Reference"
+        )
+    rate = (form.vector + (3 if form.oriented else 0),)
+    arrays = reference.position, reference.velocity, reference.acceleration
+    position, velocity, acceleration = arrays_of(task, "rest", arrays, ((form.size,), rate, rate))
+    require_finite_result(task, "rest", position, velocity, acceleration)
+    return Reference(position, velocity, acceleration)
 
 
 class AccelerationTask(Task):
@@ -159,7 +192,7 @@ class AccelerationTask(Task):
     def rest(self, dynamics: Dynamics) -> Reference:
         """Reference that holds the present value."""
         still = frozen(np.zeros(self.size))
-        return Reference(frozen(self.position(dynamics)), still, still)
+        return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
 
     def fill(self, dynamics: Dynamics, reference: Reference, rows: Array, right: Array) -> Array:
         """Write the rows of the least-squares problem J v̇ = b in place.
@@ -173,7 +206,9 @@ class AccelerationTask(Task):
         Returns:
             The task error, (k,).
         """
-        rows[...], right[...], error = self.equation(dynamics, reference)
+        J, b, error = self.equation(dynamics, reference)
+        rows[...] = checked(self, "equation", J, rows.shape)
+        right[...] = checked(self, "equation", b, right.shape)
         return error
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
@@ -186,9 +221,37 @@ class AccelerationTask(Task):
         Returns:
             J (k, nv), b (k,), and the task error (k,), all with the mask applied.
         """
+        size, rows = self.size, self.rows
         right, error = self.right(dynamics, reference)
-        J, rows = self.jacobian(dynamics), self.rows
+        right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
+        J = checked(self, "jacobian", self.jacobian(dynamics), (size, dynamics.model.nv))
         return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
+
+
+def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
+    """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
+
+    Args:
+        task: the task.
+        dynamics: the snapshot.
+        reference: the task reference.
+
+    Raises:
+        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
+    """
+    size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
+    array_from(task, "position", (task.form.size,), dynamics)
+    array_from(task, "error", size, dynamics, reference.position)
+    array_from(task, "jacobian", (task.size, nv), dynamics)
+    array_from(task, "drift", size, dynamics)
+    if isinstance(task, MotionTask):
+        array_from(task, "velocity", size, dynamics)
+    arrays_from(task, "right", (size, size), dynamics, reference)
+    arrays_from(task, "equation", ((*k, nv), k, k), dynamics, reference)
+    rows, right = np.full((*k, nv), np.nan), np.full(k, np.nan)
+    array_from(task, "fill", k, dynamics, reference, rows, right)
+    require_finite(task, "fill", "rows", rows)
+    require_finite(task, "fill", "right", right)
 
 
 class Efforts(Protocol):
@@ -234,6 +297,28 @@ class EffortTask(Task):
         Returns:
             R (k, n), r (k,); None where the quantity does not exist, such as the force of a contact that is not active.
         """
+
+
+def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
+    """Rows of a task on contact forces or torques as `EffortTask.equation` gives them, checked.
+
+    Args:
+        task: the task.
+        efforts: torques and contact forces as functions of the decision variables.
+        reference: the task reference.
+        n: number of decision variables.
+
+    Raises:
+        MethodError: if the method raises an exception, or an array has another shape than R (k, n) and r (k,), or NaN.
+    """
+    equation = call(task, "equation", efforts, reference)
+    if equation is None:
+        return None
+    k = task.dimension
+    rows, right = arrays_of(task, "equation", equation, ((k, n), (k,)))
+    if not (is_finite(rows) and is_finite(right)) and is_finite(reference.position):
+        require_finite_result(task, "equation", rows, right)
+    return rows, right
 
 
 class MotionTask(AccelerationTask):
@@ -293,11 +378,17 @@ class MotionTask(AccelerationTask):
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """ẍ* - J̇v and the task error, both (size,)."""
-        error, right = self.error(dynamics, reference.position), np.empty(self.size)
+        shape, right = (self.size,), np.empty(self.size)
+        error = checked(self, "error", self.error(dynamics, reference.position), shape)
         feedback(
-            error, self.velocity(dynamics), self.drift(dynamics) if self.has_drift else _ZERO, self.gain_rows,
-            reference.velocity, reference.acceleration, right,
-        )  # fmt: skip
+            error,
+            checked(self, "velocity", self.velocity(dynamics), shape),
+            checked(self, "drift", self.drift(dynamics), shape) if self.has_drift else _ZERO,
+            self.gain_rows,
+            reference.velocity,
+            reference.acceleration,
+            right,
+        )
         return right, error
 
 
@@ -337,9 +428,10 @@ class RateTask(AccelerationTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """x_ref - x, (size,)."""
-        return np.asarray(position - self.position(dynamics))
+        return position - checked(self, "position", self.position(dynamics), (self.form.size,))
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """ẋ* - δ and the task error, both (size,)."""
-        error = self.error(dynamics, reference.position)
-        return reference.velocity + self.gain * error - self.drift(dynamics), error
+        shape = (self.size,)
+        error = checked(self, "error", self.error(dynamics, reference.position), shape)
+        return reference.velocity + self.gain * error - checked(self, "drift", self.drift(dynamics), shape), error
