@@ -256,6 +256,7 @@ def test_before_a_state_has_come_there_is_nothing_to_set():
         (lambda c: c.set_weight("com", np.nan), "must be from 0 to 1e6, not nan"),
         (lambda c: c.set_external_wrench("bas", np.zeros(6)), "the robot has no such frame; did you mean 'base'"),
         (lambda c: c.step(np.zeros(3), np.zeros(18), 1.0), r"q has the shape \(3,\); it takes \(19,\)"),
+        (lambda c: c.step(["a"] * 19, np.zeros(18), 1.0), "q is not an array of numbers: could not convert"),
         (lambda c: c.step(c.stance(), np.zeros(18), -1.0), "t = -1.0 s is before the last step"),
         (lambda c: c.step(c.stance(), np.zeros(18), np.nan), "t = nan s is before"),
         (lambda c: c.reset(np.full(19, np.nan), np.zeros(18)), "q holds a value that is not finite"),

@@ -332,8 +332,11 @@ class Controller(ControlCycle):
 
 
 def _sized(values: npt.ArrayLike, size: int, what: str) -> Array:
-    """See that an array has its size."""
-    array = np.asarray(values, dtype=np.float64)
+    """Read an array of numbers of a size."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputRefused(f"{what} is not an array of numbers: {error}") from error
     if array.shape != (size,):
         raise InputRefused(f"{what} has the shape {array.shape}; it takes ({size},)")
     return array
