@@ -229,7 +229,7 @@ def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_aga
     assert [sentence.partition(":")[0] for sentence in found.said] == ["ESTIMATE_LOST"]
     assert "the IMU contradicts all contacts" in found.said[0]
     assert (found.silently_wrong, found.fell, found.ended) == (False, False, "hoist" not in name)
-    assert 0.5 <= found.recovery < 2.0
+    assert 0.4 < found.recovery < 2.0  # 'reset' has restarted the settling of 0.5 s
 
 
 def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
