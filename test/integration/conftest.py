@@ -329,7 +329,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
              f"robot:={robot}", *words],
             env=environment,
         )
-        for main, words in (("mock_main", ["-p", "real_time_factor:=0.2"]), ("main", ["-p", "use_sim_time:=true"]))
+        for main, words in (("mock_main", ["-p", "real_time_factor:=0.4"]), ("main", ["-p", "use_sim_time:=true"]))
     ]  # fmt: skip
     try:
         yield user
