@@ -20,6 +20,7 @@ import pinocchio as pin
 import pytest
 from domains import own_domain
 from launching import patient
+from participants import is_omitted
 
 from wbc_controller.assembly.robot import make_model
 from wbc_controller.control.controller import Controller
@@ -34,7 +35,7 @@ from wbc_controller.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.wire.decoding import read_odometry
 from wbc_controller.wire.joint_order import JointOrder
 from wbc_controller.wire.messages import decode, encode, message, nanoseconds
-from wbc_controller.wire.topics import MOCK_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 
 ROBOT = "go2"
 DOMAIN = own_domain()
@@ -47,7 +48,9 @@ OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", 
 class User:
     """Opens the other end of every topic of both nodes; keeps all that comes, with the time of its arrival."""
 
-    def __init__(self, transport: Any, advance: Callable[[], None]) -> None:
+    def __init__(
+        self, transport: Any, advance: Callable[[], None], omits: Callable[[Endpoint], bool] = lambda topic: False
+    ) -> None:
         self.settings = load_settings(find_configuration(ROBOT))
         self.model = make_model(self.settings)
         self.advance = advance
@@ -62,7 +65,8 @@ class User:
         mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
         for owner, topics in (("controller", controller_endpoints(self.settings, self.model)), ("mock", mock)):
             for topic in topics:
-                self.open(owner, topic, transport)
+                if not omits(topic):
+                    self.open(owner, topic, transport)
 
     def open(self, owner: str, topic: Any, transport: Any) -> None:
         key = owner, topic.key, topic.subject
@@ -313,7 +317,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
         with contextlib.suppress(ExternalShutdownException, ShutdownException):
             executor.spin()
 
-    user = User(transport, lambda: None)
+    user = User(transport, lambda: None, is_omitted)
     user.advance = lambda: _wait(user)
     thread = threading.Thread(target=spin)
     thread.start()
@@ -325,7 +329,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
              f"robot:={robot}", *words],
             env=environment,
         )
-        for main, words in (("mock_main", ["-p", "real_time_factor:=0.2"]), ("main", ["-p", "use_sim_time:=true"]))
+        for main, words in (("mock_main", ["-p", "real_time_factor:=0.4"]), ("main", ["-p", "use_sim_time:=true"]))
     ]  # fmt: skip
     try:
         yield user
