@@ -77,4 +77,4 @@ def test_each_names_the_publishers_of_the_other(pair, eventually, to_dds):
     writer.advertise(topic)
     eventually(lambda: reader.publishers(topic) == ("/on_ros2" if to_dds else "/on_dds",))
     writer.close()
-    eventually(lambda: reader.publishers(topic) == ())
+    eventually(lambda: reader.publishers(topic) == (), seconds=8)  # the lease of a killed node ends after 10 s

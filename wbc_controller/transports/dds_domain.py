@@ -47,13 +47,15 @@ _MULTICAST_DISCOVERY = "<AllowMulticast>spdp</AllowMulticast>"
 #: participant's next announcement. Cyclone's defaults are 30 s, and none to a port without a participant after 30 s.
 _ANNOUNCEMENTS = "<SPDPInterval>1 s</SPDPInterval>"
 
-#: A packet that a full socket dropped is sent again after the writer's heartbeat interval, by default 100 ms: fifty
-#: control cycles, for a stop beside a flood of large messages. And the larger the socket's buffer (the kernel's own
-#: limit allowing, net.core.rmem_max), the rarer that is. A thread that reads one socket alone need not ask first which
-#: of several has something: a system call less for each packet.
+#: - HeartbeatInterval: time until a packet that a full socket dropped is sent again. Cyclone's default of 100 ms is
+#:   fifty control cycles, for a stop beside a flood of large messages.
+#: - SocketReceiveBufferSize: the larger, the rarer are dropped packets; the kernel's limit is net.core.rmem_max.
+#: - MultipleReceiveThreads: a thread that reads one socket alone saves a system call for each packet.
+#: - GenerateKeyhash: Fast DDS removes a closed reader, writer or participant at once only with a key hash, otherwise
+#:   when its lease ends after 10 s.
 _INTERNAL = (
     '<Internal><HeartbeatInterval>10 ms</HeartbeatInterval><SocketReceiveBufferSize min="0 B" max="16 MiB"/>'
-    "<MultipleReceiveThreads>true</MultipleReceiveThreads></Internal>"
+    "<MultipleReceiveThreads>true</MultipleReceiveThreads><GenerateKeyhash>true</GenerateKeyhash></Internal>"
 )
 
 
