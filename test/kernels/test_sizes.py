@@ -51,10 +51,17 @@ def corrected(points, places, *, squares=1):
     )
 
 
-def sighted(places=2, velocity=7):
+def sighted(places=2, velocity=7, rates=2):
     leg_kinematics.sights(
         of(2, 12), of(6, 7), np.zeros((2, 7), dtype=np.int8), np.array([1]), 0, of(12), np.array([2]), of(2, 3),
-        of(velocity), 0.1, 0.1, of(places, 3), of(6, 6), of(1, 3),
+        of(velocity), 0.1, 0.1, of(places, 3), of(6, 6), of(1, 3), of(rates, 3),
+    )  # fmt: skip
+
+
+def slowest(velocity=3, rates=2, radii=1, mean=1):
+    leg_kinematics.slowest_contact(
+        np.eye(3), of(velocity), of(3), of(12), of(6), of(2, 3), of(rates, 3), np.array([2]), of(1, 3),
+        of(radii, 3), 0.1, 1.0, of(mean, 3),
     )  # fmt: skip
 
 
@@ -116,7 +123,8 @@ CALLS = {
         (0, 1, 1),
         [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 0)],
     ),
-    "sights": (sighted, (2, 7), [(1, 7), (2, 6)]),
+    "sights": (sighted, (2, 7, 2), [(1, 7, 2), (2, 6, 2), (2, 7, 1)]),
+    "slowest_contact": (slowest, (3, 2, 1, 1), [(2, 2, 1, 1), (3, 1, 1, 1), (3, 2, 2, 1), (3, 2, 1, 2)]),
     "mechanical_energy": (energy, (N, N), [(N, N - 1), (N + 1, N + 1)]),
     "supervised": (followed, (N, 3 * N), [(N - 1, 3 * N), (N, 3 * N - 1)]),
 }  # fmt: skip

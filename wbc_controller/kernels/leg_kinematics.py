@@ -56,8 +56,8 @@ def sights(
         raise ValueError("sights: joints, J, moves or v have sizes that do not agree")
     if not (len(imu) == 12 and len(ends) == c and points.shape[1] == 3 and (c == 0 or ends[c - 1] == k)):
         raise ValueError("sights: imu, ends or points have another size than the links ask for")
-    if not (places.shape == (k, 3) and covariance.shape == (3 * k, 3 * k) and turning.shape == (c, 3)):
-        raise ValueError("sights: places, covariance or turning have another size than the points")
+    if not (places.shape == rates.shape == (k, 3) and covariance.shape == (3 * k, 3 * k) and turning.shape == (c, 3)):
+        raise ValueError("sights: places, rates, covariance or turning have another size than the points")
     seen, change = np.empty((k, 3)), np.empty(3 * k)
     covariance[:] = 0.0
     turning[:] = 0.0
@@ -210,6 +210,13 @@ def slowest_contact(
     Returns:
         The smallest norm of the means, m/s.
     """
+    k, c = len(places), len(ends)
+    if not (R.shape == (3, 3) and len(velocity) == len(omega) == 3 and len(imu) == 12 and len(motion) == 6):
+        raise ValueError("slowest_contact: R, velocity, omega, imu or motion have another size")
+    if not (places.shape == rates.shape == (k, 3) and (c == 0 or ends[c - 1] == k)):
+        raise ValueError("slowest_contact: places or rates have another size than the contacts")
+    if not (turning.shape == radii.shape == mean.shape == (c, 3)):
+        raise ValueError("slowest_contact: turning, radii or mean have another size than the contacts")
     slowest, start, w, u = math.inf, 0, np.empty(3), np.empty(3)
     for i in range(len(ends)):
         x, y, z = 0.0, 0.0, 0.0
