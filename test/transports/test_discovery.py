@@ -178,3 +178,22 @@ def test_ros2_nodes_of_another_host_hear_only_subnet():
         for process in started:
             process.kill()
         network.close()
+
+
+def test_subnet_without_a_network_card_uses_the_loopback():
+    """Cyclone refuses to select the loopback twice: as the only interface, and by its address."""
+    try:
+        network = Network()
+    except NotPermitted as error:
+        print(f"skipped: {error}")
+        pytest.skip(str(error))
+    environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
+    code = "from wbc_controller.transports.dds import DdsTransport; DdsTransport('a', discovery_range='SUBNET').close()"
+    try:
+        subprocess.run(network.words("robot", "ip", "link", "delete", "eth0"), check=True)
+        words = network.words("robot", sys.executable, "-c", code)
+        ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
+    finally:
+        network.close()
+    assert ended.returncode == 0, ended.stderr
+    assert "no network interface but the loopback: topics stay on this computer" in ended.stderr
