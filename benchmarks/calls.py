@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 from serving import Elsewhere
 
-from wbc_controller.kernels.compiled import NUMBER, VECTOR, VECTOR_OUT, compile_all, compiled
+from wbc_controller.compiled import NUMBER, VECTOR, VECTOR_OUT, compile_all, compiled
 
 CALLS, ROUNDS, COLD = 20000, 15, 400
 #: Bytes that are written before a cold call.

@@ -1,7 +1,7 @@
 """Whole cycles side by side: ours, tsid's, placo's and the floor's, on the same states; and ours of an older commit.
 
     python benchmarks/compare.py                        everything: `make bench`
-    python benchmarks/compare.py --against b7b83af      with our code of that commit: `make bench AGAINST=b7b83af`
+    python benchmarks/compare.py --against d8d35bb      with our code of that commit: `make bench AGAINST=d8d35bb`
     python benchmarks/compare.py --cases talos-double g1-service --rivals tsid
 
 What is compared, what is not the same, and how to read it: docs/benchmarks.md.

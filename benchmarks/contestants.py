@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 import struct
 import subprocess
 import sys
@@ -72,10 +71,6 @@ def code_of(commit: str) -> Iterator[Path]:
     with TemporaryDirectory(prefix="wbc_bench_") as folder:
         with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as files:
             files.extractall(folder, filter="data")
-        compiled = Path("wbc_controller/kernels/__pycache__")
-        if (ROOT / compiled).is_dir() and (Path(folder) / compiled.parent).is_dir():
-            # What was compiled here serves there where its sources are the same, which Numba's cache looks at.
-            shutil.copytree(ROOT / compiled, Path(folder) / compiled, ignore=shutil.ignore_patterns("*.pyc"))
         yield Path(folder)
 
 

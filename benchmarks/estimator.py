@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.accuracy.rig import Rig
 from wbc_controller.estimation.base_estimator import BaseEstimator
+from wbc_controller.validation.accuracy.rig import Rig
 
 
 def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:

@@ -16,8 +16,8 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 import wbc_controller as wbc
-from wbc_controller.assembly.draft.draft import new_configuration
-from wbc_controller.assembly.draft.notes import Draft
+from wbc_controller.apps.new.draft import new_configuration
+from wbc_controller.apps.new.notes import Draft
 from wbc_controller.errors import WbcError
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings

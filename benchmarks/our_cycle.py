@@ -1,6 +1,6 @@
 """One whole cycle of ours without its messages: a frozen state in, a checked command out.
 
-It runs on the code of older commits too, back to b7b83af, so it takes from the package only what both have.
+It also runs on older commits, back to d8d35bb.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ import numpy as np
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Array, JointCommand, Mode, References, RobotState, Solution, frozen
 from wbc_controller.settings import Settings
+from wbc_controller.settings.files import parse_settings
 
 try:
+    from wbc_controller.controller.build.program import make_qp
+    from wbc_controller.controller.build.references import make_board
+    from wbc_controller.controller.build.robot import make_model
+    from wbc_controller.controller.build.safety import make_supervisor
+except ModuleNotFoundError:  # as in d8d35bb
     from wbc_controller.assembly.program import make_qp
     from wbc_controller.assembly.references import make_board
     from wbc_controller.assembly.robot import make_model
     from wbc_controller.assembly.safety import make_supervisor
-    from wbc_controller.settings.files import parse_settings
-except ModuleNotFoundError:  # as in b7b83af
-    from wbc_controller.build import make_board, make_model, make_supervisor
-    from wbc_controller.build import make_controller as make_qp
-    from wbc_controller.configuration import parse_settings
 
 if TYPE_CHECKING:
-    from wbc_controller.core.robot.model import RobotModel
+    from wbc_controller.inverse_dynamics.robot.model import RobotModel
 
 __all__ = ["Cycle", "Stopped", "make_model", "parse_settings"]
 

@@ -24,11 +24,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test/support"))
 
 from browser import Browser
 
-from wbc_controller.live.processes import Processes, memory, processor_time, until
+from wbc_controller.apps.page.playing import free_domain
+from wbc_controller.apps.terminal.sentences import read_sentence
+from wbc_controller.apps.terminal.session import Session
+from wbc_controller.nodes.processes import Processes, memory, processor_time, until
 from wbc_controller.recording.reading import Recorded
-from wbc_controller.user.sentences import read_sentence
-from wbc_controller.user.session import Session
-from wbc_controller.viewer.playing import free_domain
 
 #: Duration of a block, s, and what of its beginning is not looked at. The page drops a browser that is silent for 3 s.
 BLOCK, SETTLE = 2.0, 0.3

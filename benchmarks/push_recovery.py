@@ -32,11 +32,11 @@ from our_cycle import Cycle, Stopped, parse_settings
 from scenes import WEIGHTS as USUAL_WEIGHTS
 from scenes import content_of, message, tasks
 
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.mock.plant import Plant
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
+from wbc_controller.simulation.plant import Plant
 
 #: Unit vector of each direction, base axes at the start: x forward, y left.
 DIRECTIONS = {"sideways": (0.0, 1.0), "forward": (1.0, 0.0), "backward": (-1.0, 0.0)}

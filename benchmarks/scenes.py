@@ -15,9 +15,9 @@ import pinocchio as pin
 import yaml
 from our_cycle import Cycle, make_model, parse_settings
 
-from wbc_controller.assembly.preflight import stance
-from wbc_controller.assembly.robot_description import read_urdf
-from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.controller.build.robot_description import read_urdf
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Reference, References, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings

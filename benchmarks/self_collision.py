@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.assembly.preflight import stance
-from wbc_controller.assembly.program import make_qp
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.whole_body_qp import WholeBodyQP
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings

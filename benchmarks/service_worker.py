@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from serving import serve, take_code_from
 
-#: Stages of a report that every commit since b7b83af has.
+#: Stages of a report that every commit since d8d35bb has.
 STAGES = ("read", "compute", "supervise", "write", "audit")
 #: Cycles in which the activation ramp ends and everything has run once.
 WARM_UP = 700

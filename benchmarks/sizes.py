@@ -25,8 +25,8 @@ import scenes
 from our_cycle import Cycle, make_model, parse_settings
 from timing import exponent, summary
 
-from wbc_controller.assembly.collision_model import build_collision_model
-from wbc_controller.assembly.preflight import stance
+from wbc_controller.controller.build.collision_model import build_collision_model
+from wbc_controller.controller.check.preflight import stance
 from wbc_controller.records import Array, Reference, References
 from wbc_controller.settings.resources import locate
 

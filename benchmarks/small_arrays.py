@@ -1,4 +1,4 @@
-"""Prints how much longer NumPy's own calls take than those of `core.arrays`, on arrays as a cycle has them."""
+"""Prints how much longer NumPy's own calls take than `inverse_dynamics.arrays` on the arrays of a cycle."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import timeit
 
 import numpy as np
 
-from wbc_controller.core import arrays
+from wbc_controller.inverse_dynamics import arrays
 
 SIZE = 30
 ROUNDS, CALLS = 15, 20000

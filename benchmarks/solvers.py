@@ -15,12 +15,12 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.assembly.program import make_qp
-from wbc_controller.assembly.references import make_board
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.program.answer import Answer
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.core.solvers import make_solver
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.formulation.answer import Answer
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from wbc_controller.apps.page.playing import free_domain
+from wbc_controller.apps.terminal.sentences import read_sentence
+from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings.config import load
-from wbc_controller.user.sentences import read_sentence
-from wbc_controller.user.session import Session
-from wbc_controller.viewer.playing import free_domain
 
 #: Size of the page, px.
 SIZE = {"width": 1440, "height": 820}

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wbc_controller.assembly.preflight import stance
-from wbc_controller.assembly.program import make_qp
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.control.controller import Controller
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.service.clock import Clock, ManualClock
-from wbc_controller.service.controller_service import make_loop
-from wbc_controller.service.loop import ControlLoop
-from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.topics import Direction, counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import Clock, ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.loop import ControlLoop
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.wire.messages import decode, encode, header, message, stamp
-from wbc_controller.wire.topics import Direction, counterpart
 
 
 @pytest.fixture(scope="session", autouse=True)

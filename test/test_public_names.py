@@ -42,7 +42,7 @@ FRONT_DOOR = {
     "state_from_joints",
 }
 EXPORTED = {
-    "wbc_controller.core.tasks": {
+    "wbc_controller.inverse_dynamics.tasks": {
         "AccelerationTask",
         "AngularMomentumTask",
         "AxisAlignmentTask",
@@ -62,7 +62,7 @@ EXPORTED = {
         "Task",
         "TorqueTask",
     },
-    "wbc_controller.core.contacts": {
+    "wbc_controller.inverse_dynamics.contacts": {
         "AnchoredContact",
         "Contact",
         "FixedContact",
@@ -77,14 +77,14 @@ EXPORTED = {
         "polygon_wrench_cone",
         "wrench_cone",
     },
-    "wbc_controller.core.limits": {
+    "wbc_controller.inverse_dynamics.limits": {
         "JointMotionLimit",
         "RowLimit",
         "SelfCollisionLimit",
         "TorqueLimit",
         "TorqueSpeedCurve",
     },
-    "wbc_controller.core.solvers": {"Solver", "available_solvers", "make_solver"},
+    "wbc_controller.inverse_dynamics.solvers": {"Solver", "available_solvers", "make_solver"},
 }
 
 

@@ -17,54 +17,54 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from wbc_controller.assembly.finding import Finding
-    from wbc_controller.assembly.preflight import check
-    from wbc_controller.bridges.joints import state_from_joints
-    from wbc_controller.bridges.mujoco import MujocoInterface
-    from wbc_controller.control.controller import Controller
-    from wbc_controller.control.result import CycleResult, plot
-    from wbc_controller.core.contacts import AnchoredContact, Contact, UnilateralContact
-    from wbc_controller.core.limits import RowLimit
-    from wbc_controller.core.robot.dynamics import Dynamics
-    from wbc_controller.core.robot.model import RobotModel
-    from wbc_controller.core.tasks import EffortTask, MotionTask, RateTask, Task
+    from wbc_controller.controller.check.finding import Finding
+    from wbc_controller.controller.check.preflight import check
+    from wbc_controller.controller.controller import Controller
+    from wbc_controller.controller.result import CycleResult, plot
     from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution, WbcError
-    from wbc_controller.mock.simulation import Simulation
+    from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact, UnilateralContact
+    from wbc_controller.inverse_dynamics.limits import RowLimit
+    from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+    from wbc_controller.inverse_dynamics.robot.model import RobotModel
+    from wbc_controller.inverse_dynamics.tasks import EffortTask, MotionTask, RateTask, Task
     from wbc_controller.records import Fault, JointCommand, Mode, Reference, Solution
     from wbc_controller.settings.config import Config, load
+    from wbc_controller.simulation.bridges.joints import state_from_joints
+    from wbc_controller.simulation.bridges.mujoco import MujocoInterface
+    from wbc_controller.simulation.simulation import Simulation
 
 #: Where each public name is defined. They are imported when they are first used: the command line starts without them,
 #: and `Simulation` needs MuJoCo, an extra.
 _PUBLIC = {
-    "AnchoredContact": "core.contacts",
+    "AnchoredContact": "inverse_dynamics.contacts",
     "Config": "settings.config",
     "ConfigurationError": "errors",
-    "Contact": "core.contacts",
-    "Controller": "control.controller",
-    "CycleResult": "control.result",
-    "Dynamics": "core.robot.dynamics",
-    "EffortTask": "core.tasks",
+    "Contact": "inverse_dynamics.contacts",
+    "Controller": "controller.controller",
+    "CycleResult": "controller.result",
+    "Dynamics": "inverse_dynamics.robot.dynamics",
+    "EffortTask": "inverse_dynamics.tasks",
     "Fault": "records",
-    "Finding": "assembly.finding",
+    "Finding": "controller.check.finding",
     "InputRefused": "errors",
     "JointCommand": "records",
     "Mode": "records",
-    "MotionTask": "core.tasks",
-    "MujocoInterface": "bridges.mujoco",
+    "MotionTask": "inverse_dynamics.tasks",
+    "MujocoInterface": "simulation.bridges.mujoco",
     "NoSolution": "errors",
-    "RateTask": "core.tasks",
+    "RateTask": "inverse_dynamics.tasks",
     "Reference": "records",
-    "RobotModel": "core.robot.model",
-    "RowLimit": "core.limits",
-    "Simulation": "mock.simulation",
+    "RobotModel": "inverse_dynamics.robot.model",
+    "RowLimit": "inverse_dynamics.limits",
+    "Simulation": "simulation.simulation",
     "Solution": "records",
-    "Task": "core.tasks",
-    "UnilateralContact": "core.contacts",
+    "Task": "inverse_dynamics.tasks",
+    "UnilateralContact": "inverse_dynamics.contacts",
     "WbcError": "errors",
-    "check": "assembly.preflight",
+    "check": "controller.check.preflight",
     "load": "settings.config",
-    "plot": "control.result",
-    "state_from_joints": "bridges.joints",
+    "plot": "controller.result",
+    "state_from_joints": "simulation.bridges.joints",
 }
 
 __all__ = [

@@ -12,20 +12,20 @@ from typing import Any, TypeVar, get_args
 
 import click
 
-from wbc_controller.accuracy.commands import accuracy
-from wbc_controller.assembly.finding import Finding
-from wbc_controller.bench.commands import bench
+from wbc_controller.apps.page.page_commands import play, view
+from wbc_controller.apps.terminal.completion import complete_config
+from wbc_controller.apps.terminal.terminal_commands import echo, send, status
+from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError, WbcError
-from wbc_controller.fuzz.commands import fuzz
-from wbc_controller.replay.commands import replay, report
-from wbc_controller.service.signals import set_by_signals
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, parse_remapping
+from wbc_controller.nodes.signals import set_by_signals
+from wbc_controller.recording.replay.replay_commands import replay, report
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.service import SensorQuality
-from wbc_controller.user.commands import echo, send, status
-from wbc_controller.user.completion import complete_config
-from wbc_controller.viewer.commands import play, view
-from wbc_controller.wire.topics import ESTIMATOR_NODE, parse_remapping
+from wbc_controller.validation.accuracy.accuracy_commands import accuracy
+from wbc_controller.validation.fuzz.fuzz_commands import fuzz
+from wbc_controller.validation.latency.latency_commands import bench
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -89,7 +89,7 @@ def run(
     verbose: bool,
 ) -> None:
     """Run the controller on DDS, where ROS 2's topics are, without ROS 2."""
-    from wbc_controller.service.controller_service import run_controller
+    from wbc_controller.nodes.controller_service import run_controller
 
     _log_to_stderr(verbose)
     settings, remappings = _load(config), _remappings(remaps)
@@ -129,7 +129,7 @@ def mock(
 ) -> None:
     """Run the mock robot: rigid-body physics behind the robot's topics."""
     try:
-        from wbc_controller.mock.service import run_mock
+        from wbc_controller.simulation.mock_service import run_mock
     except ModuleNotFoundError as error:
         raise ConfigurationError(
             f"the mock robot needs MuJoCo ({error}); install it with: pip install 'wbc_controller[mock]'"
@@ -179,7 +179,7 @@ def faults(
 
     The status is 1 where a trial violates what has to hold.
     """
-    from wbc_controller.campaign.run import run_campaign
+    from wbc_controller.validation.campaign.run import run_campaign
 
     good = run_campaign(
         robots or ("g1", "talos", "go2"),
@@ -199,7 +199,7 @@ def faults(
 @_node_options
 def guard(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool) -> None:
     """Damp the robot when the controller's commands stop: start it beside `wbc run`."""
-    from wbc_controller.service.guard_service import NODE_NAME, run_guard
+    from wbc_controller.nodes.guard_service import NODE_NAME, run_guard
 
     _log_to_stderr(verbose)
     settings, remappings = _load(config), _remappings(remaps)
@@ -215,7 +215,7 @@ def estimate(config: str, namespace: str, remaps: tuple[str, ...], verbose: bool
 
     `wbc run` needs it only where `estimation.base_state` is odom: with imu, it estimates its base itself.
     """
-    from wbc_controller.service.estimator_service import run_estimator
+    from wbc_controller.nodes.estimator_service import run_estimator
 
     _log_to_stderr(verbose)
     settings, remappings = _load(config), _remappings(remaps)
@@ -232,7 +232,7 @@ def check(config: str, page: Path | None) -> None:
 
     A page that --html asks for is written where the check fails, too, with the robot and the sentence.
     """
-    from wbc_controller.assembly.preflight import check as find
+    from wbc_controller.controller.check.preflight import check as find
 
     try:
         findings = find(config)
@@ -249,7 +249,7 @@ def check(config: str, page: Path | None) -> None:
 
 
 def _draw(config: str, findings: Sequence[Finding], failure: str, page: Path) -> None:
-    from wbc_controller.demo.check_page import write_check_page
+    from wbc_controller.apps.terminal.check_page import write_check_page
     from wbc_controller.settings.config import load
 
     try:
@@ -267,8 +267,8 @@ def _draw(config: str, findings: Sequence[Finding], failure: str, page: Path) ->
 @click.argument("recording", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 def identify(config: str, recording: Path) -> None:
     """Fit masses, armature and joint frictions to a RECORDING of `wbc run --record`, with their standard errors."""
-    from wbc_controller.identification.command import identify as fit
-    from wbc_controller.identification.command import report
+    from wbc_controller.recording.identification.identify_command import identify as fit
+    from wbc_controller.recording.identification.identify_command import report
 
     with _naming(config):
         click.echo(report(*fit(_load(config), recording)), nl=False)
@@ -286,8 +286,8 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
     measured, guessed, or is missing. What was guessed or is missing, and the findings of the check, go to stderr. The
     status is 2 where the robot cannot stand with it yet.
     """
-    from wbc_controller.assembly.draft.draft import TITLE, new_configuration
-    from wbc_controller.assembly.preflight import check as find
+    from wbc_controller.apps.new.draft import TITLE, new_configuration
+    from wbc_controller.controller.check.preflight import check as find
 
     draft = new_configuration(urdf, srdf=srdf, base=base, feet=feet)
     click.echo(draft.to_yaml(TITLE), nl=False)
@@ -308,7 +308,7 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
               help="Run without odometry: the base is estimated, from sensors of this quality.")  # fmt: skip
 def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
     """Show the controller at work on a mock robot, commanded by topics; ROBOT is as CONFIG elsewhere."""
-    from wbc_controller.demo.run import run_demo
+    from wbc_controller.apps.demo.run import run_demo
 
     done = run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor, sensors=sensors)
     sys.exit(0 if done else 1)
@@ -317,7 +317,7 @@ def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sens
 @main.command()
 def topics() -> None:
     """Print the table of all topics, as Markdown."""
-    from wbc_controller.wire.topics_table import topics_page
+    from wbc_controller.middleware.topics_table import topics_page
 
     click.echo(topics_page(), nl=False)
 
@@ -330,9 +330,9 @@ def topics() -> None:
 @click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A topic that is renamed; may be repeated.")
 def security_policy(config: str, urdf: Path | None, namespace: str, remaps: tuple[str, ...]) -> None:
     """Print an SROS 2 policy of every node, with least privilege."""
-    from wbc_controller.assembly.robot import make_model
-    from wbc_controller.assembly.robot_description import read_urdf
-    from wbc_controller.ros2 import security_policy as policy
+    from wbc_controller.controller.build.robot import make_model
+    from wbc_controller.controller.build.robot_description import read_urdf
+    from wbc_controller.nodes.ros2 import security_policy as policy
 
     settings, remappings = _load(config), _remappings(remaps)
     with _naming(config):
@@ -360,7 +360,7 @@ def _remappings(texts: tuple[str, ...]) -> dict[str, str]:
 
 @contextmanager
 def _dds(node: str, namespace: str) -> Iterator[Any]:
-    from wbc_controller.transports.dds import DdsTransport
+    from wbc_controller.middleware.transports.dds import DdsTransport
 
     transport = DdsTransport(node, namespace)
     try:

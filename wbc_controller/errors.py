@@ -47,7 +47,7 @@ class NoSolution(WbcError):
 
     Attributes:
         status: status that the solver returned.
-        problem: the problem as it was given to the solver (`core.program.problem.QuadraticProgram`).
+        problem: the problem as it was given to the solver (`formulation.problem.QuadraticProgram`).
         infeasibility: the conflicting constraints (`records.Infeasibility`); None if they have not been searched for,
             or if none conflict.
     """

@@ -11,7 +11,7 @@ import sys
 from typing import NoReturn
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.ros2.installation import refuse_mixture
+from wbc_controller.nodes.ros2.installation import refuse_mixture
 
 
 def main() -> None:
@@ -43,9 +43,9 @@ def _run(node: str, instead: str) -> NoReturn:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     try:
-        from wbc_controller.ros2 import process
+        from wbc_controller.nodes.ros2 import process
 
-        serve = importlib.import_module(f"wbc_controller.ros2.{node}").serve
+        serve = importlib.import_module(f"wbc_controller.nodes.ros2.{node}").serve
     except ImportError as error:
         sys.exit(_without_ros2(instead, error))
     sys.exit(process.run(serve))

@@ -18,7 +18,7 @@ from contestants import Answers
 from our_cycle import Cycle
 from serving import Elsewhere
 
-from wbc_controller.core.contacts import Contact
+from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.records import Reference
 
 COUNT = 30
@@ -128,23 +128,6 @@ def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
         [*range(30 + filled, 50)],
     ]
     assert [block.seconds.tolist() for block in cold["a"]] == [[*range(20, 30)], [*range(50, 60)]]
-
-
-def test_older_code_comes_with_what_was_compiled_here(monkeypatch, tmp_path):
-    """Which serves where its kernels are the same."""
-    kept = tmp_path / "wbc_controller" / "kernels" / "__pycache__"
-    kept.mkdir(parents=True)
-    for name in ("frames.rows-1.py311.nbi", "frames.rows-1.py311.1.nbc", "frames.cpython-311.pyc"):
-        (kept / name).write_text(name)
-    git = ["git", "-C", str(tmp_path)]
-    (kept.parent / "frames.py").write_text("")
-    for words in (["init", "-q"], ["add", "wbc_controller/kernels/frames.py"],
-                  ["-c", "user.name=a", "-c", "user.email=a@b.c", "commit", "-qm", "a"]):  # fmt: skip
-        subprocess.run([*git, *words], check=True)
-    monkeypatch.setattr(contestants, "ROOT", tmp_path)
-    with contestants.code_of("HEAD") as folder:
-        found = folder / "wbc_controller" / "kernels" / "__pycache__"
-        assert {file.name for file in found.iterdir()} == {"frames.rows-1.py311.nbi", "frames.rows-1.py311.1.nbc"}
 
 
 WATCHER = """

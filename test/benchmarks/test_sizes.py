@@ -5,7 +5,7 @@ import pytest
 import sizes
 from our_cycle import make_model, parse_settings
 
-from wbc_controller.assembly.program import make_qp
+from wbc_controller.controller.build.program import make_qp
 
 
 def grown(series: sizes.Series) -> list[tuple[int, object]]:

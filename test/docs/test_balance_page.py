@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from wbc_controller.assembly.program import make_qp
-from wbc_controller.assembly.references import make_board
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.mock.plant import Plant
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import parse_settings
+from wbc_controller.simulation.plant import Plant
 
 PAGE = (Path(__file__).parents[2] / "docs" / "balance.md").read_text(encoding="utf-8")
 PERIOD = 0.001

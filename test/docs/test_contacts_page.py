@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wbc_controller.assembly.preflight import check
+from wbc_controller.controller.check.preflight import check
 from wbc_controller.settings.files import _tags_of
 
 PAGE = (Path(__file__).parents[2] / "docs" / "contacts.md").read_text(encoding="utf-8")

@@ -10,13 +10,13 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from wbc_controller.mock.robot import NODE_NAME as MOCK
-from wbc_controller.mock.robot import WORLD_FRAME
-from wbc_controller.service.guard_service import NODE_NAME as GUARD
-from wbc_controller.service.wiring import controller_endpoints
-from wbc_controller.views.scene import COLORS
-from wbc_controller.wire.messages import TYPES
-from wbc_controller.wire.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, endpoints
+from wbc_controller.controller.visualization.scene import COLORS
+from wbc_controller.middleware.codec import TYPES
+from wbc_controller.middleware.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, endpoints
+from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK
+from wbc_controller.simulation.mock_robot import WORLD_FRAME
 
 ROOT = Path(__file__).resolve().parents[2]
 LAYOUTS = ROOT / "layouts"

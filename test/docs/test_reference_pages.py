@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 from reference_pages import configuration_page, write
 
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, MOCK_TOPICS
+from wbc_controller.middleware.topics_table import topics_page
 from wbc_controller.settings import Settings
-from wbc_controller.wire.topics import CONTROLLER_TOPICS, MOCK_TOPICS
-from wbc_controller.wire.topics_table import topics_page
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.mark.parametrize("name", ["topics.md", "configuration.md"])
+@pytest.mark.parametrize("name", ["map.md", "topics.md", "configuration.md"])
 def test_the_page_in_docs_is_up_to_date(name, tmp_path):
     write(tmp_path)
     assert (DOCS / name).read_text(encoding="utf-8") == (tmp_path / name).read_text(encoding="utf-8"), "run: make docs"

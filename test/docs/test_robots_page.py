@@ -8,8 +8,8 @@ import pytest
 import yaml
 from chains import joint, link, menagerie, robot
 
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.robot.urdf import UNLIMITED
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
 
 PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
 TRANSMISSION, LIMITS, *OTHERS = (yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL))

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.assembly.contacts import make_contact
-from wbc_controller.assembly.estimation import make_estimator
+from wbc_controller.controller.build.contacts import make_contact
+from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.absolute_pose import AGREED, SPEED, Move, PoseSample
 from wbc_controller.estimation.base_estimator import ImuSample

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.accuracy.rig import Rig
 from wbc_controller.estimation.anchoring import Anchoring
-from wbc_controller.estimation.move import HERE
+from wbc_controller.estimation.frame_transform import HERE
+from wbc_controller.validation.accuracy.rig import Rig
 
 FEET = {
     "left": np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.0, 0.15, 0.0]]),

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.assembly.program import make_qp
+from wbc_controller.controller.build.program import make_qp
 from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wbc_controller.accuracy.rig import Rig
 from wbc_controller.estimation.contact_forces import ContactForces
-from wbc_controller.mock.faults.fault import LONGEST
-from wbc_controller.mock.faults.world import FloorHole
 from wbc_controller.settings.config import load
+from wbc_controller.simulation.faults.fault import LONGEST
+from wbc_controller.simulation.faults.world import FloorHole
+from wbc_controller.validation.accuracy.rig import Rig
 
 FEET = {"left": np.array([3.0, -2.0, 100.0]), "right": np.array([0.0, 0.0, 80.0, 0.0, 0.0, 0.0])}
 

@@ -22,20 +22,20 @@ from domains import own_domain
 from launching import patient
 from participants import is_omitted
 
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.control.controller import Controller
-from wbc_controller.demo.director import header_time
-from wbc_controller.mock.robot import NODE_NAME as MOCK_NODE
-from wbc_controller.mock.robot import MockRobot
-from wbc_controller.service.clock import ManualClock
-from wbc_controller.service.controller_service import make_loop
-from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.apps.demo.director import header_time
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.controller import Controller
+from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
+from wbc_controller.middleware.decoding import read_odometry
+from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.wire.decoding import read_odometry
-from wbc_controller.wire.joint_order import JointOrder
-from wbc_controller.wire.messages import decode, encode, message, nanoseconds
-from wbc_controller.wire.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
+from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
+from wbc_controller.simulation.mock_robot import MockRobot
 
 ROBOT = "go2"
 DOMAIN = own_domain()
@@ -247,7 +247,7 @@ def processes(tmp_path: Path) -> Iterator[Processes]:
 @pytest.fixture
 def dds_user() -> Iterator[User]:
     """A user on the domain of the `processes`."""
-    from wbc_controller.transports.dds import DdsTransport
+    from wbc_controller.middleware.transports.dds import DdsTransport
 
     transport = DdsTransport("test_user", domain_id=DOMAIN, discovery_range="LOCALHOST")
     user = User(transport, lambda: None)
@@ -303,7 +303,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
     except ImportError as error:
         print(f"skipped: rclpy is not importable: {error}")
         pytest.skip(f"rclpy is not importable: {error}")
-    from wbc_controller.transports.ros2 import Ros2Transport
+    from wbc_controller.middleware.transports.ros2 import Ros2Transport
 
     request.getfixturevalue("monkeypatch").setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()

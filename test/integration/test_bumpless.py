@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import yaml
 
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.control.controller import Controller
-from wbc_controller.mock.robot import MockRobot
-from wbc_controller.service.clock import ManualClock
-from wbc_controller.service.controller_service import make_loop
-from wbc_controller.service.wiring import controller_endpoints
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.controller import Controller
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.wire.messages import encode, message
-from wbc_controller.wire.topics import counterpart
+from wbc_controller.simulation.mock_robot import MockRobot
 
 SWITCHES = 100
 #: Sideways from the middle, m; time for the way and on each side, and between two switches of tasks, s.

@@ -14,8 +14,8 @@ from wbc_controller.recording.reading import Recorded
 SCRIPT = """
 import sys
 from pathlib import Path
-from wbc_controller.demo import scenario
-from wbc_controller.demo.run import run_demo
+from wbc_controller.apps.demo import scenario
+from wbc_controller.apps.demo.run import run_demo
 scenario.SCENARIOS["go2"] = scenario.Scenario(
     stand=0.2,
     moves=(scenario.Move("sway", ((0.3, (0.0, 0.02, 0.0)), (0.6, (0.0, 0.0, 0.0))), 0.005),),

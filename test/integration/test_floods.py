@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from domains import own_domain
 
-from wbc_controller.fuzz.floods import CYCLES, STALL, StopTrial, _gaps, flood_trials
 from wbc_controller.recording.reading import Cycle
+from wbc_controller.validation.fuzz.floods import CYCLES, STALL, StopTrial, _gaps, flood_trials
 
 #: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
 KINDS, TRIALS = ("activate", "update", "large"), 2

@@ -13,9 +13,9 @@ import time
 import numpy as np
 import pytest
 
-from wbc_controller.service.guard_service import NODE_NAME
-from wbc_controller.wire.messages import decode
-from wbc_controller.wire.topics import GUARD_TOPICS, endpoints
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.topics import GUARD_TOPICS, endpoints
+from wbc_controller.nodes.guard_service import NODE_NAME
 
 pytestmark = pytest.mark.live
 

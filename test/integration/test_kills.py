@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 from domains import own_domain
 
-from wbc_controller.fuzz.kills import SLACK, WAYS, KillTrial, kill_trials
+from wbc_controller.validation.fuzz.kills import SLACK, WAYS, KillTrial, kill_trials
 
 
 @pytest.mark.live

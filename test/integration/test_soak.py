@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from domains import own_domain
 
-from wbc_controller.fuzz.soak import SoakResult, soak
+from wbc_controller.validation.fuzz.soak import SoakResult, soak
 
 #: Duration here, s; `wbc fuzz soak` takes half an hour.
 SECONDS = 60.0

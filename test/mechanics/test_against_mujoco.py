@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from mechanisms import four_bar, random_state
 
-from wbc_controller.assembly.robot import make_model
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.mechanics import (
     Kinematics,
     PlaneContact,
@@ -23,9 +23,9 @@ from wbc_controller.mechanics import (
     forward_dynamics,
     simulate,
 )
-from wbc_controller.mock.plant import Plant
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.simulation.plant import Plant
 
 STIFF = 'solref="0.01 1" solimp="0.9999 0.9999 0.001"'
 

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanisms import random_state
 
-from wbc_controller.assembly.preflight import stance
-from wbc_controller.assembly.program import make_qp
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.contacts import SurfaceContact as ControllerSurface
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.inverse_dynamics.contacts import SurfaceContact as ControllerSurface
 from wbc_controller.mechanics import (
     ExternalWrench,
     Kinematics,

@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.assembly.robot import make_model
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mechanics import ExternalWrench, actuation_matrix, energy_residual, momentum_residual
-from wbc_controller.mock.plant import Plant
 from wbc_controller.records import RobotState
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.simulation.plant import Plant
 
 #: Steps of the physics over which a residual is averaged: 0.1 s.
 WINDOW = 100

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbc_controller.core.references.changes import SetSetpoint, SetTrajectory
-from wbc_controller.core.references.trajectories import Knot, SoftRamp, Trajectory
+from wbc_controller.inverse_dynamics.references.changes import SetSetpoint, SetTrajectory
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.recording.plain import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode
 

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from rosbags.rosbag2.storage_mcap import McapReader
 
+from wbc_controller.middleware.codec import encode
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.recording.columns import columns
 from wbc_controller.recording.mcap import Contents, read
 from wbc_controller.recording.reading import Recorded
 from wbc_controller.recording.recorder import recording
+from wbc_controller.recording.replay.telling import told
 from wbc_controller.records import ChangeSettings
-from wbc_controller.replay.telling import told
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.wire.messages import encode
-from wbc_controller.wire.topics import CONTROLLER_TOPICS, endpoints
 
 SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
 

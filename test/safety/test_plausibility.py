@@ -12,14 +12,14 @@ import pinocchio as pin
 import pytest
 from chains import MENAGERIE, menagerie
 
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.assembly.safety import make_supervisor_limits
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
-from wbc_controller.kernels.supervision import height
 from wbc_controller.records import Fault, Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, _limbs, joint_speed_limits
 from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.safety.supervisor_kernels import height
 
 PERIOD = 0.002
 NOTHING = NoSolution("nothing", "infeasible", None)

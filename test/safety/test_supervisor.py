@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.core.limits import TorqueSpeedCurve
 from wbc_controller.errors import InputRefused, NoSolution
+from wbc_controller.inverse_dynamics.limits import TorqueSpeedCurve
 from wbc_controller.records import REQUESTS, Fault, Infeasibility, Mode, RobotState, Solution
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 

@@ -7,7 +7,7 @@ import yaml
 
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.ros2.parameters import flat, settings_from
+from wbc_controller.nodes.ros2.parameters import flat, settings_from
 from wbc_controller.settings.files import load_settings
 from wbc_controller.settings.resources import locate
 

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from wbc_controller.assembly.program import make_qp
 from wbc_controller.cli import main
+from wbc_controller.controller.build.program import make_qp
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import (

@@ -11,16 +11,16 @@ import sys
 import time
 from pathlib import Path
 
-from wbc_controller.control.controller import Controller
-from wbc_controller.mock.robot import MockRobot
+from wbc_controller.controller.controller import Controller
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import MonotonicClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import Recorder
-from wbc_controller.service.clock import MonotonicClock
-from wbc_controller.service.controller_service import make_loop
-from wbc_controller.service.wiring import controller_endpoints
 from wbc_controller.settings.config import load
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.wire.messages import encode, message
-from wbc_controller.wire.topics import counterpart
+from wbc_controller.simulation.mock_robot import MockRobot
 
 
 def main(path: str, counter: str, rate: float) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from wbc_controller.campaign.outcome import Outcome
+from wbc_controller.validation.campaign.outcome import Outcome
 
 
 def outcome(kind: str = "kick", seed: int = 0, **changes: Any) -> Outcome:

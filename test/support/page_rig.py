@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from wbc_controller.apps.page.meshes import Mesh
+from wbc_controller.apps.page.moment import Moment, Robot
+from wbc_controller.apps.page.page import Commands, Page
+from wbc_controller.apps.page.sending import Sender
+from wbc_controller.apps.page.server import Gate, open_server
+from wbc_controller.apps.terminal.status_view import Heard
+from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Reference, References
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.user.status_view import Heard
-from wbc_controller.viewer.meshes import Mesh
-from wbc_controller.viewer.moment import Moment, Robot
-from wbc_controller.viewer.page import Commands, Page
-from wbc_controller.viewer.sending import Sender
-from wbc_controller.viewer.server import Gate, open_server
-from wbc_controller.wire.messages import diagnostics
 
 SETTINGS = load_settings(find_configuration("g1"))
 TRIANGLE = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], dtype=np.float32)

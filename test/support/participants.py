@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from domains import own_domain
 
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.transports.transport import Transport
-from wbc_controller.wire.topics import Endpoint
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.transports.transport import Transport
 
 DOMAIN = own_domain()
 
@@ -34,7 +34,7 @@ class MemoryParticipants:
 
 class DdsParticipants:
     def transport(self, node: str, namespace: str = "/") -> Transport:
-        from wbc_controller.transports.dds import DdsTransport
+        from wbc_controller.middleware.transports.dds import DdsTransport
 
         return DdsTransport(node, namespace, DOMAIN, "LOCALHOST")
 
@@ -60,7 +60,7 @@ class Ros2Participants:
     def transport(self, node: str, namespace: str = "/") -> Transport:
         import rclpy
 
-        from wbc_controller.transports.ros2 import Ros2Transport
+        from wbc_controller.middleware.transports.ros2 import Ros2Transport
 
         self._nodes.append(rclpy.create_node(node, namespace=namespace, context=self._context))
         self._executor.add_node(self._nodes[-1])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wbc_controller.core.program.problem import QuadraticProgram, Squares
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Squares
 
 
 def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, first=4, outputs=3):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from wbc_controller.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.transports.transport import Stream
-from wbc_controller.wire.topics import Endpoint
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.transports.transport import Stream
 
 
 class StarvedThread(MemoryTransport):

@@ -3,9 +3,9 @@
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.assembly.robot import make_model
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.demo.recording import Event, Recording, Result, supports_of
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.recording.report.run_record import Event, Recording, Result, supports_of
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 

@@ -32,11 +32,11 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import chdtri
 
-from wbc_controller.core.arrays import solved
-from wbc_controller.core.robot.orientation import rotation_of
+from wbc_controller.estimation.frame_transform import HERE, Move
 from wbc_controller.estimation.invariant_filter import InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics
-from wbc_controller.estimation.move import HERE, Move
+from wbc_controller.inverse_dynamics.arrays import solved
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
 #: Time for which estimates are kept: a pose that is older is refused, s.

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wbc_controller.estimation.move import HERE, Move
+from wbc_controller.estimation.frame_transform import HERE, Move
 from wbc_controller.records import Array
 
 #: Time for which a contact has held before its points get anchors, s: longer than a step, and until they have settled.

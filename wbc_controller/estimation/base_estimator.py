@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from wbc_controller.core.arrays import all_true, sum_of_squares
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
+from wbc_controller.estimation.frame_transform import HERE, Move
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
-from wbc_controller.estimation.move import HERE, Move
+from wbc_controller.estimation.leg_kinematics_kernels import base_of_imu
 from wbc_controller.estimation.rolling import Rolling
-from wbc_controller.kernels.leg_kinematics import base_of_imu
+from wbc_controller.inverse_dynamics.arrays import all_true, sum_of_squares
 from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.

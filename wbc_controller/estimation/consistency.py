@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from wbc_controller.estimation.leg_kinematics import LegKinematics
-from wbc_controller.kernels.leg_kinematics import slowest_contact
+from wbc_controller.estimation.leg_kinematics_kernels import slowest_contact
 from wbc_controller.records import Array
 
 #: Mean speed of the slowest contact above which the estimate is lost, m/s.

@@ -24,8 +24,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wbc_controller.core.robot.model import RobotModel
 from wbc_controller.estimation.projection import mobility
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Least w₀, rad/s or m/s.

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.arrays import solved
-from wbc_controller.kernels import invariant_filter as kernel
+from wbc_controller.estimation import invariant_filter_kernels as kernel
+from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.records import Array
 
 #: First row of the covariance of the first contact point.

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.contacts import Contact, FixedContact, PointContact, SurfaceContact
-from wbc_controller.core.robot.dynamics import Dynamics, moved_by, placements
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.leg_kinematics import imu_on_base, sights
+from wbc_controller.estimation.leg_kinematics_kernels import imu_on_base, sights
+from wbc_controller.inverse_dynamics.contacts import Contact, FixedContact, PointContact, SurfaceContact
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, moved_by, placements
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Points of a sole that are followed: three that are not on a line tell its orientation too.

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.control.memory import Taped
-from wbc_controller.core.whole_body_qp import WholeBodyQP
+from wbc_controller.controller.memory import Taped
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, CycleReport, Mode, Reference, References
 
 #: Version of the layout; another one is not read.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from wbc_controller.core.references.changes import (
+from wbc_controller.inverse_dynamics.references.changes import (
     EnableContact,
     EnableTask,
     SetExternalWrench,
@@ -20,8 +20,8 @@ from wbc_controller.core.references.changes import (
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.core.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
-from wbc_controller.core.references.tuning import TuningRamp
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
+from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
 
 #: Every record that may stand in a recording.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.middleware.codec import decode
 from wbc_controller.recording.layout import FORMAT, Slot, split
 from wbc_controller.recording.mcap import Channel, Contents, read
 from wbc_controller.recording.plain import from_json
@@ -18,7 +19,6 @@ from wbc_controller.recording.recorder import OWN
 from wbc_controller.records import Array, Fault
 from wbc_controller.settings.config import Config
 from wbc_controller.settings.files import parse_settings
-from wbc_controller.wire.messages import decode
 
 _STRING = "std_msgs/msg/String"
 

@@ -24,10 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.assembly.robot_description import read_urdf
-from wbc_controller.control.controller import Controller
-from wbc_controller.control.live_settings import LivePart
-from wbc_controller.control.memory import Taped
+from wbc_controller.controller.build.robot_description import read_urdf
+from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.live_settings import LivePart
+from wbc_controller.controller.memory import Taped
+from wbc_controller.middleware.codec import TYPES, encode, message
+from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.recording.layout import (
     FORMAT,
     MODES,
@@ -46,8 +48,6 @@ from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGE
 from wbc_controller.records import CycleReport, Fault, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
-from wbc_controller.transports.transport import Transport
-from wbc_controller.wire.messages import TYPES, encode, message
 
 _log = logging.getLogger(__name__)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from wbc_controller.transports.transport import Publish, Stream, Transport
-from wbc_controller.wire.topics import Endpoint
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 
 
 class Tap:

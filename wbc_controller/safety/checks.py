@@ -44,12 +44,12 @@ CHECKS = (
     Check("STALE_INPUT", "age of the joint states, and of the odometry or the IMU data", ("safety.state_timeout",), "s",
           _DAMPS, "safety/test_checks.py::test_an_input_over_the_limit_is_named_with_its_age"),
     Check("STALE_INPUT", "age of the states by synchronized clocks", ("safety.synchronized_clocks",), "none", _DAMPS,
-          "service/test_clock.py::test_with_synchronized_clocks_a_constant_latency_does_not_activate"),
+          "nodes/test_clock.py::test_with_synchronized_clocks_a_constant_latency_does_not_activate"),
     Check("STALE_INPUT", "stamps ahead of this computer's clock, with synchronized clocks",
           ("safety.clock_tolerance",), "s", "the message is refused",
-          "service/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much"),
+          "nodes/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much"),
     Check("ESTIMATE_LOST", "the estimated base: finite, its slowest contact below 0.12 m/s", (), "m/s", _DAMPS,
-          "service/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size"),
+          "nodes/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size"),
     Check("IMPLAUSIBLE_STATE", "magnitude of joint positions and base coordinates", ("safety.max_magnitude",),
           "rad, m", _DAMPS, _STATES + "positions_that_no_robot_has_are_a_fault_and_are_not_compared_with"),
     Check("IMPLAUSIBLE_STATE", "speeds of the joints and the base",
@@ -85,7 +85,7 @@ CHECKS = (
           "less damping at light joints", _STATES + "damping_changes_no_velocity_s_sign_whatever_is_configured"),
     Check("", "other nodes that publish torques", ("safety.torque_publishers",), "names",
           "`activate` is refused; a warning while active",
-          "service/test_loop.py::test_while_another_node_publishes_torques_activation_is_refused"),
+          "nodes/test_loop.py::test_while_another_node_publishes_torques_activation_is_refused"),
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import null_space
 
-from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 _HALVINGS = 30

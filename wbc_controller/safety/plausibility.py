@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.core.arrays import all_finite, all_true, largest
-from wbc_controller.core.robot.model import RobotModel
-from wbc_controller.kernels.compiled import Bound
-from wbc_controller.kernels.supervision import (
+from wbc_controller.compiled import Bound
+from wbc_controller.inverse_dynamics.arrays import all_finite, all_true, largest
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array, Fault, RobotState
+from wbc_controller.safety.supervisor_kernels import (
     ABSURD,
     BASE_REPEATS,
     JOINTS_REPEAT,
@@ -27,8 +28,7 @@ from wbc_controller.kernels.supervision import (
     upward,
     within,
 )
-from wbc_controller.kernels.supervision import MEMORY as MEMORY  # exported with the checks that it belongs to
-from wbc_controller.records import Array, Fault, RobotState
+from wbc_controller.safety.supervisor_kernels import MEMORY as MEMORY  # exported with the checks that it belongs to
 
 #: Speed times time below which values that repeat are those of a robot at rest, rad or m.
 REST = 1.0e-6
@@ -75,7 +75,7 @@ class StateWatch:
     Attributes:
         doubt: what is wrong with the newest state; None where it is plausible.
         some_untold: whether a velocity tells of a motion that a position does not.
-        bound: limits, and what is remembered, for `kernels.supervision.compared`.
+        bound: limits, and what is remembered, for `safety.supervisor_kernels.compared`.
     """
 
     MEMORY = (
@@ -121,7 +121,7 @@ class StateWatch:
 
         Args:
             state: the state.
-            found: by `kernels.supervision.compared`; 0 where it has not been compared (`since`).
+            found: by `safety.supervisor_kernels.compared`; 0 where it has not been compared (`since`).
         """
         before = self._state
         if state is before:
@@ -308,7 +308,7 @@ class FallWatch:
         Args:
             now: s.
             state: plausible.
-            tilted: angle between `upward` and its present direction, rad (`kernels.supervision.tilt`).
+            tilted: angle between `upward` and its present direction, rad (`safety.supervisor_kernels.tilt`).
         """
         if not self.floating:
             return None

@@ -21,13 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.core.arrays import all_finite, all_true
-from wbc_controller.core.limits.torque import TorqueSpeedCurve
-from wbc_controller.core.references.trajectories import Ramp
-from wbc_controller.core.robot.model import RobotModel
+from wbc_controller.compiled import Bound
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
-from wbc_controller.kernels.compiled import Bound
-from wbc_controller.kernels.supervision import limited, supervised
+from wbc_controller.inverse_dynamics.arrays import all_finite, all_true
+from wbc_controller.inverse_dynamics.limits.torque import TorqueSpeedCurve
+from wbc_controller.inverse_dynamics.references.trajectories import Ramp
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import (
     REQUESTS,
     Array,
@@ -47,6 +46,7 @@ from wbc_controller.safety.checks import (
 )
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
+from wbc_controller.safety.supervisor_kernels import limited, supervised
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 #: Time within which a joint would reach its position limit that is held without its torque, s.

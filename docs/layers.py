@@ -1,0 +1,85 @@
+"""The table of the package's rooms: what each may import. `test/test_layering.py` checks it, `docs/map.md` shows it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Room(NamedTuple):
+    """What the files of a room may import besides the standard library, `BASICS` and their own room.
+
+    Attributes:
+        rooms: other rooms of the package, all above it in the table.
+        libraries: third-party packages.
+    """
+
+    rooms: str = ""
+    libraries: str = ""
+
+
+#: Files at the top of the package that every room may import.
+BASICS = ("errors", "records", "compiled")
+#: Other files at the top of the package: entry points, and the public names.
+ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
+
+_QP = "inverse_dynamics/"
+#: A room is a folder of the package, and each folder and file of `inverse_dynamics`. Imports go upwards in the table.
+ROOMS = {
+    "errors": Room(),
+    "records": Room("", "numpy"),
+    "arguments": Room("", "numpy numba llvmlite"),
+    "compiled": Room("arguments", "numpy numba"),
+    "settings": Room("", "pydantic yaml"),
+    "mechanics": Room("", "numpy scipy pinocchio"),
+    _QP + "arrays": Room("", "numpy scipy"),
+    _QP + "tunable": Room(),
+    _QP + "method_calls": Room(_QP + "arrays", "numpy"),
+    _QP + "robot": Room(_QP + "arrays", "numpy scipy pinocchio"),
+    _QP + "contacts": Room(f"{_QP}tunable {_QP}method_calls {_QP}robot", "numpy scipy pinocchio"),
+    _QP + "limits": Room(f"{_QP}tunable {_QP}robot", "numpy pinocchio coal"),
+    _QP + "tasks": Room(f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts", "numpy pinocchio"),
+    _QP + "references": Room(f"{_QP}robot {_QP}contacts {_QP}tasks", "numpy pinocchio"),
+    _QP + "formulation": Room(
+        f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
+    ),
+    _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
+    _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),
+    "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
+    # The supervisor knows the robot's limits and ramps, but not the program whose solutions it checks.
+    "safety": Room(f"{_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
+    "controller": Room(
+        "settings inverse_dynamics estimation safety", "numpy scipy pinocchio coal pydantic plotly rich"
+    ),
+    "middleware": Room(f"settings {_QP}tasks {_QP}references", "numpy yaml rosbags cyclonedds rclpy"),
+    "recording": Room(
+        "settings inverse_dynamics controller middleware",
+        "numpy scipy pinocchio yaml click plotly backports compression",
+    ),
+    "simulation": Room("settings inverse_dynamics controller middleware", "numpy scipy pinocchio coal mujoco pydantic"),
+    "nodes": Room(
+        "settings inverse_dynamics estimation safety controller middleware recording simulation",
+        "numpy pydantic rclpy rcl_interfaces std_srvs",
+    ),
+    "apps": Room(
+        "settings inverse_dynamics controller middleware recording simulation nodes",
+        "numpy scipy pinocchio coal click rich viser websockets msgspec trimesh fast_simplification",
+    ),
+    "validation": Room(
+        "settings inverse_dynamics estimation safety controller middleware recording simulation nodes",
+        "numpy scipy pinocchio click rich plotly pydantic rosbags joblib distributed ray",
+    ),
+    "node": Room("nodes"),
+    "cli": Room("settings controller middleware recording simulation nodes apps validation", "click"),
+    "__main__": Room("cli"),
+    "__init__": Room("settings inverse_dynamics controller simulation"),
+}
+#: Libraries that only some files of a room may import, by pattern of their paths.
+RESERVED = {
+    "mujoco": ("simulation/*",),
+    "cyclonedds": ("middleware/transports/dds*.py",),
+    "rclpy": ("middleware/transports/ros2*.py", "nodes/ros2/*"),
+    "plotly": ("controller/visualization/plots.py", "recording/report/*", "validation/campaign/campaign_plots.py"),
+    "viser": ("apps/page/*",),
+}
+#: Modules that make a cycle irreproducible: `inverse_dynamics` may import none of them.
+CLOCKS = ("time", "datetime", "random", "threading", "asyncio", "socket", "subprocess", "logging")

@@ -1,0 +1,74 @@
+"""What the director waits for."""
+
+import numpy as np
+import pytest
+
+from wbc_controller.apps.demo import director
+from wbc_controller.apps.demo.director import DemoFailed, Director
+from wbc_controller.apps.demo.scenario import SCENARIOS
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.middleware.codec import encode, header, message
+from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.mock_robot import NODE_NAME
+
+
+class Activated(Exception):
+    """The controller is active, and time goes on."""
+
+
+@pytest.fixture
+def play():
+    """Plays with a mock robot that stands, and a controller that says its modes after so many states each."""
+    settings = load("go2").settings
+    model, bus = make_model(settings), MemoryBus()
+    ours = controller_endpoints(settings, model)
+    mock = list(endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts))
+    network = MemoryTransport(bus)
+    say = {
+        each.key: network.advertise(each)
+        for each in (*ours, *mock)
+        if each.direction is Direction.OUT and each.key in ("joint_states", "state")
+    }
+
+    def play(modes):
+        count = 0
+
+        def advance(log):
+            nonlocal count
+            count += 1
+            if "active" in modes.values() and count > max(modes):
+                raise Activated
+            none = np.zeros(0)
+            state = message(
+                "sensor_msgs/msg/JointState",
+                header=header(2_000_000 * count, ""),
+                name=list(model.joints),
+                position=np.zeros(model.nj),
+                velocity=none,
+                effort=none,
+            )
+            say["joint_states"](encode(state))
+            if count in modes:
+                say["state"](encode(message("std_msgs/msg/String", data=modes[count])))
+
+        Director(model, {}, "", ours, mock, MemoryTransport(bus), advance, lambda phase: None).play(SCENARIOS["go2"])
+
+    return play
+
+
+def test_a_robot_may_start_long_before_its_controller_and_that_long_before_it_can_be_activated(play):
+    with pytest.raises(Activated):
+        play({3000: "inactive", 9000: "active"})
+
+
+@pytest.mark.parametrize(
+    ("modes", "sentence"),
+    [({}, r"waited 0\.2 s for the controller in vain"), ({5: "inactive"}, "did not become active: inactive")],
+)
+def test_it_does_not_wait_for_ever(play, monkeypatch, modes, sentence):
+    monkeypatch.setattr(director, "_PATIENCE", 0.2)
+    with pytest.raises(DemoFailed, match=sentence):
+        play(modes)

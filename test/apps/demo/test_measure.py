@@ -1,0 +1,172 @@
+"""The verdict: each target is met by a good run, and missed by a run that is bad in just that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wbc_controller.apps.demo.director import Window
+from wbc_controller.apps.demo.measure import _modes, judge, passed
+from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.recording.report.run_record import Recording, Result
+
+WEIGHT, START = 100.0, 50.0
+SCENARIO = Scenario(
+    moves=(Move("sway", ((1.0, (0.0, 0.1, 0.0)), (2.0, (0.0, 0.0, 0.0))), 0.005),),
+    reaches=(Reach("hand", (0.1, 0.0, 0.0), 1.0, 0.01),),
+    shoves=(Shove("shove left", (0.0, 3.0, 4.0)),),
+    recovery=1.0,
+)
+WINDOWS = {
+    "stand": Window(START + 1.0, START + 2.0),
+    "sway": Window(START + 2.0, START + 4.0),
+    "reach hand": Window(START + 4.0, START + 5.0),
+    "shove left": Window(START + 5.0, START + 7.0),
+}
+TIME = np.arange(0.0, 8.0, 0.01)
+ROWS = {name: (w.start - START <= TIME) & (w.end - START >= TIME) for name, w in WINDOWS.items()}
+
+
+def good_run():
+    n = len(TIME)
+    com = np.zeros((n, 3))
+    com[ROWS["sway"], 1] = 0.004
+    com[ROWS["shove left"], 1] = 0.05
+    com[TIME > 5.995, 1] = 0.015
+    half = np.zeros((n, 6))
+    half[:, 2] = WEIGHT / 2
+    half[TIME < 0.9, 2] = 0.0
+    distance = np.where(ROWS["reach hand"], np.linspace(0.5, 0.0, n), np.nan)
+    distance[np.flatnonzero(ROWS["reach hand"])[-1]] = 0.008
+    tau = np.full((n, 2), 5.0)
+    tau[:20] = np.nan  # before the first command
+    return Recording(
+        robot="x", actuators=("a", "b"), time=TIME, q=np.zeros((n, 9)), tau=tau, effort_limits=np.array([5.0, 10.0]),
+        com=com, com_reference=np.zeros((n, 3)), frame_errors={"hand": distance},
+        contact_wrenches={"left": half, "right": half}, unmodelled=np.zeros(n),
+        true_wrenches={"left": half, "right": half},
+        friction={"left": 0.7, "right": 0.7}, cycle_seconds=np.full(n, 1e-3), stage_seconds={}, events=(), results=(),
+        supports={},
+    )  # fmt: skip
+
+
+def verdict(run, windows=WINDOWS):
+    return {result.name: result for result in judge(run, SCENARIO, windows, START, WEIGHT)}
+
+
+def missed(run, windows=WINDOWS):
+    return {name for name, result in verdict(run, windows).items() if not result.passed}
+
+
+def spoiled(array, rows, value, column=None):
+    result = np.array(array)
+    index = np.flatnonzero(rows)[len(np.flatnonzero(rows)) // 2]
+    result[index if column is None else (index, column)] = value
+    return result
+
+
+STAND_QP, STAND_SIMULATOR, SWAY, REACH, SHOVE, TORQUE = verdict(good_run())
+
+
+def test_a_good_run_meets_every_target():
+    results = judge(good_run(), SCENARIO, WINDOWS, START, WEIGHT)
+    assert len(results) == 6
+    assert passed(results)
+    said = verdict(good_run())
+    assert said[SWAY].measured == "4.00 mm"
+    assert said[REACH].measured == "8.00 mm"
+    assert said[SHOVE].name == "shove left 5 N·s"
+    assert said[SHOVE].measured.startswith("15.00 mm")
+    assert said[TORQUE].measured == "100.0 %"
+
+
+def test_what_acts_beside_the_model_carries_weight_in_the_program_and_not_in_the_simulator():
+    run = replace(good_run(), unmodelled=np.full(len(TIME), -0.015 * WEIGHT))
+    assert missed(run) == {STAND_QP}
+    lighter = {name: wrench + [0, 0, 0.0075 * WEIGHT, 0, 0, 0] for name, wrench in run.contact_wrenches.items()}
+    assert not missed(replace(run, contact_wrenches=lighter))
+    assert missed(replace(run, contact_wrenches=lighter, true_wrenches=lighter)) == {STAND_SIMULATOR}
+
+
+@pytest.mark.parametrize("value", [49.2, 50.8 + 0.3, np.nan, np.inf])
+@pytest.mark.parametrize(("field", "name"), [("contact_wrenches", STAND_QP), ("true_wrenches", STAND_SIMULATOR)])
+def test_one_sample_of_force_that_does_not_carry_the_weight(field, name, value):
+    run = good_run()
+    wrenches = {
+        "left": run.contact_wrenches["left"],
+        "right": spoiled(run.contact_wrenches["left"], ROWS["stand"], value, 2),
+    }
+    off = abs((50.0 + value) / WEIGHT - 1.0)
+    assert missed(replace(run, **{field: wrenches})) == (set() if off <= 0.01 else {name})
+
+
+def test_a_move_is_judged_by_its_rms():
+    run = good_run()
+    com = run.com.copy()
+    com[ROWS["sway"], 1] = 0.0051
+    assert missed(replace(run, com=com)) == {SWAY}
+    peak = spoiled(run.com, ROWS["sway"], 0.02, 1)
+    assert missed(replace(run, com=peak)) == set()
+    assert missed(replace(run, com=spoiled(run.com, ROWS["sway"], np.nan, 1))) == {SWAY}
+
+
+def test_a_reach_is_judged_by_its_end():
+    run = good_run()
+    distance = run.frame_errors["hand"].copy()
+    last = np.flatnonzero(ROWS["reach hand"])[-1]
+    distance[last] = 0.0101
+    assert missed(replace(run, frame_errors={"hand": distance})) == {REACH}
+    distance[last] = np.nan
+    assert missed(replace(run, frame_errors={"hand": distance})) == {REACH}
+
+
+@pytest.mark.parametrize(("after", "value", "good"), [(0.5, 0.5, True), (1.5, 0.021, False), (1.5, np.nan, False)])
+def test_a_shove_is_judged_after_the_time_of_recovery(after, value, good):
+    run = good_run()
+    com = run.com.copy()
+    com[np.searchsorted(TIME, 5.0 + after), 1] = value
+    assert missed(replace(run, com=com)) == (set() if good else {SHOVE})
+
+
+@pytest.mark.parametrize("value", [5.01, -5.01, np.nan, np.inf, -np.inf])
+def test_one_torque_over_its_limit_or_not_finite(value):
+    run = good_run()
+    assert missed(replace(run, tau=spoiled(run.tau, ROWS["sway"], value, 0))) == {TORQUE}
+
+
+def test_no_torque_at_all_is_no_good_run():
+    run = good_run()
+    result = verdict(replace(run, tau=np.full_like(run.tau, np.nan)))[TORQUE]
+    assert (result.passed, result.measured) == (False, "none was sent")
+
+
+@pytest.mark.parametrize(
+    ("window", "names"),
+    [
+        ("stand", {STAND_QP, STAND_SIMULATOR}),
+        ("sway", {SWAY}),
+        ("reach hand", {REACH}),
+        ("shove left", {SHOVE}),
+    ],
+)
+def test_what_was_not_reached_is_missed(window, names):
+    windows = {name: value for name, value in WINDOWS.items() if name != window}
+    said = verdict(good_run(), windows)
+    assert missed(good_run(), windows) == names
+    assert all("not reached" in said[name].measured for name in names)
+
+
+def test_a_verdict_without_results_is_none():
+    assert not passed(())
+    assert not passed((Result("a", "b", "c", True), Result("a", "b", "c", False)))
+    assert passed((Result("a", "b", "c", True),))
+
+
+def test_the_modes_are_told_from_where_each_began():
+    cycles = {
+        "mode": np.array(["active", "active", "damping", "damping", "fault"]),
+        "stamp": np.array([1.0, 2.0, 3.0, 4.0, 5.0]) * 1e9,
+    }
+    assert _modes(cycles, 0.5) == ((0.5, "active"), (2.5, "damping"), (4.5, "fault"))

@@ -1,0 +1,141 @@
+import numpy as np
+import pytest
+import yaml
+from chains import joint, link
+from chains import robot as urdf_of
+
+from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.run import run_demo
+from wbc_controller.apps.demo.scenario import SCENARIOS, Move, Scenario
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.config import load
+from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
+
+
+def test_every_robot_that_is_shipped_has_a_demo():
+    assert set(SCENARIOS) == set(shipped_configurations())
+
+
+@pytest.mark.parametrize("robot", SCENARIOS)
+def test_what_a_demo_asks_for_is_in_the_configuration(robot):
+    scenario, settings = SCENARIOS[robot], load_settings(find_configuration(robot))
+    assert settings.tasks["com"].type == "com"
+    for reach in scenario.reaches:
+        assert settings.tasks[reach.task].type == "frame_pose"
+        assert reach.duration > settings.tasks[reach.task].setpoint_duration
+    names = [part.name for part in (*scenario.moves, *scenario.shoves)]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("robot", SCENARIOS)
+def test_moves_go_on_in_time_and_come_back(robot):
+    for move in SCENARIOS[robot].moves:
+        times = [time for time, _ in move.points]
+        assert times[0] > 0.0
+        assert times == sorted(set(times))
+        assert move.duration == times[-1]
+        assert not np.any(move.points[-1][1])
+        assert np.any(move.points[0][1])
+
+
+@pytest.mark.parametrize("robot", SCENARIOS)
+def test_targets_are_not_empty(robot):
+    scenario = SCENARIOS[robot]
+    assert 0.0 < scenario.force_target <= 0.01
+    assert 0.0 < scenario.recovery_target <= 0.02
+    assert all(0.0 < move.target_rms <= 0.01 for move in scenario.moves)
+    assert all(0.0 < reach.target <= 0.01 for reach in scenario.reaches)
+    directions = np.array([shove.impulse for shove in scenario.shoves])
+    np.testing.assert_array_equal(directions.sum(axis=0), np.zeros(3))
+    assert np.linalg.matrix_rank(directions) == 2
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_a_scenario_is_derived_that_is_like_the_one_made_for_the_robot(robot, robot_of):
+    settings, model = robot_of(robot)
+    derived, made = derived_scenario(settings, model), SCENARIOS[robot]
+    for ours, theirs in zip(derived.moves, made.moves, strict=True):
+        assert ours.name == theirs.name
+        amplitude, known = (np.abs([at for _, at in move.points]).max() for move in (ours, theirs))
+        assert 0.2 * known < amplitude < 1.5 * known
+    assert len(derived.shoves) == 4
+    for ours, theirs in zip(derived.shoves, made.shoves, strict=True):
+        assert 0.2 < np.linalg.norm(ours.impulse) / np.linalg.norm(theirs.impulse) < 1.5
+    assert len(derived.reaches) == len(made.reaches)
+
+
+def test_what_does_not_stand_on_legs_has_no_demo(robot_of):
+    settings, model = robot_of("go2")
+    without = settings.model_copy(update={"contacts": {}})
+    with pytest.raises(ConfigurationError, match="the demo needs a robot that stands"):
+        derived_scenario(without, model)
+    posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
+    with pytest.raises(ConfigurationError, match="the demo needs a task of type com that is enabled"):
+        derived_scenario(posture, model)
+
+
+def test_a_scenario_may_be_short():
+    assert Scenario().moves == ()
+    assert Move("x", ((2.0, (0.0, 0.0, 0.1)),), 0.01).duration == 2.0
+
+
+#: An arm of four joints on a fixed base.
+ARM = {
+    "control": {"rate": 200.0},
+    "robot": {"base": "fixed", "joints": ["turn", "lift", "bend", "roll"], "posture": [0.2, 0.8, 1.2, 0.4]},
+    "tasks": {
+        "hand": {"type": "frame_pose", "frame": "hand", "mask": [True] * 3 + [False] * 3, "weight": 5.0,
+                 "stiffness": 100.0, "enabled": False},
+        "posture": {"type": "posture", "weight": 0.1, "stiffness": 50.0},
+    },
+}  # fmt: skip
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """Path of its file."""
+    urdf = urdf_of(
+        link("base"), link("column"), joint("turn", "base", "column", "0 0 1"),
+        link("upper"), joint("lift", "column", "upper"), link("lower"), joint("bend", "upper", "lower"),
+        link("hand", 0.3), joint("roll", "lower", "hand", "1 0 0"),
+    )  # fmt: skip
+    (tmp_path / "arm.urdf").write_text(urdf)
+    values = {**ARM, "robot": {**ARM["robot"], "urdf": "arm.urdf"}}
+    path = tmp_path / "arm.yaml"
+    path.write_text(yaml.safe_dump({"wbc_controller": {"ros__parameters": values}}))
+    return path
+
+
+def test_an_arm_on_a_fixed_base_reaches_and_is_shoved_at_its_hand(arm, tmp_path, capsys):
+    assert run_demo(str(arm), tmp_path, lockstep=True)
+    printed = capsys.readouterr().out
+    assert "4 joints" in printed
+    assert "a fixed base" in printed
+    assert [word in printed for word in ("reach: hand error", "shove left", "let go", "vertical")] == [
+        True, True, False, False,
+    ]  # fmt: skip
+    assert (tmp_path / "arm.html").stat().st_size > 100_000
+
+
+def test_the_demo_of_an_arm_asks_for_what_the_hand_can_do(arm):
+    settings = load(str(arm)).settings
+    model = make_model(settings)
+    scenario = derived_scenario(settings, model)
+    (reach,) = scenario.reaches
+    assert (reach.task, scenario.com, scenario.moves) == ("hand", "", ())
+    assert 0.01 < np.linalg.norm(reach.offset) <= 0.1 + 1e-9
+    assert {shove.frame for shove in scenario.shoves} == {"hand"}
+    impulses = [np.linalg.norm(shove.impulse) for shove in scenario.shoves]
+    assert all(0.01 < impulse < 0.3 * model.mass for impulse in impulses)
+
+
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [("posture", "needs a task of type frame_pose that is off"), ("hand", "needs a posture task")],
+)
+def test_an_arm_without_a_hand_or_a_posture_has_no_demo(arm, kept, said):
+    settings = load(str(arm)).settings
+    without = settings.model_copy(update={"tasks": {kept: settings.tasks[kept]}})
+    with pytest.raises(ConfigurationError, match=f"the demo of a fixed base {said}"):
+        derived_scenario(without, make_model(settings))

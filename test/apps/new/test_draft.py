@@ -1,0 +1,223 @@
+"""A configuration drafted from a URDF: feet as in its shapes, a posture in which it stands, and honest notes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from wbc_controller.apps.new.draft import TITLE, new_configuration
+from wbc_controller.apps.new.notes import Draft, identifier
+from wbc_controller.controller.check.preflight import check
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.resources import locate
+
+ROBOTS = "package://example-robot-data/robots/"
+G1 = ROBOTS + "g1_description/urdf/g1_29dof_rev_1_0.urdf"
+GO1 = ROBOTS + "go1_description/urdf/go1.urdf"
+PANDA = ROBOTS + "panda_description/urdf/panda.urdf"
+LEGS = ("front_left", "front_right", "rear_left", "rear_right")
+
+
+def said(draft, key, origin):
+    """The notes of an origin on a key, as one text."""
+    return " ".join(note.text for note in draft.notes if note.key.startswith(key) and note.origin == origin)
+
+
+def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuous", root="box"):
+    """A box on four legs of a hip and a knee, with a wheel or a box at the end of each."""
+    shapes = {
+        "cylinder": "<origin rpy='1.5707963 0 0'/><geometry><cylinder radius='0.1' length='0.04'/></geometry>",
+        "box": "<geometry><box size='0.12 0.06 0.02'/></geometry>",
+        "none": "",
+    }
+    inertial = "<inertial><mass value='{}'/><inertia ixx='{}' iyy='{}' izz='{}' ixy='0' ixz='0' iyz='0'/></inertial>"
+    parts = [f"<link name='{root}'>{inertial.format(10.0, 0.1, 0.1, 0.1)}</link>"]
+    for name, (x, y) in zip(LEGS, [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)], strict=True):
+        collision = f"<collision>{shapes[wheel]}</collision>" if shapes[wheel] else ""
+        for above, link, joint, at, its_kind, shape in (
+            (root, f"{name}_thigh", f"{name}_hip", f"{x} {y} 0", "revolute", ""),
+            (f"{name}_thigh", f"{name}_shank", f"{name}_knee", "0 0 -0.25", "revolute", ""),
+            (f"{name}_shank", f"{name}_end", f"{name}_last", "0 0 -0.25", kind, collision),
+        ):
+            range_ = "" if its_kind == "continuous" else "lower='-1.5' upper='1.5'"
+            parts.append(f"<link name='{link}'>{inertial.format(0.5, 0.002, 0.002, 0.002)}{shape}</link>")
+            parts.append(
+                f"<joint name='{joint}' type='{its_kind}'><parent link='{above}'/><child link='{link}'/>"
+                f"<origin xyz='{at}'/><axis xyz='0 1 0'/><limit {limit} {range_}/></joint>"
+            )
+    return f"<robot name='wagon'>{''.join(parts)}</robot>"
+
+
+@pytest.fixture
+def drafted(tmp_path):
+    """Drafts the configuration of a URDF's text."""
+
+    def make(text, **options):
+        path = tmp_path / "robot.urdf"
+        path.write_text(text, encoding="utf-8")
+        return new_configuration(str(path), **options)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def g1():
+    return new_configuration(G1)
+
+
+def test_soles_are_where_the_shapes_are(g1):
+    """The URDF has balls of 5 mm at (0.12, ±0.03) and (-0.05, ±0.025) below each ankle."""
+    contacts = g1.values["contacts"]
+    assert list(contacts) == ["left_ankle_roll_link", "right_ankle_roll_link"]
+    for contact in contacts.values():
+        corners = np.array(contact["vertices"]) + contact["translation"][:2]
+        for ball in ([0.12, 0.03], [0.12, -0.03], [-0.05, 0.025], [-0.05, -0.025]):
+            assert np.linalg.norm(corners - ball, axis=1).min() < 0.002
+        assert np.ptp(corners, axis=0) == pytest.approx([0.17, 0.06], abs=0.004)
+        assert contact["translation"][2] == pytest.approx(-0.035, abs=1e-6)
+
+
+def test_a_humanoid_stands_on_its_feet_with_bent_knees_and_mirrors_itself(g1):
+    joints = dict(zip(g1.values["robot"]["joints"], g1.values["robot"]["posture"], strict=True))
+    assert 0.3 < joints["left_knee_joint"] < 1.2
+    for name, position in joints.items():
+        if name.startswith("left_") and ("hip" in name or "knee" in name or "ankle" in name):
+            sign = 1.0 if "pitch" in name or "knee" in name else -1.0
+            assert joints[name.replace("left", "right")] == pytest.approx(sign * position, abs=1e-6)
+    findings = {finding.subject: finding.text for finding in check(g1.settings)}
+    assert "inside the edge of the support" in findings["centre of mass"]
+
+
+def test_balls_are_points_with_the_radius_of_the_urdf():
+    contacts = new_configuration(GO1).values["contacts"]
+    assert list(contacts) == ["FL_foot", "FR_foot", "RL_foot", "RR_foot"]
+    assert {contact["radius"] for contact in contacts.values()} == {0.02}
+    assert all(contact["type"] == "point" and "translation" not in contact for contact in contacts.values())
+
+
+def test_an_arm_is_bolted_down_and_its_fingers_are_locked():
+    draft = new_configuration(PANDA)
+    assert draft.values["robot"]["base"] == "fixed"
+    assert draft.values["robot"]["joints"] == [f"panda_joint{number}" for number in range(1, 8)]
+    assert "contacts" not in draft.values
+    assert "panda_finger_joint1" in said(draft, "robot.joints", "guess")
+    check(draft.settings)
+
+
+def test_wheels_roll_about_their_axles(drafted):
+    contacts = drafted(wagon()).values["contacts"]
+    assert list(contacts) == [f"{leg}_end" for leg in LEGS]
+    for contact in contacts.values():
+        assert contact["type"] == "rolling"
+        assert contact["radius"] == pytest.approx(0.1, abs=1e-4)
+        assert np.abs(contact["axis"]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
+
+
+def test_a_flat_box_is_a_rectangle(drafted):
+    contact = drafted(wagon(wheel="box", kind="revolute")).values["contacts"]["front_left_end"]
+    assert (contact["half_length"], contact["half_width"]) == (0.06, 0.03)
+    assert contact["translation"] == [0.0, 0.0, -0.01]
+
+
+def test_feet_without_a_shape_are_said_to_be_missing(drafted):
+    draft = drafted(wagon(wheel="none"))
+    assert {contact["type"] for contact in draft.values["contacts"].values()} == {"point"}
+    assert "front_left_end" in said(draft, "contacts.front_left_end.radius", "missing")
+
+
+@pytest.mark.parametrize(
+    ("limit", "kind", "word"),
+    [
+        ("effort='0' velocity='20'", "effort", "largest torque"),
+        ("effort='5000' velocity='20'", "effort", "5000"),
+        ("effort='20' velocity='0'", "velocity", "largest speed"),
+        ("effort='20' velocity='1000'", "velocity", "1000"),
+    ],
+)
+def test_limits_that_no_motor_has_are_replaced_and_said_to_be_missing(drafted, limit, kind, word):
+    draft = drafted(wagon(limit=limit))
+    assert set(draft.values["robot"]["joint_limits"]["rear_left_knee"]) == {kind}
+    assert word in said(draft, "robot.joint_limits", "missing")
+    assert "rear_left_knee" in said(draft, "robot.joint_limits", "missing")
+
+
+def test_limits_of_the_urdf_are_kept(drafted):
+    assert "joint_limits" not in drafted(wagon()).values["robot"]
+
+
+def test_a_root_called_world_is_bolted_down(drafted):
+    assert drafted(wagon(root="world")).values["robot"]["base"] == "fixed"
+
+
+def test_the_base_and_the_feet_can_be_said(drafted):
+    assert drafted(wagon(), base="fixed").values["robot"]["base"] == "fixed"
+    draft = drafted(wagon(), base="floating", feet=["rear_left_end", "front_left_end", "rear_right_end"])
+    assert set(draft.values["contacts"]) == {"rear_left_end", "front_left_end", "rear_right_end"}
+    with pytest.raises(
+        ConfigurationError, match=r"--feet: 'front_left_nd' is no link .* did you mean 'front_left_end'"
+    ):
+        drafted(wagon(), feet=["front_left_nd"])
+
+
+def srdf(tmp_path, hip, knee):
+    """An SRDF with a posture of the wagon, and the path of its file."""
+    joints = "".join(
+        f"<joint name='{leg}_hip' value='{hip}'/><joint name='{leg}_knee' value='{knee}'/>" for leg in LEGS
+    )
+    path = tmp_path / "robot.srdf"
+    states = (
+        f"<group_state name='zero' group='all'/><group_state name='half_sitting' group='all'>{joints}</group_state>"
+    )
+    path.write_text(f"<robot name='wagon'>{states}</robot>", encoding="utf-8")
+    return str(path)
+
+
+def test_a_posture_of_the_srdf_in_which_the_robot_stands_is_taken_as_it_is(drafted, tmp_path):
+    draft = drafted(wagon(), srdf=srdf(tmp_path, 0.4, -0.8))
+    assert set(draft.values["robot"]["posture"]) == {0.4, -0.8, 0.0}
+    assert "half_sitting" in said(draft, "robot.posture", "found")
+
+
+def test_a_posture_of_the_srdf_in_which_the_robot_falls_is_changed_and_it_says_why(drafted, tmp_path):
+    draft = drafted(wagon(), srdf=srdf(tmp_path, 1.2, 0.0))
+    assert "half_sitting" in said(draft, "robot.posture", "guess")
+    assert "centre of mass" in said(draft, "robot.posture", "guess")
+    check(draft.settings)
+
+
+def test_joints_of_the_srdf_that_stand_at_a_limit_are_moved_off_it_and_named(drafted, tmp_path):
+    draft = drafted(wagon(), base="fixed", srdf=srdf(tmp_path, 1.5, 0.2))
+    assert set(draft.values["robot"]["posture"]) == {1.47, 0.2, 0.0}
+    assert "front_left_hip" in said(draft, "robot.posture", "guess")
+    assert "knee" not in said(draft, "robot.posture", "guess")
+
+
+def test_an_srdf_value_that_is_no_number_is_refused(drafted, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"'half_sitting' gives the joint 'front_left_hip' the value 'bent'"):
+        drafted(wagon(), srdf=srdf(tmp_path, "bent", 0.0))
+
+
+def test_every_doubt_is_a_comment_in_the_file_and_the_file_has_the_values(g1):
+    text = g1.to_yaml(TITLE)
+    assert yaml.safe_load(text)["wbc_controller"]["ros__parameters"] == g1.values
+    assert max(map(len, text.splitlines())) <= 120
+    comments = " ".join(line.strip("# ") for line in text.splitlines() if line.lstrip().startswith("#"))
+    assert len(g1.doubts) > 4
+    for doubt in g1.doubts:
+        assert doubt.split(": ", 1)[1] in comments
+
+
+def test_a_path_in_an_installed_package_becomes_its_address():
+    assert new_configuration(str(locate(GO1))).values["robot"]["urdf"] == GO1
+
+
+def test_a_note_on_a_key_that_stands_within_a_line_names_it():
+    draft = Draft()
+    draft.put("contacts.foot", {"type": "point", "radius": 0.01})
+    draft.note("contacts.foot.radius", "measure it.", "missing")
+    assert "# radius: Fill in: measure it.\n      foot: {type: point, radius: 0.01}\n" in draft.to_yaml("")
+
+
+def test_names_of_links_become_names_of_topics():
+    assert [identifier(name) for name in ("l-foot", "1_sole", "sole")] == ["l_foot", "_1_sole", "sole"]

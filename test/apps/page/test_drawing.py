@@ -1,0 +1,73 @@
+"""What is drawn: the robot's meshes, and a robot whose base nobody measures."""
+
+from __future__ import annotations
+
+import builtins
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.settings.files import find_configuration, load_settings
+
+
+@pytest.mark.parametrize("command", ["view", "play"])
+def test_without_viser_one_sentence_says_what_to_install(monkeypatch, command):
+    real = builtins.__import__
+
+    def missing(name, *rest):
+        if name == "viser":
+            raise ModuleNotFoundError("No module named 'viser'")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    result = CliRunner().invoke(main, [command, "g1"])
+    assert result.exit_code == 2
+    assert result.stderr.endswith("install it with: pip install 'wbc_controller[view]'\n")
+
+
+@pytest.fixture(scope="module")
+def robot():
+    pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+    from wbc_controller.apps.page.moment import Robot
+
+    return Robot(load_settings(find_configuration("go2")))
+
+
+def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
+    from wbc_controller.apps.page.meshes import TRIANGLES, build_meshes
+    from wbc_controller.controller.visualization.geometry import read_visuals
+
+    meshes = {mesh.name: mesh for mesh in build_meshes(robot.model)}
+    assert sum(len(mesh.triangles) for mesh in meshes.values()) <= 1.1 * TRIANGLES  # of 78 584
+    visuals, _ = read_visuals(robot.model)
+    for visual in visuals:
+        triangles = map(visual.shape.tri_indices, range(visual.shape.num_tris))
+        corners = [(each[0], each[1], each[2]) for each in triangles]
+        used = visual.shape.vertices()[np.unique(corners)]  # Go2's files have vertices of no triangle, too
+        placed = used @ visual.placement.rotation.T + visual.placement.translation
+        drawn = meshes[visual.name].vertices
+        np.testing.assert_allclose(drawn.min(axis=0), placed.min(axis=0), atol=0.003)
+        np.testing.assert_allclose(drawn.max(axis=0), placed.max(axis=0), atol=0.003)
+
+
+def test_a_base_that_nobody_measures_stands_on_its_contacts(robot):
+    from wbc_controller.apps.page.standing import Standing
+
+    model, dynamics = robot.model, robot.dynamics
+    standing = Standing(robot)
+
+    def feet(q):
+        dynamics.update(q, np.zeros(model.nv))
+        return np.array([contact.points(dynamics)[0] for contact in robot.contacts.values()])
+
+    there = feet(standing.on_contacts(model.configuration(model.posture)))
+    assert there[:, 2] == pytest.approx(0.0, abs=1e-9)
+    crouched = model.posture * np.where(["hip" in name for name in model.joints], 1.0, 1.1)
+    tilted = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 1.0), np.array([1.0, 2.0, 3.0]))
+    q = standing.on_contacts(model.configuration(crouched, tilted))
+    assert feet(q).mean(axis=0) == pytest.approx(there.mean(axis=0), abs=1e-9)
+    assert np.abs(feet(q) - there).max() < 0.03
+    assert abs(q[2] - 0.3) < 0.15  # upright above its feet, and not where the base was said to be

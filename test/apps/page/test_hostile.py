@@ -1,0 +1,275 @@
+"""Hostile browsers on the real server: all other pages keep their STOP button and their handles."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+import msgspec
+from browser import Browser
+from page_rig import Rig
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from wbc_controller.apps.page.page_messages import LARGEST
+from wbc_controller.apps.page.server import MOST_PAGES
+
+pytestmark = pytest.mark.live
+NAN = float("nan")
+COM = (0.02, 0.0, 0.6)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    made = Rig(commands=True)
+    made.shared = []
+    made.server.request_share_url = lambda: made.shared.append(1)  # in place of a tunnel by a public server
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def pages(rig):
+    """A page of a user, and a hostile one."""
+    made = [opened(rig), opened(rig)]
+    yield made
+    for page in made:
+        page.close()
+    made[0].until(lambda: not rig.server.get_clients())
+
+
+def opened(rig):
+    count = len(rig.server.get_clients())
+    page = Browser(rig.gate.port)
+    page.until(lambda: len(rig.server.get_clients()) > count and "/handles/com" in page.positions)
+    return page
+
+
+def stops(rig, page):
+    """Press STOP on a page, and see it sent."""
+    rig.sent.clear()
+    page.set("STOP", True)
+    page.until(lambda: rig.said() == ["estop"])
+
+
+def all_is_well(rig, pages):
+    """STOP works on each page, the moments are drawn, and each handle has a place that can be drawn."""
+    for page in pages:
+        stops(rig, page)
+    drawn = rig.page.shown
+    pages[0].until(lambda: rig.page.shown >= drawn + 2)
+    for page in pages:
+        values = [props.get("value", 0.0) for props in page.controls.values()]
+        assert np.isfinite([value for value in values if not isinstance(value, str)]).all()
+        handles = [name for name in page.positions if name.startswith("/handles")]
+        assert "/handles/com" in handles
+        for name in handles:
+            assert np.isfinite(page.positions[name]).tolist() == [True] * 3
+            assert np.linalg.norm(page.turns.get(name, (1.0, 0.0, 0.0, 0.0))) == pytest.approx(1.0, abs=2e-3)
+    assert rig.thread.is_alive()
+    assert rig.shared == []
+
+
+def drag(**fields):
+    return {
+        "type": "TransformControlsUpdateMessage",
+        "name": "/handles/com",
+        "wxyz": (1.0, 0.0, 0.0, 0.0),
+        "position": COM,
+        **fields,
+    }
+
+
+def update(page, label="STOP", **updates):
+    return {"type": "GuiUpdateMessage", "uuid": page.uuid(label), "updates": updates}
+
+
+HOSTILE = {
+    "no callbacks": lambda page: update(page, update_cb=[]),
+    "removed": lambda page: update(page, removed=True),
+    "no button": lambda page: update(page, is_button=False),
+    "no properties": lambda page: update(page, props={}),
+    "no number": lambda page: update(page, "weight", value="nan"),
+    "not a number": lambda page: update(page, "weight", value=NAN),
+    "upload": lambda page: {
+        "type": "FileTransferStartUpload", "source_component_uuid": page.uuid("weight"), "transfer_uuid": "a",
+        "filename": "b", "mime_type": "c", "part_count": 0, "size_bytes": 0,
+    },
+    "position of two numbers": lambda page: drag(position=(0.0, 0.6)),
+    "quaternion of three numbers": lambda page: drag(wxyz=(1.0, 0.0, 0.0)),
+    "position not a number": lambda page: drag(position=(NAN, 0.0, 0.6)),
+    "quaternion not a number": lambda page: drag(wxyz=(NAN, 0.0, 0.0, 0.0)),
+    "quaternion of zeros": lambda page: drag(wxyz=(0.0, 0.0, 0.0, 0.0)),
+    "infinite position": lambda page: drag(position=(float("inf"), 0.0, 0.6)),
+    "public address": lambda page: {"type": "ShareUrlRequest"},
+    "forwarded to all": lambda page: {"type": "GuiFormDirtyMessage", "uuid": page.uuid("STOP")},
+    "unknown type": lambda page: {"type": "Message"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_message_changes_nothing(rig, pages, name):
+    user, hostile = pages
+    hostile.drag("com", "start")
+    hostile.send(msgspec.msgpack.encode(HOSTILE[name](hostile)))
+    hostile.drag("com", "end")
+    all_is_well(rig, pages)
+    user.until(lambda: user.positions["/handles/com"] == pytest.approx(COM))
+    assert user.unknown == set()
+
+
+@pytest.mark.parametrize("payload", [b"", b"\xc1", b"\x91" * 4000, b"\xdd\xff\xff\xff\xff", "a text message"])
+def test_a_payload_that_is_no_message_changes_nothing(rig, pages, payload):
+    pages[1].send(payload)
+    all_is_well(rig, pages)
+
+
+def test_a_large_message_ends_the_connection_of_its_page_alone(rig, pages):
+    user, hostile = pages
+    hostile.say("GuiUpdateMessage", uuid="a" * LARGEST, updates={"value": True})
+    user.until(lambda: len(rig.server.get_clients()) == 1)
+    all_is_well(rig, [user])
+
+
+_scalars = st.one_of(
+    st.none(), st.booleans(), st.integers(-(2**63), 2**64 - 1), st.floats(), st.text(max_size=8), st.binary(max_size=8)
+)
+_values = st.recursive(
+    _scalars,
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+_FIELDS = ["value", "update_cb", "sync_cb", "removed", "uuid", "props", "is_button", "name", "position", "wxyz", "type"]
+_numbers = st.lists(st.one_of(st.floats(), st.integers(-9, 9)), max_size=5)
+_drags = st.fixed_dictionaries({"wxyz": _numbers | _values, "position": _numbers | _values})
+_changes = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
+_updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
+
+
+# Another thread uses `random` meanwhile: websockets, for the content of its pings.
+@pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=80, derandomize=True
+)  # fmt: skip
+@given(data=st.data())
+def test_no_message_takes_stop_or_the_handles_from_the_others(rig, pages, data):
+    hostile = pages[1]
+    kind = data.draw(st.sampled_from(["update", "drag", "any", "bytes"]))
+    label = data.draw(st.sampled_from(["STOP", "weight", "left_foot", "Turn, too"]))
+    if kind == "bytes":
+        payload = data.draw(st.binary(max_size=200))
+    elif kind == "any":
+        payload = msgspec.msgpack.encode(data.draw(_values))
+    elif kind == "drag":
+        payload = msgspec.msgpack.encode(drag(**data.draw(_drags)) | data.draw(_changes))
+    else:
+        payload = msgspec.msgpack.encode(update(hostile, label, **data.draw(_updates)) | data.draw(_changes))
+    hostile.send(payload)
+    all_is_well(rig, pages)
+
+
+def test_a_flood_delays_no_other_page(rig, pages):
+    user, hostile = pages
+    ended = threading.Event()
+
+    def flood():
+        try:
+            while not ended.is_set():
+                hostile.drag("com", "update", (NAN, 0.0, 0.0))
+        except ConnectionClosed:
+            pass  # it was disconnected, as it did not answer the pings
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        for _ in range(10):
+            stops(rig, user)
+    finally:
+        ended.set()
+        hostile.cut()
+        thread.join()
+    all_is_well(rig, [user])
+
+
+def test_the_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
+    hostile = pages[1]
+    with caplog.at_level(logging.WARNING, "wbc_controller.apps.page.connection"):
+        for _ in range(3):
+            hostile.send(msgspec.msgpack.encode(drag(position=(0.25, 0.5))))
+        all_is_well(rig, pages)
+    (record,) = caplog.records
+    assert "message dropped: Expected `array` of length 3, got 2 - at `$.position`: " in record.getMessage()
+    assert "'position': [0.25, 0.5]" in record.getMessage()
+    assert "'type': 'TransformControlsUpdateMessage'" in record.getMessage()
+
+
+def test_more_pages_than_may_be_open_are_refused(rig):
+    opened_pages = [Browser(rig.gate.port) for _ in range(MOST_PAGES)]
+    with pytest.raises(InvalidStatus) as refusal:
+        Browser(rig.gate.port)
+    assert refusal.value.response.status_code == 503
+    for page in opened_pages:
+        page.close()
+    opened_pages[0].until(lambda: not rig.server.get_clients())
+
+
+def test_a_pull_that_never_began_ends_with_its_page(rig, pages):
+    """viser ends only the pulls whose start it has seen."""
+    user = pages[0]
+    other = opened(rig)
+    (number,) = set(rig.server.get_clients()) - set(sorted(rig.server.get_clients())[:2])
+    other.pull("/robot/1/m1", "update", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
+    arrow = f"/pulls/{number}/arrow"
+    user.until(lambda: rig.server.scene.get_handle_by_name(arrow) is not None)
+    other.cut()
+    user.until(lambda: rig.server.scene.get_handle_by_name(arrow) is None)
+
+
+def test_a_page_that_watches_changes_nothing():
+    rig = Rig(commands=False)
+    shared = []
+    rig.server.request_share_url = lambda: shared.append(1)
+    page, other = Browser(rig.gate.port), Browser(rig.gate.port)
+    try:
+        page.until(lambda: len(rig.server.get_clients()) == 2 and page.controls and other.controls)
+        switch = page.uuid("Contact forces")
+        for message in (
+            {"type": "ShareUrlRequest"},
+            {"type": "ShareUrlDisconnect"},
+            {"type": "GuiFormDirtyMessage", "uuid": switch},
+            update(page, "Contact forces", update_cb=[]),
+            drag(),
+        ):
+            page.send(msgspec.msgpack.encode(message))
+        page.set("Contact forces", False)  # what the page shows is all that it may change
+        other.until(lambda: other.controls[switch].get("value") is False)
+        other.until(lambda: not rig.page.drawing._shown["contact_forces"])
+        assert "update_cb" not in other.controls[switch]
+        assert other.unknown == set()
+        assert (shared, rig.sent) == ([], [])
+    finally:
+        page.close()
+        other.close()
+        rig.close()
+
+
+def test_an_error_while_drawing_is_logged_and_the_page_draws_again(rig, pages, monkeypatch, caplog):
+    failed, error = [], ValueError("a malformed message")
+
+    def fails():
+        failed.append(time.monotonic())
+        raise error
+
+    with monkeypatch.context() as patch, caplog.at_level(logging.ERROR, "wbc_controller.apps.page.page"):
+        patch.setattr(rig.story, "moment", fails)
+        pages[0].until(lambda: len(failed) > 3)
+    (record,) = caplog.records
+    assert record.exc_info[1] is error
+    all_is_well(rig, pages)

@@ -1,0 +1,281 @@
+"""The page on the real server, looked at and used by browsers without a screen; the robot is told of by a stand-in."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+from browser import Browser
+from page_rig import Rig, heard
+
+from wbc_controller.apps.page.page import RATE
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture(scope="module")
+def rig():
+    made = Rig(commands=True)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def browser(rig):
+    rig.sent.clear()
+    page = Browser(rig.gate.port)
+    page.until(lambda: rig.server.get_clients() and "/handles/com" in page.positions)
+    yield page
+    page.close()
+    page.until(lambda: not rig.server.get_clients())
+
+
+def settled(rig, pause=0.3):
+    """Wait until nothing has been sent for a while; what was sent."""
+    while rig.sent and time.monotonic() - rig.sent[-1][0] < pause:
+        time.sleep(0.02)
+    return rig.said()
+
+
+def test_the_robot_is_drawn_at_the_page_s_rate_whatever_comes(rig, browser):
+    before, began = rig.page.shown, time.monotonic()
+    browser.until(lambda: rig.page.shown - before >= 20)
+    rate = (rig.page.shown - before) / (time.monotonic() - began)
+    assert rate <= 1.2 * RATE  # no faster, though every moment is new; how fast it is, a measurement has to say
+    pelvis = browser.positions["/robot/1"]
+    assert pelvis == pytest.approx((0.0, 0.0, 0.76), abs=1e-3)
+
+
+def placement(browser, name):
+    """Where a part of the scene is in the world: each is placed in the part that its name begins with."""
+    found = pin.SE3.Identity()
+    for place in itertools.accumulate(name.strip("/").split("/"), "{}/{}".format):
+        w, x, y, z = browser.turns.get(f"/{place}", (1.0, 0.0, 0.0, 0.0))
+        position = np.array(browser.positions.get(f"/{place}", (0.0, 0.0, 0.0)))
+        found = found * pin.SE3(pin.Quaternion(w, x, y, z), position)
+    return found
+
+
+@pytest.fixture
+def pose(rig):
+    """Has the robot take a configuration, which the page's thread must not overwrite; it stands again afterwards."""
+
+    def take(q):
+        while rig.story.now.q is not q:
+            rig.story.now = replace(rig.story.now, q=q)
+            time.sleep(0.05)
+
+    there = rig.story.now.q
+    yield take
+    take(there)
+
+
+def test_every_link_is_drawn_where_it_is(rig, browser, pose):
+    model = rig.robot.model.pinocchio
+    names = rig.page.drawing.links
+    q = pin.integrate(model, rig.story.now.q, 0.3 * np.cos(np.arange(model.nv)))
+    pose(q)
+    before = rig.page.shown
+    browser.until(lambda: rig.page.shown - before >= 5)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    for handle, joint in names:
+        browser.until(
+            lambda joint=joint, name=handle.name: np.allclose(placement(browser, name), data.oMi[joint], atol=2e-3)
+        )
+    moved = browser.moved.copy()
+    turned = pin.integrate(model, q, np.r_[np.zeros(6), 0.2, np.zeros(model.nv - 7)])
+    pose(turned)
+    browser.until(lambda: browser.moved != moved)
+    before = rig.page.shown
+    browser.until(lambda: rig.page.shown - before >= 5)
+    links = [name for name in browser.moved - moved if name.startswith("/robot")]
+    assert links == ["/robot/1/2"]  # one joint has turned, and the links behind it follow in the browser
+
+
+@pytest.mark.parametrize(
+    ("label", "said"),
+    [
+        ("STOP", "estop"),
+        ("Activate", "activate"),
+        ("Deactivate", "deactivate"),
+        ("Damp", "damp"),
+        ("Reset", "reset"),
+        ("Record", "the last seconds are written to a file"),
+        ("Hold", "the hoist holds the robot where it began"),
+        ("Release", "the hoist lets go of the robot"),
+    ],
+)
+def test_each_button_sends_what_its_name_says(rig, browser, label, said):
+    browser.set(label, True)
+    browser.until(lambda: rig.said() == [said])
+
+
+def test_switches_and_sliders(rig, browser):
+    browser.set("left_foot", False)
+    browser.until(lambda: rig.said() == ["contact left_foot goes off in 0.2 s"])
+    browser.set("weight", 20.0)
+    browser.until(lambda: "the weight of com becomes 20 in 0.5 s" in rig.said())
+    browser.set("stiffness", 150.0)
+    browser.until(lambda: "update {tasks: {com: {stiffness: 150}}}" in rig.said())
+    browser.set("Sensor noise [rad]", 0.002)
+    noise = "kind: joint_noise, sigma: 0.002, velocity_sigma: 0.02, duration: 3600"
+    browser.until(lambda: f"fault [{{{noise}}}]" in rig.said())
+    browser.set("Slippery floor", True)
+    floor = "kind: slippery_floor, friction: 0.2, duration: 3600"
+    browser.until(lambda: f"fault [{{{noise}}}, {{{floor}}}]" in rig.said())  # all that is wrong, in one message
+    browser.set("Slippery floor", False)
+    browser.set("Sensor noise [rad]", 0.0)
+    browser.until(lambda: rig.said()[-1] == "fault clear")
+
+
+def test_what_a_user_sets_is_sent_whatever_the_controller_says_meanwhile():
+    """The controls follow what the controller says a thousand times a second here, in place of five."""
+    rig, ended = Rig(commands=True), threading.Event()
+
+    def show():
+        while not ended.wait(1e-3):
+            rig.page._controls.show(rig.story.now, mock=True)
+
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
+    page = Browser(rig.gate.port)
+    try:
+        page.until(lambda: rig.server.get_clients() and "/handles/com" in page.positions)
+        wanted = {"weight of com becomes 20": ("weight", 20.0)}
+        wanted |= {f"contact {name} goes off": (name, False) for name in rig.robot.contacts}
+        rig.story.now = replace(rig.story.now, forces={name: np.ones(6) for name in rig.robot.contacts})
+        for words, (label, value) in wanted.items():
+            page.set(label, value)
+            page.until(lambda words=words: rig.sent and words in rig.said()[-1], patience=5.0)
+        assert len(rig.sent) == len(wanted)
+    finally:
+        ended.set()
+        thread.join()
+        page.close()
+        rig.close()
+
+
+def test_a_handle_that_is_dragged_sends_setpoints_and_nothing_after_it_is_let_go(rig, browser):
+    browser.drag("com", "start")
+    for i in range(60):
+        browser.drag("com", "update", (0.02, 0.0, 0.6 - 0.001 * i))
+        time.sleep(0.005)
+    browser.drag("com", "end")
+    said = settled(rig)
+    assert said[-1] == "com goes to 0.02000 0.00000 0.54100 in world, in 1 s"
+    times = np.array([at for at, _ in rig.sent])
+    assert np.diff(times).min() >= 0.04
+    assert settled(rig, 0.5) == said
+
+
+def test_the_handle_of_a_task_that_is_off_switches_it_on_where_it_is_wanted(rig, browser):
+    browser.drag("left_hand", "start")
+    browser.drag("left_hand", "update", (0.3, 0.2, 0.9))
+    browser.drag("left_hand", "end")
+    browser.until(lambda: rig.sent)
+    (said,) = settled(rig)
+    assert said.startswith("update {tasks: {left_hand: {enabled: true, setpoint: [0.30000, 0.20000, 0.90000, 0.0")
+
+
+def test_a_page_that_is_closed_in_mid_drag_moves_nothing_any_more(rig, browser):
+    other = Browser(rig.gate.port)
+    other.until(lambda: len(rig.server.get_clients()) == 2)
+    other.drag("com", "start")
+    other.drag("com", "update", (0.1, 0.0, 0.5))
+    browser.until(lambda: rig.sent)
+    browser.until(lambda: browser.positions["/handles/com"] == pytest.approx((0.1, 0.0, 0.5)))  # the others see it
+    other.cut()
+    browser.until(lambda: len(rig.server.get_clients()) == 1)
+    before = len(settled(rig))
+    browser.until(lambda: browser.positions["/handles/com"] == pytest.approx((0.02, 0.0, 0.6)))  # back to its task
+    assert len(rig.sent) == before
+
+
+def test_a_pull_on_a_link_shoves_it_there_when_it_is_let_go(rig, browser):
+    start, end = np.array([0.0, 0.0, 0.86]), np.array([0.2, 0.0, 0.86])
+    for phase in ("start", "update"):
+        browser.pull("/robot/1/m1", phase, start, end)
+    time.sleep(0.2)
+    assert not rig.sent
+    browser.pull("/robot/1/m1", "end", start, end)
+    browser.until(lambda: rig.sent)
+    ((_, request),) = rig.sent
+    wrench = request.make(None).wrench
+    weight = rig.robot.model.mass * rig.robot.model.gravity
+    assert request.make(None).header.frame_id == "pelvis"
+    assert (wrench.force.x, wrench.force.y, wrench.force.z) == pytest.approx((0.16 * weight, 0.0, 0.0))
+    assert wrench.torque.y == pytest.approx(0.1 * 0.16 * weight, rel=0.02)  # it was pulled above the pelvis's origin
+
+
+def test_a_page_that_is_closed_in_mid_pull_shoves_nothing(rig, browser):
+    other = Browser(rig.gate.port)
+    other.until(lambda: len(rig.server.get_clients()) == 2)
+    for phase in ("start", "update"):
+        other.pull("/robot/1/m1", phase, (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
+    time.sleep(0.2)
+    other.cut()
+    browser.until(lambda: len(rig.server.get_clients()) == 1)
+    assert settled(rig) == []
+    time.sleep(0.3)
+    assert not rig.sent
+
+
+def test_what_is_refused_is_said_on_the_page(rig, browser):
+    rig.story.refusals.append("<b>left_hand</b> is off")
+    browser.until(lambda: any("&lt;b&gt;left_hand" in str(props.get("content")) for props in browser.controls.values()))
+
+
+def test_what_the_controller_says_is_on_the_page_and_is_no_html(rig, browser):
+    fault = "fault STALE_INPUT: <script>joint_states</script> is 80 ms old"
+    before = rig.story.now
+    rig.story.now = replace(before, mode=fault, heard=heard(**{"cost/torque:left_knee_joint:upper": "2.5 1/(N·m)"}))
+
+    def panel():
+        return next(p["content"] for p in browser.controls.values() if 'class="mode"' in str(p.get("content")))
+
+    browser.until(lambda: "STALE_INPUT" in panel())
+    rig.story.now = before
+    assert "&lt;script&gt;joint_states" in panel()
+    assert "Next: see that the robot&#x27;s driver runs" in panel()
+    assert "left knee&#x27;s upper torque limit" in panel()
+
+
+def test_a_page_that_watches_has_nothing_to_command_with():
+    rig = Rig(commands=False)
+    try:
+        page = Browser(rig.gate.port)
+        page.until(lambda: rig.page.shown > 5 and page.controls)
+        labels = {props.get("label") for props in page.controls.values()}
+        assert "Contact forces" in labels
+        assert not labels & {"STOP", "Activate", "Hold", "weight"}
+        assert not any(name.startswith("/handles") for name in page.positions)
+        page.close()
+    finally:
+        rig.close()
+
+
+def test_a_request_from_a_page_that_watches_reaches_nobody():
+    """Not even one that is made by hand: there is no handler for it."""
+    rig = Rig(commands=False)
+    try:
+        page = Browser(rig.gate.port)
+        page.until(lambda: rig.server.get_clients())
+        page.drag("com", "start")
+        page.drag("com", "update", (0.1, 0.0, 0.5))
+        page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
+        page.say("GuiUpdateMessage", uuid="none", updates={"value": True})
+        time.sleep(0.2)
+        assert page._thread.is_alive()
+        assert rig.sent == []
+        page.close()
+    finally:
+        rig.close()

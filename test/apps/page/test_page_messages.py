@@ -1,0 +1,218 @@
+"""The allow-list of messages, and the pace at which they are read."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+import msgspec
+import viser
+from viser import _messages as viser_messages
+
+from wbc_controller.apps.page.connection import Pace
+from wbc_controller.apps.page.page_messages import COMMANDING, WATCHING, AllowList
+
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (2, 0, 1.5), "fov": 0.8, "near": 0.01, "far": 1000,
+    "image_height": 600, "image_width": 800, "look_at": (0, 0, 0.5), "up_direction": (0, 0, 1),
+}  # fmt: skip
+DRAG = {
+    "type": "TransformControlsUpdateMessage", "name": "/handles/com", "wxyz": (1, 0, 0, 0), "position": (0, 0, 0.6),
+}  # fmt: skip
+PULL = {
+    "type": "SceneNodeDragMessage", "phase": "update", "name": "/robot/1/m1", "instance_index": None,
+    "start_position": (0, 0, 1), "start_screen_pos": (0.5, -0.1), "end_position": (0.1, 0, 1),
+    "end_screen_pos": (1.2, 0.5), "button": "left", "modifier": "shift", "owner": "",
+}  # fmt: skip
+
+
+def fault(message, *, commands=True):
+    return AllowList(commands=commands).fault(msgspec.msgpack.encode(message))
+
+
+@pytest.fixture(scope="module")
+def gui():
+    """Controls of each kind that the page has, and a text field, on a server of viser's own."""
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    made = SimpleNamespace(
+        api=server.gui,
+        button=server.gui.add_button("STOP"),
+        switch=server.gui.add_checkbox("left_foot", True),
+        slider=server.gui.add_slider("weight", 0.0, 4.0, 0.02, 1.0),
+        choice=server.gui.add_dropdown("Speed", ("1 ×", "4 ×")),
+        text=server.gui.add_text("name", ""),
+    )
+    yield made
+    server.stop()
+
+
+def test_allowed_types():
+    watching = {each.__name__ for each in typing.get_args(WATCHING)}
+    assert watching == {"ViewerCameraMessage", "GuiUpdateMessage"}
+    assert {each.__name__ for each in typing.get_args(COMMANDING)} - watching == {
+        "TransformControlsDragStartMessage",
+        "TransformControlsUpdateMessage",
+        "TransformControlsDragEndMessage",
+        "SceneNodeDragMessage",
+    }
+
+
+@pytest.mark.parametrize("allowed", typing.get_args(COMMANDING))
+def test_fields_are_those_of_viser(allowed):
+    theirs = dataclasses.fields(getattr(viser_messages, allowed.__name__))
+    assert [field.name for field in theirs] == list(allowed.__struct_fields__)
+
+
+@pytest.mark.parametrize("commands", [False, True])
+def test_all_other_messages_of_viser_are_refused(commands):
+    names = {each.__name__ for each in viser_messages.Message.get_subclasses()}
+    allowed = {each.__name__ for each in typing.get_args(COMMANDING if commands else WATCHING)}
+    assert {
+        "ShareUrlRequest",
+        "ShareUrlDisconnect",
+        "FileTransferStartUpload",
+        "GuiFormDirtyMessage",
+    } <= names - allowed
+    for name in names - allowed:
+        assert fault({"type": name}, commands=commands) == f"Invalid value '{name}' - at `$.type`: {{'type': '{name}'}}"
+
+
+def test_messages_of_the_page_are_allowed():
+    assert [fault(message) for message in (CAMERA, DRAG, PULL)] == ["", "", ""]
+    assert fault(CAMERA, commands=False) == ""
+
+
+@pytest.mark.parametrize("message", [DRAG, PULL, {"type": "TransformControlsDragStartMessage", "name": "/handles/com"}])
+def test_a_page_that_watches_may_not_drag(message):
+    assert fault(message) == ""
+    assert fault(message, commands=False).startswith(f"Invalid value '{message['type']}' - at `$.type`")
+
+
+NAN, INFINITE = float("nan"), float("inf")
+BAD = [
+    (DRAG, {"position": (0, 0)}, "Expected `array` of length 3, got 2 - at `$.position`"),
+    (DRAG, {"position": (0, 0, NAN)}, "- at `$.position[2]`"),
+    (DRAG, {"position": (0, 0, -INFINITE)}, "- at `$.position[2]`"),
+    (DRAG, {"position": (0, 0, 2**63)}, "- at `$.position[2]`"),
+    (DRAG, {"position": (0, 0, True)}, "- at `$.position[2]`"),
+    (DRAG, {"position": None}, "- at `$.position`"),
+    (DRAG, {"position": {"0": 1, "1": 1, "2": 1}}, "- at `$.position`"),
+    (DRAG, {"wxyz": (1, 0, 0)}, "Expected `array` of length 4, got 3 - at `$.wxyz`"),
+    (DRAG, {"wxyz": (NAN, 0, 0, 0)}, "- at `$.wxyz[0]`"),
+    (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0, not 1"),
+    (DRAG, {"name": 5}, "- at `$.name`"),
+    (DRAG, {"name": "/" * 501}, "- at `$.name`"),
+    (DRAG, {"owner": "client"}, "- at `$.owner`"),
+    (DRAG, {"excluded_self_client": 0}, "Object contains unknown field `excluded_self_client`"),
+    (CAMERA, {"fov": NAN}, "- at `$.fov`"),
+    (CAMERA, {"near": 0.0}, "- at `$.near`"),
+    (CAMERA, {"image_width": -1}, "- at `$.image_width`"),
+    (CAMERA, {"image_width": 10**6}, "- at `$.image_width`"),
+    (PULL, {"phase": "begin"}, "- at `$.phase`"),
+    (PULL, {"instance_index": 0}, "- at `$.instance_index`"),
+    (PULL, {"end_position": (0, NAN, 0)}, "- at `$.end_position[1]`"),
+    (PULL, {"end_screen_pos": (0, INFINITE)}, "- at `$.end_screen_pos[1]`"),
+    (PULL, {"modifier": "alt"}, "- at `$.modifier`"),
+]
+
+
+@pytest.mark.parametrize(("message", "change", "reason"), BAD)
+def test_each_field_is_checked(message, change, reason):
+    said = fault(message | change)
+    assert reason in said
+    assert f"'type': '{message['type']}'" in said
+
+
+@pytest.mark.parametrize("field", sorted(set(PULL) - {"type", "owner"}))
+def test_no_field_may_be_missing(field):
+    assert f"missing required field `{field}`" in fault({key: value for key, value in PULL.items() if key != field})
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\xc1",
+        b"\xa2\xff\xfe",  # no UTF-8
+        b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements, none of which follows
+        b"\x91" * 4000 + b"\xc0",  # 4 000 levels
+        b"\x81\xa4type" * 600 + b"\xc0",
+        b"\x81\xa4type\xdf\xff\xff\xff\xff",
+        "a text message",
+        msgspec.msgpack.encode([1, 2]),
+        msgspec.msgpack.encode({1: 2}),
+        msgspec.msgpack.encode({"type": ["GuiUpdateMessage"]}),
+    ],
+)
+def test_payloads_that_are_no_message(payload):
+    assert AllowList(commands=True).fault(payload) != ""
+
+
+@hypothesis_settings(deadline=None, max_examples=300, derandomize=True)
+@given(
+    st.binary(max_size=100)
+    | st.builds(
+        lambda message, at, byte: message[:at] + byte + message[at + 1 :],
+        st.sampled_from([msgspec.msgpack.encode(each) for each in (CAMERA, DRAG, PULL)]),
+        st.integers(0, 200),
+        st.binary(max_size=2),
+    )
+)
+def test_any_payload_is_judged_without_an_error(payload):
+    allowed = AllowList(commands=True)
+    if not allowed.fault(payload):
+        assert msgspec.msgpack.decode(payload)["type"] in {each.__name__ for each in typing.get_args(COMMANDING)}
+
+
+def value_fault(gui, control, updates):
+    allowed = AllowList(commands=False)
+    allowed.gui = gui.api
+    message = {"type": "GuiUpdateMessage", "uuid": getattr(control, "_impl", control).uuid, "updates": updates}
+    return allowed.fault(msgspec.msgpack.encode(message))
+
+
+@pytest.mark.parametrize(
+    ("name", "valid", "invalid"),
+    [
+        ("button", [True], [False, 1, "STOP", 1.0]),
+        ("switch", [True, False], [1, 0.0, "off"]),
+        ("slider", [0, 4, 1.5, 4.004], [True, "1", -0.1, 4.1, NAN, INFINITE, 1e300, 2**63]),
+        ("choice", ["1 ×", "4 ×"], ["2 ×", "", 1, True]),
+        ("text", [], ["a text", True]),
+    ],
+)
+def test_values_of_controls(gui, name, valid, invalid):
+    control = getattr(gui, name)
+    assert [value_fault(gui, control, {"value": value}) for value in valid] == [""] * len(valid)
+    assert "" not in [value_fault(gui, control, {"value": value}) for value in invalid]
+
+
+@pytest.mark.parametrize(
+    "updates", [{}, {"update_cb": []}, {"value": True, "removed": True}, {"value": None}, None, []]
+)
+def test_only_the_value_of_a_control_may_change(gui, updates):
+    assert value_fault(gui, gui.button, updates) != ""
+
+
+def test_a_refused_value_is_named(gui):
+    said = value_fault(gui, gui.slider, {"value": 7.5})
+    assert said == "GuiUpdateMessage: updates.value of 'weight': 7.5; valid: 0 to 4"
+    assert value_fault(gui, SimpleNamespace(uuid="none"), {"value": True}) == (
+        "GuiUpdateMessage: unknown control 'none'"
+    )
+
+
+def test_a_burst_is_read_at_once_and_more_at_the_rate():
+    pace = Pace(rate=100.0, burst=5.0)
+    assert [pace.wait(10.0) for _ in range(8)] == pytest.approx([0, 0, 0, 0, 0, 0.01, 0.02, 0.03])
+    assert [pace.wait(20.0) for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.01])
+    pace = Pace(rate=100.0, burst=5.0)
+    assert {pace.wait(0.01 * i) for i in range(1000)} == {0.0}

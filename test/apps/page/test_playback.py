@@ -1,0 +1,102 @@
+"""A recording as the page plays it."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+from browser import Browser
+
+from wbc_controller.apps.page.moment import Robot
+from wbc_controller.apps.page.playback import Playback, TimeLine, strip
+from wbc_controller.apps.page.server import Gate, open_server
+from wbc_controller.recording.reading import Recorded
+
+
+@pytest.fixture
+def recorded(record, tmp_path):
+    """A controller that stands, and is stopped in an emergency."""
+    run = record(tmp_path / "run.mcap")
+    run.stand(30)
+    run.bench.command("estop")
+    run.go(10)
+    run.recorder.close()
+    return Recorded(tmp_path / "run.mcap")
+
+
+def test_the_moments_are_those_that_were_recorded(recorded):
+    robot = Robot(recorded.config.settings, recorded.config.urdf)
+    playback = Playback(recorded, robot)
+    playback.playing = False
+    cycles = [cycle for cycle in recorded.cycles() if cycle.number_of("has_state")]
+    for cycle in (cycles[0], cycles[len(cycles) // 2], cycles[-1]):
+        playback.seek(1e-9 * (cycle.time - recorded.start))
+        moment = playback.moment()
+        np.testing.assert_array_equal(moment.q, cycle.values["q"])
+        assert moment.stamp == cycle.time
+
+
+def test_what_happened_is_marked_and_said(recorded):
+    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
+    playback.playing = False
+    kinds = [(mark.kind, mark.text.partition(":")[0]) for mark in playback.marks]
+    assert ("mode", "active") in kinds
+    assert ("fault", "ESTOP") in kinds
+    fault = next(mark for mark in playback.marks if mark.kind == "fault")
+    playback.seek(fault.time - 0.004)
+    active = playback.moment()
+    assert active.following
+    assert set(active.forces) == set(recorded.config.settings.contacts)
+    assert active.references is not None
+    assert active.torques is not None
+    playback.seek(playback.duration)
+    assert playback.moment().mode.startswith("fault ESTOP: ")
+    assert "emergency stop" in strip(playback)
+
+
+def test_time_passes_only_while_it_plays_and_ends_at_the_end(recorded):
+    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
+    playback.playing = False
+    playback.moment()
+    time.sleep(0.02)
+    assert playback.moment().stamp == playback.moment().stamp
+    assert playback.time == 0.0
+    playback.playing, playback.speed = True, 100.0
+    time.sleep(0.05)
+    playback.moment()
+    assert (playback.time, playback.playing) == (playback.duration, False)
+
+
+@pytest.mark.live
+def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(recorded):
+    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
+    gate, ended = Gate("127.0.0.1"), threading.Event()
+    server = open_server("127.0.0.1", 0, gate)
+    line = TimeLine(server, playback)
+    playback.speed = 1e-3
+
+    def show():
+        while not ended.wait(1e-3):
+            playback.moment()
+            line.show()
+
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
+    page = Browser(gate.port)
+    try:
+        page.until(lambda: any(props.get("label") == "Time [s]" for props in page.controls.values()))
+        for wanted in 20 * (0.04, 0.02):
+            playback.playing = True
+            page.set("Time [s]", wanted)
+            page.until(lambda: not playback.playing)
+            assert playback.time == pytest.approx(wanted)
+    finally:
+        ended.set()
+        thread.join()
+        page.close()
+        server.stop()

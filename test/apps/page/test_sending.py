@@ -1,0 +1,133 @@
+"""What pages ask for is sent at a bounded rate, in order, and never by itself."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+from wbc_controller.apps.page.sending import PERIOD, STALE, Sender
+from wbc_controller.apps.terminal.session import NoAnswer
+from wbc_controller.settings.files import find_configuration, load_settings
+
+SETTINGS = load_settings(find_configuration("g1"))
+
+
+class Rig:
+    def __init__(self):
+        self.sent, self.told, self.now = [], [], 100.0
+        self.sender = Sender(SETTINGS, self.send, self.told.append, lambda: self.now)
+
+    def send(self, request):
+        self.sent.append((request.key, request.subject, request.said))
+
+    def drag(self, x, client=1, task="com"):
+        self.sender.drag(f"setpoint {task}", client, [task, "to", f"{x}", "0", "0.6"])
+
+    def pump(self, later=0.0):
+        self.now += later
+        self.sender.pump()
+        said, self.sent = [said for _, _, said in self.sent], []
+        return said
+
+
+@pytest.fixture
+def rig():
+    return Rig()
+
+
+def test_of_what_is_dragged_the_newest_is_sent_once_per_period(rig):
+    sent = []
+    for i in range(100):  # 1 s of events, 100 per second
+        rig.drag(i / 100.0)
+        sent += rig.pump(0.01)
+    assert 19 <= len(sent) <= 21
+    sent += rig.pump(PERIOD)
+    assert "com goes to 0.99 0 0.6" in sent[-1]
+
+
+def test_after_the_last_event_nothing_is_sent(rig):
+    rig.drag(0.1)
+    assert len(rig.pump()) == 1
+    assert [rig.pump(0.1) for _ in range(50)] == [[]] * 50
+
+
+def test_what_is_dragged_apart_is_sent_apart(rig):
+    rig.drag(0.1)
+    rig.drag(0.2, task="left_hand", client=2)
+    assert len(rig.pump()) == 2
+
+
+def test_what_a_page_has_dragged_is_forgotten_when_it_goes(rig):
+    rig.drag(0.1, client=1)
+    rig.drag(0.2, client=2, task="left_hand")
+    rig.sender.forget(1)
+    (said,) = rig.pump()
+    assert said.startswith("left_hand")
+
+
+def test_what_has_waited_for_too_long_is_not_sent(rig):
+    rig.drag(0.1)
+    assert rig.pump(STALE + 0.01) == []
+
+
+def test_an_emergency_stop_overtakes_what_waits_and_ends_what_is_dragged(rig):
+    rig.sender.say("activate")  # nobody takes it: the thread has not been started
+    rig.drag(0.1)
+    rig.sender.say("estop")
+    assert [said for _, _, said in rig.sent] == ["estop"]
+    rig.sent.clear()
+    assert rig.pump(1.0) == []
+
+
+def test_sentences_are_sent_in_order_and_what_cannot_be_said_is_told(rig):
+    rig.sender.start()
+    done = threading.Event()
+    for words in (("weight", "com", "30"), ("task", "left_hand", "on"), ("left_hand", "nowhere")):
+        rig.sender.say(*words)
+    rig.sender._told = lambda said: done.set()
+    rig.sender.say("contact", "left_foot", "off")
+    assert done.wait(5.0)
+    rig.sender.close()
+    assert [key for key, _, _ in rig.sent] == ["weight", "task_enable", "contact_enable"]
+    assert [(said.sentence, bool(said.error)) for said in rig.told if said.error] == [("left_hand nowhere", True)]
+
+
+def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, caplog):
+    def fails(words, settings):
+        raise ValueError(f"cannot read {words}")
+
+    rig.sender.start()
+    done = threading.Event()
+    with monkeypatch.context() as patch:
+        patch.setattr("wbc_controller.apps.page.sending.read_sentence", fails)
+        rig.sender._told = lambda said: (rig.told.append(said), done.set())
+        rig.drag(0.1)
+        assert done.wait(10.0)
+        rig.sender.say("activate")
+    assert [said.sentence for said in rig.told] == ["com to 0.1 0 0.6", "activate"]
+    assert all("could not be read: cannot read" in said.error for said in rig.told)
+    assert caplog.text.count("could not read the sentence") == 2
+    done.clear()
+    rig.sender.say("deactivate")
+    assert done.wait(10.0)
+    rig.sender.close()
+    assert [said for _, _, said in rig.sent] == ["deactivate"]
+
+
+def test_where_nobody_listens_it_is_told(rig):
+    def nobody(request):
+        raise NoAnswer("no controller is there")
+
+    sender = Sender(SETTINGS, nobody, rig.told.append)
+    sender.say("estop")
+    assert [(said.sentence, said.error) for said in rig.told] == [("estop", "no controller is there")]
+
+
+def test_more_than_a_user_can_ask_for_is_refused(rig):
+    for _ in range(300):
+        rig.sender.say("activate")
+    assert {said.error for said in rig.told} == {"too many requests wait to be sent"}
+    rig.sender.close()

@@ -1,0 +1,169 @@
+"""Who may look at the page, on the real server and by real requests."""
+
+# ruff: noqa: E402 - the server is imported after the check for viser, whose absence skips these tests
+
+from __future__ import annotations
+
+import socket
+import urllib.error
+import urllib.request
+
+import pytest
+
+viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+import websockets.asyncio.server
+from browser import Browser
+from websockets.exceptions import InvalidStatus
+
+from wbc_controller.apps.page.server import Gate, address, open_server
+from wbc_controller.errors import ConfigurationError, TransportError
+
+
+@pytest.fixture(scope="module")
+def locked():
+    """A server that asks for a token, as one does on any address beyond the loopback."""
+    gate = Gate("0.0.0.0")  # noqa: S104 - what is asked for, not listened on
+    gate.server = open_server("127.0.0.1", 0, gate)
+    yield gate
+    gate.server.stop()
+
+
+@pytest.fixture(scope="module")
+def local():
+    gate = Gate("127.0.0.1")
+    server = open_server("127.0.0.1", 0, gate)
+    yield gate
+    server.stop()
+
+
+def get(gate, path="/", **headers):
+    """Status, headers and the first bytes of the answer."""
+    place = f"http://127.0.0.1:{gate.port}{path}"
+    request = urllib.request.Request(place, headers=headers)
+    try:
+        with urllib.request.urlopen(request) as answer:  # noqa: S310 - our own address
+            return answer.status, answer.headers, answer.read()
+    except urllib.error.HTTPError as refusal:
+        return refusal.code, refusal.headers, refusal.read()
+
+
+def raw(gate, request):
+    """The first bytes of the answer to a request that urllib would not send."""
+    with socket.create_connection(("127.0.0.1", gate.port), timeout=10.0) as connection:
+        connection.sendall(request + b"\r\n")
+        return connection.recv(4096)
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/index.html", "/?websocket"])
+def test_without_the_token_there_is_no_page(locked, path):
+    status, headers, text = get(locked, path)
+    assert (status, b"needs the token" in text, headers["Set-Cookie"]) == (403, True, None)
+
+
+@pytest.mark.parametrize("headers", [{}, {"Cookie": "wbc_token=x"}, {"Cookie": ";;=, wbc"}, {"Upgrade": "websocket"}])
+def test_without_the_token_there_is_no_connection(locked, headers):
+    with pytest.raises(InvalidStatus) as refusal:
+        Browser(locked.port, additional_headers=headers)
+    assert refusal.value.response.status_code == 403
+    assert not locked.server.get_clients()
+
+
+def test_the_address_that_is_printed_opens_the_page_and_its_connection(locked):
+    where = address(locked, "0.0.0.0")  # noqa: S104 - as above
+    assert where.endswith(f":{locked.port}/?token={locked.token}")
+    assert len(locked.token) >= 32
+    status, headers, text = get(locked, f"/?token={locked.token}")
+    assert (status, b"<html" in text.lower()) == (200, True)
+    cookie = headers["Set-Cookie"]
+    assert {"HttpOnly", "SameSite=Strict"} <= set(cookie.split("; "))
+    page = Browser(locked.port, additional_headers={"Cookie": cookie.partition(";")[0]})
+    page.until(lambda: len(locked.server.get_clients()) == 1)
+    page.close()
+
+
+def test_two_servers_have_two_tokens():
+    assert Gate("192.0.2.1").token != Gate("192.0.2.1").token
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "robot.example"},  # a name that a web site has point to this computer
+        {"Origin": "http://robot.example"},
+        {"Origin": "null"},
+    ],
+)
+def test_a_web_site_cannot_speak_to_the_page_of_this_computer(local, headers):
+    assert local.token == ""
+    assert get(local)[0] == 200
+    assert get(local, **headers)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "host", ["", "localhost; script-src *", "localhost/", "localhost:8080@robot.example", "127.0.0.1.robot.example"]
+)
+def test_a_host_that_is_none_is_refused(local, host):
+    assert get(local, Host=host)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        b"Host: localhost\r\nHost: robot.example\r\n",
+        b"",
+        b"Host: localhost\r\nOrigin: http://localhost\r\nOrigin: http://robot.example\r\n",
+        b"Host: localhost\r\nOrigin: http://[\r\n",
+        b"Host: local\xffhost\r\n",
+    ],
+)
+def test_headers_that_no_browser_sends_are_refused(local, lines):
+    assert raw(local, b"GET / HTTP/1.1\r\n" + lines).startswith(b"HTTP/1.1 403 ")
+
+
+def test_a_token_in_another_encoding_is_wrong(locked):
+    lines = b"Host: localhost\r\nCookie: wbc_token_%d=\xff\r\n" % locked.port
+    assert raw(locked, b"GET / HTTP/1.1\r\n" + lines).startswith(b"HTTP/1.1 403 ")
+
+
+@pytest.mark.parametrize(
+    "path", ["/../index.html", "/..%2f..%2f__init__.py", "/%2e%2e/%2e%2e/__init__.py", "/..\\..\\__init__.py",
+             "//etc/passwd", "/%2fetc%2fpasswd", "/index.html%00", "/build/../../src/App.tsx"]
+)  # fmt: skip
+def test_only_files_of_the_page_are_served(local, path):
+    answer = raw(local, b"GET " + path.encode() + b" HTTP/1.1\r\nHost: localhost\r\n")
+    assert answer.startswith(b"HTTP/1.1 404 ")
+
+
+def test_the_page_may_load_from_its_own_server_alone(local):
+    policy = get(local, Host="localhost:9000")[1]["Content-Security-Policy"]
+    allowed = {part.split()[0]: part.split()[1:] for part in policy.split("; ")}
+    assert allowed["default-src"] == ["'none'"]
+    assert allowed["connect-src"] == ["'self'", "ws://localhost:9000", "wss://localhost:9000", "data:", "blob:"]
+    assert not [where for places in allowed.values() for where in places if where in ("*", "http:", "https:")]
+    assert "'unsafe-eval'" not in allowed["script-src"]
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.0.0.1:9000", "[::1]:8080"])
+def test_a_tunnel_may_end_at_another_port(local, host):
+    assert get(local, Host=host, Origin=f"http://{host}")[0] == 200
+
+
+def test_nothing_is_served_where_viser_does_not_ask(monkeypatch):
+    serve = websockets.asyncio.server.serve
+    monkeypatch.setattr("wbc_controller.apps.page.server._checked", _unchecked)
+    with pytest.raises(TransportError, match="does not use the checks of its requests; nothing is served"):
+        open_server("127.0.0.1", 0, Gate("127.0.0.1"))
+    assert websockets.asyncio.server.serve is serve
+
+
+def _unchecked(gate, allowed):
+    import contextlib
+    import threading
+
+    return contextlib.nullcontext(threading.Event())
+
+
+def test_an_address_that_is_not_of_this_computer():
+    with pytest.raises(ConfigurationError, match=r"--host 192\.0\.2\.1: this computer cannot listen there"):
+        open_server("192.0.2.1", 0, Gate("192.0.2.1"))

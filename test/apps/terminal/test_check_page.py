@@ -1,0 +1,78 @@
+"""The page of `wbc check --html`."""
+
+import json
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.apps.terminal.check_page import write_check_page
+from wbc_controller.cli import main
+from wbc_controller.controller.check.preflight import check
+from wbc_controller.settings.config import load
+
+WIDE = {f"contacts.{side}_foot.{key}": size for side in ("left", "right")
+        for key, size in (("half_length", 0.14), ("half_width", 0.09))}  # fmt: skip
+
+
+def polygons(page, kind):
+    """The polygons of a kind, corners in pixels, by what their titles say."""
+    drawn = re.findall(rf'<polygon class="{kind}" points="([^"]*)"><title>([^<]*)</title>', page)
+    return {title: [tuple(map(float, corner.split(","))) for corner in points.split()] for points, title in drawn}
+
+
+def sides(corners):
+    return [max(values) - min(values) for values in zip(*corners, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp("check") / "page.html"
+    config = load("g1")
+    write_check_page(config, check(config), "", path)
+    return path.read_text(encoding="utf-8")
+
+
+def test_it_loads_nothing_and_says_what_was_found(page):
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.S)
+    assert not re.search(r"(?:src|href)\s*=|@import|url\(|<link|<iframe|<img", markup, re.I)
+    assert "{{" not in markup
+    assert "170 × 50 mm on a sole of 170 × 60 mm" in page
+    assert ">ok<" in page
+
+
+def test_soles_are_drawn_beside_those_of_the_urdf_to_scale(page):
+    scale = float(re.search(r'class="scale" d="M [\d.]+ [\d.]+ h ([\d.]+)"', page).group(1)) / 100.0  # pixels per mm
+    assumed = sides(polygons(page, "assumed")["left_foot: in the configuration"])
+    true = sides(polygons(page, "true")["left_foot: underside in the URDF"])
+    assert [side / scale for side in assumed] == pytest.approx([50.0, 170.0], abs=0.2)
+    assert [side / scale for side in true] == pytest.approx([60.0, 170.0], abs=0.2)
+
+
+def test_the_robot_stands_on_its_forces(page):
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S).group(1))
+    assert {contact["name"] for contact in data["contacts"]} == {"left_foot", "right_foot"}
+    assert len(data["parts"]) > 20
+
+
+def test_a_check_that_fails_leaves_a_page_with_its_sentence(tmp_path):
+    path = tmp_path / "wide.yaml"
+    path.write_text(load("talos").replace(WIDE).to_yaml(), encoding="utf-8")
+    result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])
+    assert result.exit_code == 2
+    assert "reach 54 mm beyond the sole" in result.stderr
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "reach 54 mm beyond the sole" in page
+    assumed, true = polygons(page, "assumed"), polygons(page, "true")
+    width = sides(true["left_foot: underside in the URDF"])[0]
+    assert sides(assumed["left_foot: in the configuration"])[0] > 1.3 * width
+
+
+def test_where_there_is_nothing_to_draw_the_check_still_says_why(tmp_path):
+    path = tmp_path / "none.yaml"
+    path.write_text(load("g1").to_yaml().replace("left_knee_joint", "no_such_joint"), encoding="utf-8")
+    result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])
+    assert result.exit_code == 2
+    assert "no_such_joint" in result.stderr
+    assert "page.html: not written" in result.stderr
+    assert not (tmp_path / "page.html").exists()

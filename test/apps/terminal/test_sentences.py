@@ -1,0 +1,147 @@
+"""What `wbc send` understands: each sentence becomes one message on one topic."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from wbc_controller.apps.terminal.sentences import read_sentence
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import header, message
+from wbc_controller.settings.files import find_configuration, load_settings
+
+G1 = load_settings(find_configuration("g1"))
+HALF = np.sqrt(0.5)
+
+
+def read(text, settings=G1):
+    return read_sentence(text.split(), settings)
+
+
+def nothing_is_asked(*place):
+    raise AssertionError(f"the message needs nothing of {place}")
+
+
+def made(text, hear=nothing_is_asked):
+    return read(text).make(hear)
+
+
+@pytest.mark.parametrize(
+    ("text", "node", "key", "subject", "data"),
+    [
+        ("activate", "controller", "command", "", "activate"),
+        ("estop", "controller", "command", "", "estop"),
+        ("release", "mock", "hold", "", False),
+        ("hold", "mock", "hold", "", True),
+        ("contact left_foot off", "controller", "contact_enable", "left_foot", False),
+        ("grip left_foot on", "mock", "grip", "left_foot", True),
+        ("task left_hand on", "controller", "task_enable", "left_hand", True),
+        ("weight com 30", "controller", "weight", "com", 30.0),
+        ("update {tasks: {com: {weight: 5}}}", "controller", "update", "", "{tasks: {com: {weight: 5}}}"),
+        ("record", "controller", "record", "", ""),
+        ("record a fine step", "controller", "record", "", "a-fine-step"),
+        ("fault clear", "mock", "fault", "", "clear"),
+    ],
+)
+def test_words_and_switches(text, node, key, subject, data):
+    request = read(text)
+    assert (request.node, request.key, request.subject) == (node, key, subject)
+    assert request.make(nothing_is_asked).data == data
+
+
+@pytest.mark.parametrize(
+    ("text", "frame", "step"),
+    [
+        ("com +0.02 forward", "com/heading", (0.02, 0.0, 0.0)),
+        ("com 0.02 back 10mm left", "com/heading", (-0.02, 0.01, 0.0)),
+        ("com 2cm right 0.01 down", "com/heading", (0.0, -0.02, -0.01)),
+        ("com -0.02 x 0.01 up", "com/reference", (-0.02, 0.0, 0.01)),
+    ],
+)
+def test_a_step_of_a_task(text, frame, step):
+    request, content = read(text), made(text)
+    assert (request.key, request.subject, content.header.frame_id) == ("setpoint", "com", frame)
+    np.testing.assert_allclose([content.point.x, content.point.y, content.point.z], step, atol=1e-12)
+
+
+def test_a_step_of_a_pose_does_not_turn_it():
+    content = made("left_hand 0.1 up")
+    assert content.header.frame_id == "left_hand/heading"
+    assert (content.pose.position.z, content.pose.orientation.w) == (0.1, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "axis"),
+    [
+        ("torso turn 90deg left", (0, 0, 1)),
+        ("torso turn 90deg right", (0, 0, -1)),
+        ("torso lean 90deg forward", (0, 1, 0)),
+    ],
+)
+def test_turning_and_leaning(text, axis):
+    turned = made(text).pose.orientation
+    np.testing.assert_allclose([turned.x, turned.y, turned.z, turned.w], [*(HALF * np.array(axis)), HALF], atol=1e-12)
+
+
+def test_a_place_in_the_world_and_in_a_frame():
+    content = made("com to 0.01 -0.02 0.6")
+    assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
+    assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
+
+
+def test_a_place_of_a_pose_keeps_its_orientation():
+    reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
+    content = made(
+        "left_hand to 0.3 0.2 0.9", lambda *place: {("controller", "task_reference", "left_hand"): reference}[place]
+    )
+    assert (content.pose.position.x, content.pose.orientation.z) == (0.3, 0.7071)
+
+
+def test_joints_by_and_to():
+    step = made("posture left_knee_joint by 0.1 right_knee_joint by -10deg")
+    assert (step.header.frame_id, step.name) == ("posture/reference", ["left_knee_joint", "right_knee_joint"])
+    np.testing.assert_allclose(step.position, [0.1, -np.pi / 18.0])
+    before = message("sensor_msgs/msg/JointState", header=header(0), name=["a", "b"], position=np.array([1.0, 2.0]),
+                     velocity=np.zeros(0), effort=np.zeros(0))  # fmt: skip
+    content = made("posture b to 0.6", lambda *place: before)
+    assert (content.header.frame_id, content.name) == ("", ["a", "b"])
+    np.testing.assert_array_equal(content.position, [1.0, 0.6])
+    with pytest.raises(InputRefused, match="posture: 'c' is none"):
+        made("posture c to 0.6", lambda *place: before)
+
+
+def test_a_push_goes_where_the_robot_looks(make):
+    request = read("push 60 forward for 0.1 at torso")
+    assert (request.node, request.key, request.frame) == ("mock", "push", "torso_link")
+    odometry = make.odom([0, 0, 1, 0, 0, HALF, HALF], child="pelvis")
+    content = request.make(lambda *place: {("mock", "odom", ""): odometry}[place])
+    force = content.wrench.force
+    np.testing.assert_allclose([force.x, force.y, force.z], [0.0, 60.0, 0.0], atol=1e-9)
+    assert made("push 5N up 3 x").wrench.force.z == 5.0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("actvate", "'actvate' says nothing; did you mean 'activate'? Valid: "),
+        ("activate now", "'activate' stands alone, without 'now'"),
+        ("contact left_fot off", "did you mean 'left_foot'?"),
+        ("contact left_foot of", "contact left_foot: 'of' is none; did you mean 'off'? Valid: off, on"),
+        ("task left_hand", "task is followed by TASK on|off, not by 'left_hand'"),
+        ("weight com heavy", "a weight is a number, not 'heavy'"),
+        ("com 0.02", "com takes pairs of a number and a direction, such as 0.02 forward, not '0.02'"),
+        ("com 0.02 forwards", "com: 'forwards' is no direction; did you mean 'forward'?"),
+        ("com 2in forward", "com is '2in': unknown unit"),
+        ("com 0.02 forward 0.01 x", "mixes the robot's directions with the world's axes"),
+        ("torso 0.02 forward", "torso is a frame_orientation task: it takes turn 10deg left"),
+        ("torso turn 10deg up", "torso turn: 'up' is no direction; Valid: left, right"),
+        ("posture left_knee_joint 0.1", "posture takes JOINT by NUMBER, or JOINT to NUMBER"),
+        ("push 60 forward for 0.3", "180 N for 0.1 s are the same impulse"),
+        ("update", "update takes YAML"),
+    ],
+)
+def test_what_is_refused(text, said):
+    with pytest.raises(InputRefused, match=re.escape(said)):
+        made(text)

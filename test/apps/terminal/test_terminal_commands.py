@@ -1,0 +1,85 @@
+"""The commands without any node: topics by name, completion, and messages as text."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.apps.terminal.completion import next_words
+from wbc_controller.apps.terminal.printing import as_text
+from wbc_controller.apps.terminal.session import topics_of
+from wbc_controller.apps.terminal.terminal_commands import find_topic
+from wbc_controller.cli import main
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import diagnostics
+from wbc_controller.middleware.topics import Direction
+from wbc_controller.settings.files import find_configuration, load_settings
+
+G1 = load_settings(find_configuration("g1"))
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("~/state", "/wbc_controller/state"),
+        ("/guard/state", "/guard/state"),
+        ("com/reference", "/wbc_controller/tasks/com/reference"),
+        ("joint_states", "/joint_states"),
+        ("mock_robot/push", "/mock_robot/push"),
+    ],
+)
+def test_a_topic_by_the_end_of_its_name(text, name):
+    assert find_topic(text, topics_of(G1)).name == name
+
+
+def test_a_topic_between_two_nodes_is_that_of_its_sender():
+    found = find_topic("~/state", topics_of(G1))
+    assert (found.direction, found.qos.latched) == (Direction.OUT, True)
+
+
+def test_a_topic_that_does_not_exist():
+    with pytest.raises(InputRefused, match=re.escape("there is no topic '/wbc_controller/stat'; did you mean")):
+        find_topic("/wbc_controller/stat", topics_of(G1))
+
+
+@pytest.mark.parametrize(
+    ("words", "among"),
+    [
+        ([], {"activate", "push", "com", "left_hand"}),
+        (["task"], {"com", "left_hand"}),
+        (["contact", "left_foot"], {"on", "off"}),
+        (["posture"], {"left_knee_joint"}),
+        (["com", "0.1"], {"forward", "x"}),
+        (["torso", "turn", "1"], {"left", "right"}),
+        (["activate", "then"], {"release"}),
+    ],
+)
+def test_the_next_word(words, among):
+    assert among <= set(next_words(words, G1))
+
+
+def test_a_shell_completes_robots_and_tasks():
+    runner = CliRunner()
+    for line, expected in (
+        ("wbc send g", "go2"),
+        ("wbc send g1 left_h", "left_hand"),
+        ("wbc echo g1 /guard/s", "/guard/state"),
+    ):
+        *_, last = line.split()
+        environment = {"_WBC_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+        result = runner.invoke(main, prog_name="wbc", env=environment)
+        assert expected in [item.partition(",")[2] for item in result.output.splitlines()], (last, result.output)
+
+
+def test_a_sentence_that_makes_no_sense_ends_before_anything_is_sent():
+    result = CliRunner().invoke(main, ["send", "g1", "com", "0.02", "forwards"])
+    assert result.exit_code == 2
+    assert "did you mean 'forward'?" in result.stderr
+
+
+def test_a_message_as_text():
+    text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
+    assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]
+    assert "    mode: active" in text

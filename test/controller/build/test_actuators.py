@@ -1,0 +1,184 @@
+"""A robot with transmissions, a spring and a follower through the whole service: by joint in, by actuator out."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from chains import MENAGERIE, TENDON, menagerie
+
+from wbc_controller.controller.build.limits import make_torque_speed
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.robot_description import describe
+from wbc_controller.controller.controller import Controller
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.guard_service import NODE_NAME, GuardService
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.settings import Settings
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, counterpart, endpoints
+
+#: Of the joints; the ankle has no motor, and is no part of the posture task.
+GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])
+
+
+class Robot:
+    """The controller and the mock robot on one thread, and a user who hears everything."""
+
+    def __init__(self, *, lockstep: bool = False, **changes) -> None:
+        self.settings = menagerie(**changes)
+        self.model = make_model(self.settings, MENAGERIE)
+        bus = MemoryBus()
+        self.mock = MockRobot(self.model, self.settings, MemoryTransport(bus), lockstep=lockstep)
+        self.clock = ManualClock()
+        topics = controller_endpoints(self.settings, self.model)
+        controller = Controller(self.settings, preflight=False, model=self.model)
+        self.loop = make_loop(controller, MemoryTransport(bus), self.clock, topics)
+        user = MemoryTransport(bus)
+        self.heard: dict[str, list[bytes]] = {}
+        self.publish = {}
+        self.types = {topic.key: topic.type for topic in topics}
+        for topic in topics:
+            if topic.direction is Direction.IN:
+                self.publish[topic.key] = user.advertise(counterpart(topic))
+            else:
+                user.subscribe(counterpart(topic), self.heard.setdefault(topic.key, []).append)
+
+    def say(self, key: str, text: str) -> None:
+        self.publish[key](encode(message("std_msgs/msg/String", data=text)))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * self.settings.control.rate)):
+            self.clock.time = self.mock.stamp * 1e-9
+            self.mock.publish()
+            self.loop.cycle()
+            self.mock.advance()
+
+    def last(self, key: str):
+        return decode(self.heard[key][-1], self.types[key])
+
+
+@pytest.fixture(scope="module")
+def moved() -> Robot:
+    """The posture task has moved every joint that a motor moves, in one second."""
+    robot = Robot()
+    robot.say("command", "activate")
+    robot.run(1.2)
+    robot.say("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
+    robot.run(2.0)
+    return robot
+
+
+def test_the_posture_is_reached_and_the_follower_follows(moved):
+    q, _ = moved.mock.plant.state()
+    driven = np.flatnonzero(moved.model.actuation.driven)
+    np.testing.assert_allclose(q[moved.model.q_index][driven], GOAL[driven], atol=2e-3)
+    assert q[moved.model.followers.q_index] == pytest.approx(-0.5 * GOAL[2] + 0.2, abs=2e-3)
+
+
+def test_torques_go_out_by_actuator_and_by_joint(moved):
+    effort, command = moved.last("effort"), moved.last("joint_commands")
+    assert effort.layout.dim[0].size == len(effort.data) == moved.model.na
+    assert command.name == list(moved.model.joints)
+    assert len(command.position) == len(command.velocity) == moved.model.nj
+    np.testing.assert_allclose(command.effort, moved.model.actuation.at_joints(effort.data))
+    np.testing.assert_array_equal(moved.mock.plant.applied_torques, effort.data)
+
+
+@pytest.mark.parametrize("changes", [{}, TENDON], ids=["motors", "tendon"])
+def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
+    runs = []
+    for command in ("actuators", "joints"):
+        robot = Robot(command=command, **changes)
+        robot.say("command", "activate")
+        robot.run(0.1)
+        runs.append(robot)
+    by_actuator, by_joint = (robot.last("effort").data for robot in runs)
+    model = runs[0].model
+    driven = [i for i, name in enumerate(model.joints) if name != "ankle"]
+    np.testing.assert_allclose(by_joint, model.actuation.at_joints(by_actuator)[driven], rtol=1e-9, atol=1e-9)
+    applied = [robot.mock.plant.applied_torques for robot in runs]
+    assert np.abs(applied[0]).max() > 0.1
+    np.testing.assert_allclose(applied[1], applied[0], rtol=1e-9, atol=1e-9)
+
+
+def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators():
+    robot = Robot(lockstep=True)
+    robot.say("command", "activate")
+    for _ in range(20):
+        robot.clock.time = robot.mock.stamp * 1e-9
+        robot.mock.publish()
+        robot.loop.cycle()
+        assert robot.mock.wait_for_answer()
+        robot.mock.advance()
+    sent = robot.last("effort").data
+    assert np.abs(sent).max() > 0.01
+    np.testing.assert_allclose(robot.mock.plant.applied_torques, sent, rtol=1e-12, atol=1e-12)
+
+
+def test_the_supervisor_damps_the_joints_through_the_transmission():
+    robot = Robot()
+    model, limits = robot.model, robot.loop.controller.supervisor.limits
+    velocity = np.random.default_rng(0).normal(size=model.nj)
+    tau = Supervisor(model, limits)._damping(velocity)
+    at_joints = model.actuation.at_joints(tau)
+    expected = np.where(model.actuation.driven, -limits.damping * velocity, 0.0)
+    np.testing.assert_allclose(at_joints, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("command", ["actuators", "joints"])
+def test_the_guard_takes_over_by_actuator(make, command):
+    settings = menagerie(command=command)
+    model = make_model(settings, MENAGERIE)
+    robot = describe(MENAGERIE, settings.robot)
+    np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
+    assert robot.drive.names == model.actuators
+    bus, clock = MemoryBus(), ManualClock(100.0)
+    table = list(endpoints(GUARD_TOPICS, NODE_NAME))
+    service = GuardService(settings, robot, table, MemoryTransport(bus), clock)
+    user = MemoryTransport(bus)
+    topics = SimpleNamespace(**{topic.key: topic for topic in table})
+    sent: list[bytes] = []
+    user.subscribe(counterpart(topics.effort), sent.append)
+    publish = {key: user.advertise(counterpart(getattr(topics, key))) for key in ("joint_commands", "joint_states")}
+    tau, velocity = 0.1 * model.effort_limits, np.linspace(-0.5, 0.5, model.nj)
+    nothing = np.full(model.nj, np.nan)
+    for cycle in range(60):
+        clock.time += 1.0 / settings.control.rate
+        publish["joint_states"](encode(make.joint_state(model.joints, np.zeros(model.nj), velocity)))
+        if cycle < 20:
+            at_joints = model.actuation.at_joints(tau)
+            publish["joint_commands"](encode(make.joint_state(model.joints, nothing, nothing, at_joints)))
+        service.cycle()
+    efforts = np.array([decode(payload, topics.effort.type).data for payload in sent])
+    assert efforts.shape[1] == model.actuation.command_size
+    efforts = np.array([model.actuation.from_command(row) for row in efforts])
+    step = settings.limits.torque_rate / settings.control.rate * model.effort_limits
+    assert (np.abs(efforts[0] - tau) <= step + 1e-12).all()
+    damped = np.clip(
+        -settings.guard.damping * model.actuation.from_joints(velocity),
+        -settings.guard.torque * model.effort_limits, settings.guard.torque * model.effort_limits,
+    )  # fmt: skip
+    np.testing.assert_allclose(efforts[-1], damped)
+
+
+def test_the_curve_of_an_actuator_needs_speeds_of_its_own():
+    settings = menagerie()
+    model = make_model(settings, MENAGERIE)
+
+    def curve(actuators):
+        limits = {"torque_speed": {"enabled": True, "actuators": actuators}}
+        return make_torque_speed(Settings.model_validate(settings.model_dump() | {"limits": limits}), model)
+
+    own = {name: {"corner": 20.0, "no_load": 60.0} for name in settings.robot.transmission}
+    np.testing.assert_array_equal(curve(own).no_load, [12.0, 60.0, 12.0, 60.0, 12.0])
+    with pytest.raises(ConfigurationError, match=r"'knee_motor' of robot.transmission needs a corner"):
+        curve({"both": own["both"]})
+    with pytest.raises(ConfigurationError, match="actuators: 'hip' is no actuator; Valid"):
+        curve({"hip": own["both"]})

@@ -1,0 +1,204 @@
+"""Which links are kept apart, from URDF, SRDF and settings; and what is said where that is not possible."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.build import collision_model
+from wbc_controller.controller.build.collision_model import build_collision_model
+from wbc_controller.controller.build.limits import make_self_collision
+from wbc_controller.controller.check.preflight import check
+from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings import Settings
+from wbc_controller.settings.files import parse_settings
+
+TALOS_SRDF = "package://example-robot-data/robots/talos_data/srdf/talos.srdf"
+INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+JOINT = (
+    '<joint name="{child}_joint" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+    '<origin xyz="{at}"/><axis xyz="1 0 0"/><limit effort="10" velocity="10" lower="-2" upper="2"/></joint>'
+)
+
+
+def link(name, *elements):
+    shapes = "".join(
+        f'<collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>' for at, shape in elements
+    )
+    return f'<link name="{name}">{INERTIA}{shapes}</link>'
+
+
+def star(**elements):
+    """Arms of one joint each on a base, with collision elements."""
+    arms = [name for name in elements if name != "base"]
+    body = link("base", *elements.get("base", ())) + "".join(link(name, *elements[name]) for name in arms)
+    body += "".join(JOINT.format(child=name, parent="base", at=f"0 {i} 0") for i, name in enumerate(arms))
+    return build_model(f'<robot name="star">{body}</robot>', [f"{name}_joint" for name in arms], [0.0] * len(arms))
+
+
+BALL = ("0 0 0", '<sphere radius="0.1"/>')
+
+
+def names(collision):
+    shapes = collision.geometry.geometryObjects
+    return {(shapes[p.first].name, shapes[p.second].name) for p in collision.geometry.collisionPairs}
+
+
+def test_several_elements_of_a_link_are_one_hull():
+    far = ("0 0 -0.5", '<box size="0.2 0.2 0.2"/>')
+    collision = build_collision_model(star(a=(BALL, far), b=(BALL,)), margin=0.01)
+    first, second = collision.geometry.geometryObjects
+    first.geometry.computeLocalAABB()
+    assert first.placement.translation[2] == pytest.approx(-0.25)
+    assert first.geometry.aabb_local.max_ - first.geometry.aabb_local.min_ == pytest.approx([0.2, 0.2, 0.7])
+    assert type(second.geometry).__name__ == "Sphere"
+
+
+def test_links_on_the_base_are_kept_apart_but_not_from_the_base():
+    collision = build_collision_model(star(base=(BALL,), a=(BALL,), b=(BALL,), c=(BALL,)), margin=0.01)
+    assert names(collision) == set(combinations("abc", 2))
+    assert collision.summary == "3 pairs of 3 links kept apart"
+
+
+def test_an_srdf_takes_pairs_out():
+    srdf = '<robot name="star"><disable_collisions link1="b" link2="a" reason="Never"/></robot>'
+    collision = build_collision_model(star(a=(BALL,), b=(BALL,), c=(BALL,)), margin=0.01, srdf=srdf)
+    assert names(collision) == {("a", "c"), ("b", "c")}
+
+
+def test_pairs_that_are_near_in_the_nominal_posture_are_left_out_and_named():
+    big = ("0 0 0", '<sphere radius="0.85"/>')
+    collision = build_collision_model(star(a=(big,), b=(BALL,), c=(BALL,)), margin=0.1)
+    assert collision.near == (("a", "b"),)
+    assert names(collision) == {("a", "c"), ("b", "c")}
+    assert collision.summary.endswith("not those nearer than the margin in robot.posture: a/b")
+
+
+def test_named_pairs_take_the_place_of_all_others():
+    collision = build_collision_model(star(base=(BALL,), a=(BALL,), b=(BALL,)), margin=0.01, pairs=["b/base", "b/a"])
+    assert names(collision) == {("base", "b"), ("a", "b")}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"pairs": ["a/d"]}, "pairs: 'a/d': 'd' is not a link with a collision element; Valid: a, b"),
+        ({"pairs": ["a"]}, "pairs: 'a': '' is not a link with a collision element"),
+        ({"pairs": ["a/a"]}, "pairs: 'a/a' pairs a link with itself"),
+        ({"pairs": ["a/b"], "margin": 0.9}, "pairs: in robot.posture a/b are nearer than 0.9 m"),
+        ({"margin": 0.9}, "no pair of links is left to be kept apart"),
+        ({"srdf": "<robot>"}, "srdf: not a usable SRDF"),
+    ],
+)
+def test_what_cannot_be_kept_apart_is_said(changes, said):
+    with pytest.raises(ConfigurationError) as error:
+        build_collision_model(star(a=(BALL,), b=(BALL,)), **{"margin": 0.01} | changes)
+    assert said in str(error.value)
+
+
+def test_a_robot_without_collision_elements_is_refused():
+    with pytest.raises(ConfigurationError, match="no link of the URDF has a <collision> element; disable it"):
+        build_collision_model(star(a=(), b=()), margin=0.01)
+
+
+def test_of_named_links_the_visual_elements_count(robot_of):
+    settings, model = robot_of("g1")
+    hands = ["left_rubber_hand", "right_rubber_hand"]
+    without, seen = (build_collision_model(model, margin=0.02, visual=visual).geometry for visual in ((), hands))
+    links = [{shape.name for shape in geometry.geometryObjects} for geometry in (without, seen)]
+    assert links[1] - links[0] == set(hands)
+    assert make_self_collision(changed(settings, visual=hands), model).summary.startswith(
+        f"{len(seen.collisionPairs)} "
+    )
+    with pytest.raises(
+        ConfigurationError, match=r"visual: 'left_ruber_hand' is not a link with .*did you mean 'left_rub"
+    ):
+        build_collision_model(model, margin=0.02, visual=["left_ruber_hand"])
+
+
+def test_a_mesh_that_is_not_there_is_named():
+    mesh = ("0 0 0", '<mesh filename="package://example-robot-data/robots/no_such.stl"/>')
+    with pytest.raises(ConfigurationError, match=r"collision element cannot be read: .*no_such"):
+        build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
+    mesh = ("0 0 0", '<mesh filename="package://no-such-package/a.stl"/>')
+    with pytest.raises(ConfigurationError, match="package 'no-such-package' is not installed"):
+        build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
+
+
+def changed(settings, **own):
+    values = settings.model_dump()
+    values["limits"]["self_collision"] = {"enabled": True} | own
+    return Settings.model_validate(values)
+
+
+def test_the_srdf_of_the_settings_counts_and_the_check_says_what_is_kept_apart(robot_of):
+    settings, model = robot_of("talos")
+    without, with_srdf = (make_self_collision(changed(settings, srdf=srdf), model).summary for srdf in ("", TALOS_SRDF))
+    assert int(with_srdf.split()[0]) < int(without.split()[0])
+    (line,) = [found.text for found in check(changed(settings, srdf=TALOS_SRDF)) if found.subject == "self-collision"]
+    assert line == with_srdf
+    assert "leg_left_3_link/leg_right_3_link" in line
+    with pytest.raises(ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': there is no file"):
+        make_self_collision(changed(settings, srdf="/no/such.srdf"), model)
+
+
+def test_nothing_is_kept_apart_unless_asked_for(robot_of):
+    settings, _ = robot_of("g1")
+    assert not settings.limits.self_collision.enabled
+    with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
+        parse_settings(settings.model_dump() | {"limits": {"self_collision": {"marjin": 0.1}}}, "file")
+
+
+def test_an_srdf_that_is_no_text_is_refused_in_words(robot_of, changed, tmp_path):
+    settings, model = robot_of("go2")
+    path = tmp_path / "go2.srdf"
+    path.write_bytes(b"<robot>\xff</robot>")
+    own = {"enabled": True, "srdf": str(path)}
+    with pytest.raises(
+        ConfigurationError, match=r"^limits\.self_collision\.srdf = '.*go2\.srdf': cannot be read: 'utf-8'"
+    ):
+        make_self_collision(changed(settings, {"limits": {"self_collision": own}}), model)
+
+
+AROUND = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+RIM = np.column_stack([np.cos(AROUND), np.sin(AROUND), np.zeros(400)])
+
+
+def mesh(folder, name, points):
+    """Write points as an OBJ mesh of arbitrary faces; what counts is their convex hull."""
+    faces = [f"f {i} {i + 1} {i + 2}" for i in range(1, len(points) - 1)]
+    lines = [f"v {x} {y} {z}" for x, y, z in points] + faces
+    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return ("0 0 0", f'<mesh filename="{folder / name}"/>')
+
+
+@pytest.mark.parametrize(
+    ("points", "boxed"),
+    [
+        (np.vstack([[[0.0, 0.0, 1.0]], RIM]), False),  # the tip has 400 neighbours
+        (RIM, True),  # flat
+    ],
+)
+def test_a_mesh_without_a_usable_hull_does_not_end_all(tmp_path, points, boxed):
+    model = star(a=(mesh(tmp_path, "odd.obj", 0.1 * points),), b=(BALL,), c=(BALL,))
+    collision = build_collision_model(model, margin=0.01)
+    assert collision.replaced == (("a",) if boxed else ())
+    assert ("a box in place of the mesh of a" in collision.summary) is boxed
+    shape = next(shape for shape in collision.geometry.geometryObjects if shape.name == "a")
+    shape.geometry.computeLocalAABB()
+    assert shape.geometry.aabb_local.max_[:2] == pytest.approx([0.1, 0.1], abs=1e-3)
+
+
+def test_the_shape_of_a_link_of_no_asked_pair_is_not_made(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(collision_model, "_hull", lambda points: made.append(len(points)))
+    odd = mesh(tmp_path, "odd.obj", 0.1 * RIM)
+    model = star(a=(odd,), b=(BALL,), c=(BALL,))
+    collision = build_collision_model(model, margin=0.01, pairs=["b/c"])
+    assert [shape.name for shape in collision.geometry.geometryObjects] == ["b", "c"]
+    assert made == []
+    build_collision_model(model, margin=0.01, pairs=["a/c"])
+    assert made == [400]

@@ -1,0 +1,259 @@
+"""What `wbc check` finds, and why a stance is not possible."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.build import contact_shapes
+from wbc_controller.controller.check.preflight import check, support_margin
+from wbc_controller.controller.controller import Controller
+from wbc_controller.errors import ConfigurationError
+
+
+def findings(settings):
+    return {finding.subject: finding.text for finding in check(settings)}
+
+
+@pytest.mark.parametrize(("name", "joints", "contacts"), [("g1", 29, 2), ("talos", 30, 2), ("go2", 12, 4)])
+def test_what_is_found_for_each_shipped_robot(robot_of, name, joints, contacts):
+    settings, model = robot_of(name)
+    found = findings(settings)
+    flat, talos = name != "go2", name == "talos"
+    assert list(found) == [
+        "joints", "mass", *(["inertias"] if talos else []), "effort limits", "tasks", "contacts", "solver",
+        "centre of mass", "standing", "contact shapes", "posture", *(["tilt of soles"] if flat else []),
+        *(["locked joints"] if talos else []), "push", "sway", "squat",
+    ]  # fmt: skip
+    assert found["joints"].startswith(f"{joints} actuated, base floating")
+    assert found["mass"] == f"{model.mass:.2f} kg, weight {9.81 * model.mass:.1f} N"
+    assert found["contacts"].count("(") == contacts
+    assert found["centre of mass"].endswith("mm inside the edge of the support")
+    assert found["standing"].startswith("possible on " + ", ".join(settings.contacts))
+    share = float(found["standing"].split(", ")[-1].split(" %")[0])
+    assert 0.0 < share < 100.0
+
+
+def refusal(settings):
+    with pytest.raises(ConfigurationError) as error:
+        check(settings)
+    return str(error.value)
+
+
+def test_the_centre_of_mass_outside_the_support(robot_of, changed):
+    settings, _ = robot_of("go2")
+    rear = {"enabled": False}
+    sentence = refusal(changed(settings, {"contacts": {"rear_left_foot": rear, "rear_right_foot": rear}}))
+    assert sentence.startswith("the robot cannot stand still in robot.posture on front_left_foot, front_right_foot: ")
+    assert "the centre of mass is 227 mm outside the support" in sentence
+
+
+def test_one_foot_alone_of_a_humanoid(robot_of, changed):
+    settings, _ = robot_of("g1")
+    sentence = refusal(changed(settings, {"contacts": {"left_foot": {"enabled": False}}}))
+    assert "on right_foot: the centre of mass is" in sentence
+    assert "outside the support" in sentence
+
+
+def test_too_small_a_normal_force(robot_of, changed):
+    settings, model = robot_of("go2")
+    weak = {name: {"max_normal_force": 39.0} for name in settings.contacts}
+    sentence = refusal(changed(settings, {"contacts": weak}))
+    weight = model.mass * model.gravity
+    assert f"max_normal_force adds up to 156 N, and the robot weighs {weight:.1f} N" in sentence
+    assert "; conflict: normal force of " in sentence
+    assert "(at most 39 N, " in sentence
+    assert "torque" not in sentence
+    enough = {name: {"max_normal_force": 60.0} for name in settings.contacts}
+    assert "standing" in findings(changed(settings, {"contacts": enough}))
+
+
+def test_no_contact(robot_of, changed):
+    settings, _ = robot_of("go2")
+    none = {name: {"enabled": False} for name in settings.contacts}
+    sentence = refusal(changed(settings, {"contacts": none}))
+    assert sentence == "contacts: none is enabled, so a robot with a floating base falls"
+
+
+def test_feet_on_different_heights(robot_of, changed):
+    settings, _ = robot_of("go2")
+    posture = list(settings.robot.posture)
+    posture[1:3] = 1.2, -2.3
+    sentence = refusal(changed(settings, {"robot": {"posture": posture}}))
+    assert "robot.posture: with the base upright these contacts are above the floor" in sentence
+    assert "front_left_foot" in sentence
+    assert "(allowed 10 mm)" in sentence
+
+
+def arm(name, settings, changed, scale):
+    """The robot hung up by its base: legs and arms stand out against gravity."""
+    return changed(
+        settings.model_copy(update={"contacts": {}}),
+        {"robot": {"base": "fixed", "effort_limit_scale": scale}},
+    )
+
+
+def test_a_fixed_base_needs_no_contact(robot_of, changed):
+    settings, _ = robot_of("g1")
+    found = findings(arm("g1", settings, changed, 1.0))
+    assert found["contacts"] == "none"
+    assert "centre of mass" not in found
+    assert found["standing"].startswith("possible on no contact")
+
+
+def test_too_small_an_effort_on_a_fixed_base(robot_of, changed):
+    settings, _ = robot_of("g1")
+    sentence = refusal(arm("g1", settings, changed, 0.02))
+    assert sentence.startswith(
+        "the robot cannot stand still in robot.posture on its fixed base: gravity needs more than the effort limit of "
+    )
+    assert " N·m" in sentence
+    assert "_joint " in sentence
+
+
+@pytest.mark.parametrize("scale", [0.01, 1e-310])
+def test_too_small_an_effort_on_the_feet(robot_of, changed, scale):
+    settings, _ = robot_of("go2")
+    sentence = refusal(changed(settings, {"robot": {"effort_limit_scale": scale}}))
+    assert "no contact forces within friction and the supports carry the weight within the effort limits" in sentence
+    assert "robot.effort_limit_scale" in sentence
+    assert "; conflict: torque of " in sentence
+    assert "N·m more needed)" in sentence
+
+
+def test_contradicting_normal_forces(robot_of, changed):
+    settings, _ = robot_of("go2")
+    wrong = {"rear_left_foot": {"min_normal_force": 500.0}}
+    sentence = refusal(changed(settings, {"contacts": wrong}))
+    assert "contacts.rear_left_foot" in sentence
+    assert "min_normal_force = 500.0 is larger than max_normal_force = 400.0" in sentence
+
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("position", "margin"),
+    [((0.5, 0.5), 0.5), ((0.1, 0.5), 0.1), ((0.0, 0.5), 0.0), ((1.2, 0.5), -0.2), ((0.5, -3.0), -3.0)],
+)
+def test_the_margin_of_a_square(position, margin):
+    assert support_margin(SQUARE, np.array(position)) == pytest.approx(margin)
+
+
+def test_points_on_a_line_have_no_inside():
+    assert support_margin(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), np.array([1.0, 0.5])) == pytest.approx(-0.5)
+    assert support_margin(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([0.5, 0.0])) <= 0.0
+    assert support_margin(np.array([[0.0, 0.0]]), np.array([0.0, 0.2])) == pytest.approx(-0.2)
+
+
+def test_a_posture_that_leaves_a_loop_open(robot_of, changed):
+    settings, _ = robot_of("g1")
+    loop = {"frame_a": "left_rubber_hand", "frame_b": "right_rubber_hand", "mask": [True] * 3 + [False] * 3}
+    sentence = refusal(changed(settings, {"loops": {"bar": loop}}))
+    assert sentence.startswith("robot.posture: it leaves the loop 'bar' open by [-0.069 m, -0.438 m, 0.0576 m] along")
+    closing = {"translation_a": [-0.06902, -0.43850, 0.05761]}
+    assert findings(changed(settings, {"loops": {"bar": loop | closing}}))["loops"] == "bar: closed in the posture"
+
+
+def test_feet_on_a_slope_stand_on_a_floor_that_is_tilted_too(robot_of, changed):
+    settings, _ = robot_of("g1")
+    posture = list(settings.robot.posture)
+    for side in ("left", "right"):
+        posture[settings.robot.joints.index(f"{side}_ankle_pitch_joint")] -= 0.2
+    bent = changed(settings, {"robot": {"posture": posture}})
+    assert "above the floor" in refusal(bent)
+    found = findings(changed(bent, {"mock": {"floor_normal": [-np.sin(0.2), 0.0, np.cos(0.2)]}}))
+    assert found["centre of mass"].endswith("inside the edge of the support")
+
+
+def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robot_of, changed):
+    settings, _ = robot_of("g1")
+    rail = {"type": "fixed", "frame": "left_rubber_hand", "max_force": 50.0, "max_moment": 5.0}
+    wall = {"type": "point", "frame": "right_rubber_hand", "normal": [-1.0, 0.0, 0.0], "max_normal_force": 50.0}
+    found = findings(changed(settings, {"contacts": {"rail": rail, "wall": wall}}))
+    assert found["centre of mass"] == findings(settings)["centre of mass"]
+    assert found["standing"].startswith("possible on left_foot, right_foot, rail, wall; ")
+    hanging = {foot: {"enabled": False} for foot in settings.contacts}
+    sentence = refusal(changed(settings, {"contacts": hanging | {"rail": rail}}))
+    assert "conflict: force of rail (at most 50 N" in sentence or "moment of rail" in sentence
+
+
+ARMS = ("left_elbow_joint", "right_elbow_joint")
+
+
+def test_what_drives_the_joints_is_said(robot_of, changed):
+    settings, _ = robot_of("g1")
+
+    def sprung(axis):
+        ankles = {f"{side}_ankle_{axis}_joint": {"stiffness": 40.0, "rest": -0.1} for side in ("left", "right")}
+        return changed(settings, {"robot": {"passive_joints": ankles}})
+
+    found = findings(sprung("roll"))
+    assert found["joints"].startswith("29, 27 actuators, 2 passive, base floating")
+    assert "passive joints" not in found  # the ground can bear what their springs do not
+    # In pitch the centre of pressure has to be under the centre of mass, and the springs decide where it is.
+    assert "and the springs of left_ankle_pitch_joint, right_ankle_pitch_joint" in refusal(sprung("pitch"))
+
+
+def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_one_that_does(robot_of, changed):
+    settings, _ = robot_of("g1")
+
+    def sprung(rests):
+        springs = {name: {"stiffness": 40.0, "rest": rest} for name, rest in rests.items()}
+        return findings(changed(settings, {"robot": {"passive_joints": springs}}))
+
+    found = sprung(dict.fromkeys(ARMS, 0.6))["passive joints"]
+    said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(stays with rest: (\S+)\)", found)
+    assert [name for name, *_ in said] == list(ARMS)
+    assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity stretches the bent arms
+    assert "passive joints" not in sprung({name: float(rest) for name, _, rest in said})
+
+
+TALOS_FEET = ("left_foot", "right_foot")
+
+
+def both(**values):
+    return {"contacts": dict.fromkeys(TALOS_FEET, values)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (both(half_length=0.3, half_width=0.2), "contacts.left_foot: half_length and half_width reach 248 mm beyond"),
+        (both(half_length=0.06, half_width=0.1), "contacts.left_foot: half_length and half_width are swapped"),
+        (
+            {"contacts": {name: {"frame": f"leg_{name.removesuffix('_foot')}_6_link"} for name in TALOS_FEET}},
+            "contacts.left_foot: its sole is 107 mm above the lowest point of the link's collision shapes",
+        ),
+        (both(rpy=[3.14159, 0.0, 0.0]), "contacts.left_foot.rpy: the sole is upside down"),
+        (both(friction=0.02), "contacts.left_foot.friction = 0.02: wet ice has 0.1"),
+    ],
+)
+def test_soles_that_the_feet_of_talos_do_not_have(robot_of, changed, changes, said):
+    settings, _ = robot_of("talos")
+    assert refusal(changed(settings, changes)).startswith(said)
+
+
+def test_feet_of_go2_on_the_shank_or_of_another_radius(robot_of, changed):
+    settings, _ = robot_of("go2")
+    shanks = {name: {"frame": contact.frame.replace("foot", "calf")} for name, contact in settings.contacts.items()}
+    sentence = refusal(changed(settings, {"contacts": shanks}))
+    assert re.match(r"contacts.front_left_foot: its lowest point \(radius = 0.028\) is \d+ mm above the low", sentence)
+    wide = {name: {"radius": 0.31} for name in settings.contacts}
+    sentence = refusal(changed(settings, {"contacts": wide}))
+    assert "contacts.front_left_foot: its lowest point (radius = 0.31) is 283 mm below" in sentence
+
+
+def test_the_start_of_a_controller_reads_no_meshes(robot_of, monkeypatch):
+    settings, _ = robot_of("talos")
+    monkeypatch.setattr(contact_shapes, "read_collision_elements", lambda *_: pytest.fail("the meshes were read"))
+    assert Controller(settings).mode.name == "INACTIVE"
+
+
+def test_an_upside_down_sole_is_named_without_the_shapes_too(robot_of, changed):
+    settings, _ = robot_of("talos")
+    with pytest.raises(ConfigurationError, match=r"contacts.left_foot.rpy: the sole is upside down") as error:
+        Controller(changed(settings, both(rpy=[3.14159, 0.0, 0.0])))
+    assert "\n" not in str(error.value)

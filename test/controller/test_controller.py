@@ -1,0 +1,381 @@
+"""The front door: states in, supervised torques out; references and settings by name; errors that say what is valid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.records import Mode
+
+PERIOD = 0.002
+
+
+@pytest.fixture(scope="module")
+def made():
+    return wbc.Controller("go2")
+
+
+@pytest.fixture
+def controller(made):
+    """One that has just been reset, standing."""
+    made.reset(made.stance(), np.zeros(made.model.nv))
+    return made
+
+
+def run(controller, seconds, q=None, start=0.0, v=None):
+    """Steps in one state, as if the robot were held in it."""
+    q = controller.stance() if q is None else q
+    v = np.zeros(controller.model.nv) if v is None else v
+    return [controller.step(q, v, start + i * PERIOD) for i in range(round(seconds / PERIOD))]
+
+
+def test_torques_ramp_in_from_zero_and_hold_their_rate(controller):
+    results = run(controller, 1.5)
+    tau = np.array([result.tau for result in results])
+    assert not tau[0].any()
+    step = controller.config["limits.torque_rate"] * PERIOD * controller.model.effort_limits
+    assert (np.abs(np.diff(tau, axis=0)) <= step + 1e-9).all()
+    half = round(0.5 * controller.config["safety.activation_ramp"] / PERIOD)
+    np.testing.assert_allclose(tau[half], 0.5 * results[half].solution.tau, atol=1e-9)
+    np.testing.assert_allclose(tau[-1], results[-1].solution.tau, atol=1e-6)
+    weight = controller.model.mass * controller.model.gravity
+    assert sum(force[2] for force in results[-1].forces.values()) == pytest.approx(weight, rel=1e-3)
+
+
+def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
+    config = wbc.load("go2")
+    loaded = {f"contacts.{name}.ramp": 0.0 for name in config.settings.contacts}
+    controller = wbc.Controller(config.replace({"safety.activation_ramp": 0.0, "limits.torque_rate": 20.0, **loaded}))
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    results = run(controller, 0.1)
+    assert not any(result.relaxed for result in results)
+    # The program is not bound to what the torques have reached: its answer is that of a robot that stands.
+    np.testing.assert_allclose(results[1].solution.tau, results[-1].solution.tau, atol=1e-3)
+    np.testing.assert_allclose(results[-1].tau, results[-1].solution.tau, atol=1e-6)
+    steps = np.abs(np.diff([result.tau for result in results], axis=0)) / controller.model.effort_limits
+    assert 0.9 * 20.0 * PERIOD < steps.max() <= 20.0 * PERIOD + 1e-9
+
+
+def test_it_is_the_service_that_runs_it(bench):
+    """The same states and requests through the topics and through the front door: the same torques."""
+    service = bench()
+    front = wbc.Controller(service.settings, model=service.model)
+    service.activate()
+    front.reset(service.q, service.v, service.time * 1e-9)
+    front.step(service.q, service.v, service.time * 1e-9)
+    rng = np.random.default_rng(3)
+    differences = []
+    for cycle in range(700):
+        if cycle == 100:
+            goal = front.dynamics.com + [0.01, 0.02, -0.03]
+            text = f"{{tasks: {{com: {{setpoint: {goal.tolist()}}}}}}}"
+            service.send("update", _string(text))
+            front.set("com", goal)
+        if cycle == 300:
+            service.send("contact_enable", _bool(False), "front_left_foot")
+            front.disable("front_left_foot")
+        service.v = 0.01 * rng.normal(size=front.model.nv)
+        report = service.cycle()
+        result = front.step(service.q, service.v, service.time * 1e-9)
+        differences.append(np.abs(result.tau - report.command.tau).max())
+    assert report.mode is result.mode is Mode.ACTIVE
+    assert max(differences) < 1e-9  # the clock of the bench and the stamps of the states round differently
+
+
+def _string(text):
+    from wbc_controller.middleware.codec import message
+
+    return message("std_msgs/msg/String", data=text)
+
+
+def _bool(value):
+    from wbc_controller.middleware.codec import message
+
+    return message("std_msgs/msg/Bool", data=value)
+
+
+def test_a_reset_starts_anew_bit_for_bit(controller):
+    first = [result.tau for result in run(controller, 0.3)]
+    controller.set("com", controller.dynamics.com + 0.02)
+    controller.disable("front_left_foot")
+    run(controller, 0.5, start=0.3)
+    controller.request("estop")
+    assert controller.mode is Mode.FAULT
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    assert (controller.mode, controller.fault) == (Mode.ACTIVE, None)
+    np.testing.assert_array_equal(first, [result.tau for result in run(controller, 0.3)])
+
+
+def test_a_setpoint_is_reached_along_its_quintic(controller):
+    run(controller, 0.1)
+    start = np.array(controller.dynamics.com)
+    controller.set("com", start + [0.0, 0.0, -0.05])
+    results = run(controller, 1.2, start=0.1)
+    wanted = np.array([result.references.tasks["com"].position[2] for result in results])
+    assert wanted[0] == pytest.approx(start[2], abs=1e-4)
+    assert wanted[250] == pytest.approx(start[2] - 0.025, abs=1e-3)
+    np.testing.assert_array_equal(wanted[-50:], start[2] - 0.05)
+
+
+def test_a_streamed_reference_counts_as_it_is_for_one_step(controller):
+    run(controller, 0.1)
+    goal = controller.dynamics.com + [0.0, 0.01, 0.0]
+    controller.set("com", goal, velocity=[0.0, 0.3, 0.0], acceleration=[0.0, 0.0, 1.0])
+    q, v = controller.stance(), np.zeros(controller.model.nv)
+    followed = controller.step(q, v, 0.1).references.tasks["com"]
+    np.testing.assert_array_equal(followed.position, goal)
+    np.testing.assert_array_equal(followed.velocity, [0.0, 0.3, 0.0])
+    np.testing.assert_array_equal(followed.acceleration, [0.0, 0.0, 1.0])
+    after = controller.step(q, v, 0.102).references.tasks["com"]
+    np.testing.assert_array_equal(after.position, goal)
+    assert not after.velocity.any()
+    assert not after.acceleration.any()
+
+
+def test_a_trajectory_goes_through_its_points(controller):
+    run(controller, 0.1)
+    start = np.array(controller.dynamics.com)
+    points = start + np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.01]])
+    controller.follow("com", [0.2, 0.5], points, velocities=[[0.0, 0.1, 0.0], [0.0, 0.0, 0.0]])
+    at = {round(result.time - 0.1, 6): result.references.tasks["com"] for result in run(controller, 0.6, start=0.1)}
+    np.testing.assert_allclose(at[0.2].position, points[0], atol=1e-9)
+    np.testing.assert_allclose(at[0.2].velocity, [0.0, 0.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(at[0.5].position, points[1], atol=1e-9)
+    np.testing.assert_array_equal(at[0.598].position, points[1])
+
+
+def test_joints_of_a_posture_are_set_by_name(controller):
+    run(controller, 0.1)
+    before = controller.board.present("posture", 0.1).position.copy()
+    controller.set("posture", {"FL_thigh_joint": 0.7})
+    controller.set("posture", {"RR_calf_joint": -1.4})
+    (*_, last) = run(controller, 1.2, start=0.1)
+    after = last.references.tasks["posture"].position
+    moved = [controller.model.joints.index(name) for name in ("FL_thigh_joint", "RR_calf_joint")]
+    np.testing.assert_array_equal(after[moved], [0.7, -1.4])
+    np.testing.assert_array_equal(np.delete(after, moved), np.delete(before, moved))
+
+
+def test_weights_contacts_and_settings_are_ramped(controller):
+    run(controller, 0.1)
+    controller.set_weight("com", 5.0)
+    controller.disable("contacts.front_left_foot")
+    controller.update({"tasks.com.stiffness": 400.0})
+    results = run(controller, 0.6, start=0.1)
+    weights = [result.references.weights["com"] for result in results]
+    contacts = [result.references.contacts["front_left_foot"] for result in results]
+    assert 50.0 > weights[50] > weights[150] > weights[-1] == 5.0
+    assert 1.0 > contacts[10] > contacts[50] > contacts[-1] == 0.0
+    assert "front_left_foot" not in results[-1].forces
+    assert controller.tasks["com"].stiffness == 400.0
+    controller.enable("front_left_foot")
+    assert run(controller, 0.6, start=0.7)[-1].references.contacts["front_left_foot"] == 1.0
+    controller.update({"tasks.com.stiffness": 100.0})
+
+
+def test_a_known_load_is_carried(controller):
+    run(controller, 0.1)
+    controller.set_external_wrench("base", [0.0, 0.0, -30.0, 0.0, 0.0, 0.0])
+    (result,) = run(controller, PERIOD, start=0.1)
+    weight = controller.model.mass * controller.model.gravity
+    assert sum(force[2] for force in result.forces.values()) == pytest.approx(weight + 30.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("which", ["q", "v"])
+def test_a_state_that_is_not_finite_is_damped_with_its_reason(controller, which):
+    run(controller, 1.2)
+    q, v = controller.stance(), np.full(controller.model.nv, 0.1)
+    before = controller.step(q, v, 1.2).tau
+    {"q": q, "v": v}[which][8] = np.nan
+    result = controller.step(q, v, 1.202)
+    assert result.mode is Mode.DAMPING
+    assert result.fault.code == "BAD_STATE"
+    assert result.fault.sentence.startswith(f"{which} holds a value that is not finite: [")
+    assert np.isfinite(result.tau).all()
+    assert not np.array_equal(result.tau, before)
+    assert result.solution is None
+    assert "BAD_STATE" in repr(result)
+
+
+def test_a_failure_holds_then_damps_and_is_explained(controller, monkeypatch):
+    run(controller, 1.2)
+    monkeypatch.setattr(controller.contacts["front_left_foot"], "max_normal_force", -50.0)
+    (failed,) = run(controller, PERIOD, start=1.2)
+    assert (failed.mode, failed.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
+    controller._explanation.result()  # the thread that searches
+    (explained,) = run(controller, PERIOD, start=1.202)
+    assert "normal_force:front_left_foot" in explained.fault.infeasibility.conflict
+    assert run(controller, 0.2, start=1.204)[-1].mode is Mode.DAMPING
+
+
+def test_requests_end_as_on_the_topic(controller):
+    run(controller, 1.2)
+    controller.request("deactivate")
+    result = run(controller, 1.2, start=1.2)[-1]
+    assert (result.mode, result.command) == (Mode.INACTIVE, None)
+    assert not result.tau.any()
+    with pytest.raises(wbc.InputRefused, match="command 'damp' has no effect: the controller is inactive"):
+        controller.request("damp")
+    with pytest.raises(wbc.InputRefused, match=r"'activate' needs a state: call reset"):
+        controller.request("activate")
+    with pytest.raises(wbc.InputRefused, match="command 'stop' is unknown; did you mean 'estop'"):
+        controller.request("stop")
+
+
+def test_before_a_state_has_come_there_is_nothing_to_set():
+    controller = wbc.Controller("go2", preflight=False)
+    for call in (
+        lambda: controller.set("com", [0.0, 0.0, 0.3]),
+        lambda: controller.set("posture", {"FL_hip_joint": 0.0}),
+        lambda: controller.disable("com"),
+        lambda: controller.step(controller.stance(), np.zeros(controller.model.nv), 0.0),
+    ):
+        with pytest.raises(wbc.InputRefused, match="has no state yet; call reset"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda c: c.set("comm", [0, 0, 0]), "there is no task 'comm'; did you mean 'com'"),
+        (lambda c: c.set("com", [0, 0]), r"the position of task 'com' has the shape \(2,\); it takes \(3,\)"),
+        (lambda c: c.set("com", [0, 0, np.nan]), "the position of task 'com' holds a value that is not finite"),
+        (lambda c: c.set("com", "up"), "the position of task 'com' is not an array of numbers"),
+        (lambda c: c.set("com", [0, 0, 0], velocity=[1.0]), r"the velocity of task 'com' has the shape \(1,\)"),
+        (
+            lambda c: c.set("base", [0, 0, 0, 2]),
+            r"the position of task 'base': \[0, 0, 0, 2\] is not a unit quaternion",
+        ),
+        (lambda c: c.set("com", {"FL_hip_joint": 0.0}), "task 'com' is not about joints"),
+        (lambda c: c.set("posture", {"FL_hip": 0.0}), "'FL_hip' is not a joint of task 'posture'; did you mean"),
+        (lambda c: c.follow("com", [0.5, 0.2], np.zeros((2, 3))), "times of task 'com' must rise from 0"),
+        (lambda c: c.follow("com", [0.5], np.zeros((2, 3))), "there are 2 points for 1 times"),
+        (lambda c: c.enable("left_foot"), "'left_foot' is no task and no contact; did you mean"),
+        (lambda c: c.set_weight("com", -1.0), "the weight of task 'com' must be from 0 to 1e6, not -1.0"),
+        (lambda c: c.set_weight("com", np.nan), "must be from 0 to 1e6, not nan"),
+        (lambda c: c.set_external_wrench("bas", np.zeros(6)), "the robot has no such frame; did you mean 'base'"),
+        (lambda c: c.step(np.zeros(3), np.zeros(18), 1.0), r"q has the shape \(3,\); it takes \(19,\)"),
+        (lambda c: c.step(["a"] * 19, np.zeros(18), 1.0), "q is not an array of numbers: could not convert"),
+        (lambda c: c.step(c.stance(), np.zeros(18), -1.0), "t = -1.0 s is before the last step"),
+        (lambda c: c.step(c.stance(), np.zeros(18), np.nan), "t = nan s is before"),
+        (lambda c: c.reset(np.full(19, np.nan), np.zeros(18)), "q holds a value that is not finite"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(controller, call, sentence):
+    before = run(controller, 0.1)[-1]
+    with pytest.raises(wbc.InputRefused, match=sentence):
+        call(controller)
+    (after,) = run(controller, PERIOD, start=0.1)
+    assert after.mode is Mode.ACTIVE
+    assert after.references.weights == before.references.weights
+    np.testing.assert_array_equal(after.references.tasks["com"].position, before.references.tasks["com"].position)
+
+
+def test_settings_that_are_fixed_or_wrong_are_refused(controller):
+    for key, value in (("control.rate", 100.0), ("safety.damping", 3.0), ("limits.torque_rate", 50.0)):
+        with pytest.raises(wbc.ConfigurationError, match=f"{key}: read only when the controller is configured"):
+            controller.update({key: value})
+    with pytest.raises(wbc.ConfigurationError, match=r"tasks\.com\.stiffness = -1\.0"):
+        controller.update({"tasks.com.stiffness": -1.0})
+    assert controller.live.settings.tasks["com"].stiffness == 100.0
+
+
+def test_the_configuration_is_checked_as_by_the_command():
+    config = wbc.load("g1").replace({"contacts.right_foot.max_normal_force": 10.0, "contacts.left_foot": None})
+    with pytest.raises(wbc.ConfigurationError, match=r"g1\.yaml: the robot cannot stand still in robot\.posture"):
+        wbc.Controller(config)
+    assert wbc.Controller(config, preflight=False).mode is Mode.INACTIVE
+
+
+def test_the_check_leaves_nothing_behind_in_the_program():
+    checked, unchecked = wbc.Controller("g1"), wbc.Controller("g1", preflight=False)
+    results = []
+    for controller in (checked, unchecked):
+        controller.reset(controller.stance(), np.zeros(controller.model.nv))
+        controller.set("com", controller.dynamics.com + [0.01, 0.02, -0.03])
+        results.append([result.solution.v_dot for result in run(controller, 0.5)])
+    np.testing.assert_array_equal(*results)
+    assert np.abs(results[0][-1][:6]).max() > 0.01  # the base does accelerate
+
+
+class Height(wbc.MotionTask):
+    size = 1
+    weight = 7.0
+
+    def __init__(self, model, name="height"):
+        super().__init__(name, [True], stiffness=100.0)
+
+    def position(self, dynamics):
+        return np.array(dynamics.com[2:])
+
+    def velocity(self, dynamics):
+        return dynamics.com_velocity[2:]
+
+    def error(self, dynamics, position):
+        return position - dynamics.com[2:]
+
+    def jacobian(self, dynamics):
+        return dynamics.com_jacobian[2:]
+
+    def drift(self, dynamics):
+        return dynamics.com_drift[2:]
+
+
+class Ceiling(wbc.RowLimit):
+    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
+
+    def __init__(self, model):
+        self.most = 0.05
+
+    def fill(self, dynamics, period, rows, lower, upper):
+        rows[:] = dynamics.com_jacobian[2]
+        lower[:], upper[:] = -np.inf, self.most - dynamics.com_drift[2]
+
+
+def test_own_tasks_and_limits_take_part():
+    controller = wbc.Controller(wbc.load("go2").replace({"tasks.com": None}), tasks=[Height], limits=[Ceiling])
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    run(controller, 1.2)
+    assert controller.board.plans["height"].weight == 7.0
+    controller.set("height", controller.dynamics.com[2] + 0.1, velocity=[0.0])
+    (result,) = run(controller, PERIOD, start=1.2)
+    assert result.task_errors["height"] == pytest.approx(0.1, abs=1e-6)
+    assert result.binding["ceiling:com"] > 0.0
+    assert isinstance(controller.limits["ceiling"], Ceiling)
+    acceleration = controller.dynamics.com_jacobian @ result.v_dot + controller.dynamics.com_drift
+    assert acceleration[2] == pytest.approx(0.05, abs=1e-6)
+    controller.update({"tasks.posture.weight": 0.1})  # the settings change, and the own task stays
+    controller.disable("height")
+    assert run(controller, 1.0, start=1.202)[-1].references.weights["height"] == 0.0
+
+
+def test_an_own_contact_takes_part():
+    from wbc_controller.inverse_dynamics.contacts import PointContact
+
+    def knee(model):
+        contact = PointContact(
+            "knee", model, "FL_calf", np.zeros(3), 0.02, normal=np.array([0.0, 0.0, 1.0]), max_normal_force=50.0
+        )
+        contact.enabled = False
+        return contact
+
+    controller = wbc.Controller("go2", contacts=[knee])
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    assert "knee" not in run(controller, 0.1)[-1].forces
+    controller.enable("knee")
+    assert "knee" in run(controller, 0.5, start=0.1)[-1].forces
+
+
+@pytest.mark.parametrize(
+    ("own", "sentence"),
+    [
+        ({"tasks": [lambda model: Height(model, "com")]}, "tasks: the name 'com' stands twice"),
+        ({"tasks": [Height, Height]}, "tasks: the name 'height' stands twice"),
+        ({"tasks": [Ceiling]}, "made a Ceiling; it must make a Task"),
+        ({"limits": [lambda model: None]}, "made a NoneType; it must make a RowLimit"),
+    ],
+)
+def test_what_is_no_task_or_has_a_taken_name_is_refused(own, sentence):
+    with pytest.raises(wbc.ConfigurationError, match=sentence):
+        wbc.Controller("go2", **own, preflight=False)

@@ -1,0 +1,269 @@
+"""Settings that are changed while the controller runs."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.live_settings import LiveSettings, live_part
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import message
+from wbc_controller.nodes.ros2.parameters import flat
+from wbc_controller.settings import Settings
+from wbc_controller.settings.nesting import merged, nested
+from wbc_controller.simulation.simulation import Simulation
+
+#: Every kind of task, so that every key is met.
+MORE = {
+    "spin": {"type": "angular_momentum"},
+    "steady": {"type": "capture_point"},
+    "look": {"type": "gaze", "frame": "base", "axis": [1.0, 0.0, 0.0]},
+}
+
+
+@pytest.fixture(scope="module")
+def tuner(robot_of):
+    settings, model = robot_of("go2")
+    settings = Settings.model_validate(merged(settings.model_dump(exclude_unset=True), {"tasks": MORE}))
+    controller = make_qp(settings, model)
+    return lambda: LiveSettings(settings, lambda changed: live_part(changed, controller))
+
+
+def other(value):
+    if isinstance(value, bool):
+        return not value
+    return 0.9 * value if value else 0.001
+
+
+def keys(settings, live):
+    numbers = {
+        key: value
+        for key, value, description in flat(settings)
+        if isinstance(value, (bool, float)) and description.endswith("May be changed live.") == live
+    }
+    assert len(numbers) > 15
+    return numbers
+
+
+def test_every_live_key_changes_what_the_loop_goes_by(tuner):
+    for key, value in keys(tuner().settings, True).items():
+        changed = tuner()
+        before = repr(changed.newest)
+        changed.accept(nested({key: other(value)}), "test")
+        assert repr(changed.newest) != before, key
+
+
+def test_every_other_key_is_refused_by_name(tuner):
+    for key, value in keys(tuner().settings, False).items():
+        changed = tuner()
+        settings, newest = changed.settings, changed.newest
+        with pytest.raises(ConfigurationError, match=key):
+            changed.accept(nested({key: other(value)}), "test")
+        assert (changed.settings, changed.newest) == (settings, newest)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"tasks.com.stiffness": -1.0}, "test: tasks.com.stiffness = -1.0: input should be greater than"),
+        ({"tasks.com.stiffness": [1.0, 2.0]}, "has 2 values; it takes one number, or a list"),
+        ({"tasks.posture.stiffness": [1.0, 2.0]}, "tasks.posture.stiffness has 2 values"),
+        ({"tasks.com.stifness": 1.0}, "test: tasks.com.stifness: unknown key; did you mean 'stiffness'?"),
+        ({"tasks.foot.type": "com"}, "test: tasks.foot: read only when the controller is configured"),
+        ({"tasks.com.type": "linear_momentum", "tasks.com.stiffness": 1.0}, "unknown key"),
+        (
+            {"limits.position_margin": 1.0},
+            "limits.position_margin = 1: while the controller runs it may be from 0 to 0.2",
+        ),
+        (
+            {"limits.acceleration": 1.0e5},
+            "limits.acceleration = 100000: while the controller runs it may be from 20 to 200",
+        ),
+        ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: while"),
+        ({"limits.position_margin": 0.01, "control.rate": 100.0}, "test: control.rate: read only when"),
+        ({"robot.joints": ["a"]}, "robot.posture has"),
+    ],
+)
+def test_a_change_is_accepted_whole_or_refused_with_the_reason(tuner, change, said):
+    changed = tuner()
+    settings, newest = changed.settings, changed.newest
+    for method in (changed.check, changed.accept):
+        with pytest.raises(ConfigurationError) as caught:
+            method(nested(change), "test")
+        assert said in str(caught.value)
+    assert (changed.settings, changed.newest) == (settings, newest)
+
+
+def test_a_check_changes_nothing_and_no_change_is_no_news(tuner):
+    changed, news = tuner(), []
+    changed.changed = lambda: news.append(1)
+    newest = changed.newest
+    changed.check({"tasks": {"com": {"stiffness": 1.0}}}, "test")
+    changed.accept({"tasks": {"com": {"weight": changed.settings.tasks["com"].weight}}}, "test")
+    assert (changed.newest is newest, news) == (True, [])
+    changed.accept({"tasks": {"com": {"stiffness": 1.0}}}, "test")
+    assert (changed.newest is newest, news) == (False, [1])
+
+
+def update(controller, text):
+    controller.send("update", message("std_msgs/msg/String", data=text))
+
+
+def standing(bench, **changes):
+    """A robot that stands still, 2 cm from where its centre of mass should be: the torques hang on the gains."""
+    controller = bench(changes={"safety": {"activation_ramp": 0.0}, **changes})
+    controller.activate()
+    x, y, z = controller.loop.controller.qp.dynamics.com
+    update(controller, f"{{tasks: {{com: {{setpoint: [{x + 0.02}, {y}, {z}]}}}}}}")
+    controller.cycle(700)
+    return controller
+
+
+def steps(controller, count):
+    tau = np.array([report.command.tau for report in controller.reports[-count - 1 :]])
+    return np.abs(np.diff(tau, axis=0)).max(axis=1)
+
+
+def test_gains_are_ramped_in_and_end_where_a_controller_made_with_them_is(bench):
+    controller = standing(bench)
+    still = controller.reports[-1].command.tau
+    update(controller, "{tasks: {com: {stiffness: 400.0}}}")
+    ramped = round(controller.settings.control.weight_ramp / controller.period)
+    controller.cycle(ramped + 2)
+    tau = controller.reports[-1].command.tau
+    whole = np.abs(tau - still).max()
+    assert whole > 0.5  # N·m: it made a difference
+    assert steps(controller, ramped + 2).max() < 3.0 * whole / ramped
+    made = standing(bench, tasks={"com": {"stiffness": 400.0}})
+    np.testing.assert_allclose(tau, made.reports[-1].command.tau, atol=1e-5)
+
+
+def test_the_weight_of_the_settings_is_ramped_too_and_outlives_a_reset(bench):
+    controller = standing(bench)
+    controller.loop.controller.live.accept({"tasks": {"com": {"weight": 1.0}}}, "test")
+    weights = [controller.cycle() and controller.loop.controller.board.sample(controller.clock.time).weights["com"]
+               for _ in range(300)]  # fmt: skip
+    assert np.abs(np.diff(weights)).max() < 0.02 * (weights[0] - weights[-1])
+    assert weights[-1] == 1.0
+    for word in ("damp", "reset", "activate"):
+        controller.command(word)
+        controller.cycle()
+    controller.cycle(300)
+    assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == 1.0
+
+
+def test_limits_take_hold(bench):
+    controller = standing(bench, limits={"torque_rate": 2.0})
+    update(controller, "{limits: {acceleration: 20.0}, control: {weight_ramp: 0.0}}")
+    controller.cycle()
+    formulation = controller.loop.controller.qp.formulation
+    assert formulation.motion_limit.acceleration == 20.0
+    assert controller.loop.controller.supervisor.limits.torque_rate == 2.0
+    update(controller, "{tasks: {com: {weight: 0.0}}}")
+    controller.cycle(20)
+    allowed = 2.0 * controller.period * controller.model.effort_limits.max()
+    assert 0.5 * allowed < steps(controller, 20).max() <= allowed + 1e-9
+
+
+def test_a_limit_of_safety_is_not_live(bench):
+    controller = bench()
+    controller.activate()
+    before = controller.loop.controller.live.settings
+    for text in ("safety: {state_timeout: 0.2}", "safety: {damping: 50.0}", "limits: {torque_rate: 500.0}"):
+        update(controller, f"{{{text}}}")
+        (sentence,) = controller.cycle().refused
+        assert "read only when the controller is configured" in sentence
+    assert controller.loop.controller.live.settings == before
+
+
+def test_what_is_set_while_inactive_holds_from_activation_on(bench):
+    controller = bench()
+    update(controller, "{tasks: {com: {stiffness: 7.0}}}")
+    assert controller.cycle().refused == ()
+    controller.activate()
+    controller.cycle()
+    assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
+
+
+def test_an_update_with_references_and_settings_is_taken_whole_or_not_at_all(bench):
+    controller = bench()
+    both = "{tasks: {com: {stiffness: 7.0, weight: 3.0}}}"
+    update(controller, both)
+    (sentence,) = controller.cycle().refused
+    assert "the controller is inactive" in sentence
+    before = controller.loop.controller.live.settings
+    assert before.tasks["com"].stiffness != 7.0
+    controller.activate()
+    update(controller, "{tasks: {com: {stiffness: -7.0, weight: 3.0}}}")
+    (sentence,) = controller.cycle().refused
+    assert "update: tasks.com.stiffness = -7.0: input should be" in sentence
+    assert controller.loop.controller.live.settings == before
+    controller.cycle(300)
+    assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == before.tasks["com"].weight
+    update(controller, both)
+    assert controller.cycle().refused == ()
+    controller.cycle(300)
+    assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == 3.0
+    assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
+
+
+def test_a_change_is_logged_with_both_values(tuner, caplog):
+    with caplog.at_level(logging.INFO):
+        tuner().accept({"tasks": {"com": {"stiffness": 7}}}, "update")
+    assert "update: tasks.com.stiffness: " in caplog.text
+    assert "-> 7.0" in caplog.text
+
+
+def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
+    """A knee that turns above its corner speed has less torque, in every cycle, whatever else changes."""
+    robot = standing(bench, limits={"torque_speed": {"enabled": True, "corner": 0.01, "no_load": 0.5}})
+    speed = np.zeros(robot.model.na)
+    knee = next(i for i, joint in enumerate(robot.model.joints) if "calf" in joint)
+    speed[knee] = 0.1 * robot.model.velocity_limits[knee]
+    for acceleration in (robot.settings.limits.acceleration, 50.0):
+        limit = robot.loop.controller.qp.formulation.torque_limit
+        _, upper = limit.available(speed)
+        assert upper[knee] < 0.95 * robot.model.effort_limits[knee]
+        assert robot.loop.controller.qp.formulation.motion_limit.acceleration == acceleration
+        update(robot, "{limits: {acceleration: 50.0}, control: {weight_ramp: 0.0}}")
+        robot.cycle(2)
+
+
+@pytest.mark.parametrize(
+    ("configured", "value", "good"),
+    [(200.0, 20.0, True), (200.0, 200.0, True), (200.0, 200.1, False), (500.0, 500.0, True), (3.0, 3.0, True),
+     (3.0, 2.9, False), (3.0, 20.0, False)],
+)  # fmt: skip
+def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured, value, good):
+    settings, model = robot_of("go2")
+    settings = changed(settings, {"limits": {"acceleration": configured}})
+    controller = make_qp(settings, model)
+    live = LiveSettings(settings, lambda changed: live_part(changed, controller))
+    live.accept({"limits": {"acceleration": min(30.0, configured)}}, "test")
+    if good:
+        live.accept({"limits": {"acceleration": value}}, "test")
+    else:
+        with pytest.raises(ConfigurationError, match=r"while the controller runs it may be from"):
+            live.accept({"limits": {"acceleration": value}}, "test")
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
+@pytest.mark.parametrize(
+    ("key", "end"), [("position_margin", 0), ("position_margin", 1), ("velocity_scale", 0), ("acceleration", 0)]
+)
+def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
+    """Standing, then swaying; the joints keep to their limits, and nothing needs to be relaxed."""
+    simulation = Simulation(robot, preflight=False)
+    controller, model = simulation.controller, simulation.controller.model
+    value = controller.config.settings.limits.live_ranges[key][end]
+    controller.update({"limits": {key: value}, "control": {"weight_ramp": 0.1}})
+    start = controller.dynamics.com.copy()
+    controller.set("com", start + [0.01, 0.02, -0.03], duration=0.3)
+    results = simulation.run(0.8)
+    q = simulation.plant.state()[0][model.q_index]
+    assert not any(result.solution.relaxed for result in results)
+    assert (q >= model.position_lower).all()
+    assert (q <= model.position_upper).all()

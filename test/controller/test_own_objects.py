@@ -1,0 +1,326 @@
+"""A user's own tasks, contacts and limits whose methods fail: before activation, and in a running controller."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.controller.controller import Controller
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.records import Mode
+
+PERIOD = 0.002
+FOOT = "FL_foot"
+AXES = pin.LOCAL_WORLD_ALIGNED
+
+
+class Height(wbc.MotionTask):
+    """Height of the centre of mass."""
+
+    size = 1
+
+    def __init__(self, model):
+        super().__init__("height", [True], stiffness=100.0)
+
+    def position(self, dynamics):
+        return np.array(dynamics.com[2:])
+
+    def velocity(self, dynamics):
+        return dynamics.com_velocity[2:]
+
+    def error(self, dynamics, position):
+        return position - dynamics.com[2:]
+
+    def jacobian(self, dynamics):
+        return dynamics.com_jacobian[2:]
+
+    def drift(self, dynamics):
+        return dynamics.com_drift[2:]
+
+
+class Momentum(wbc.RateTask):
+    """Linear momentum."""
+
+    size, weight = 3, 1.0e-4
+
+    def __init__(self, model):
+        super().__init__("momentum", [True] * 3, gain=10.0, key="gain")
+
+    def position(self, dynamics):
+        return dynamics.centroidal_matrix[:3] @ dynamics.v
+
+    def jacobian(self, dynamics):
+        return dynamics.centroidal_matrix[:3]
+
+    def drift(self, dynamics):
+        return dynamics.centroidal_drift[:3]
+
+
+class Effort(wbc.EffortTask):
+    """The first torque."""
+
+    size, weight = 1, 1.0e-6
+
+    def __init__(self, model):
+        super().__init__("effort", [True], np.zeros(1))
+
+    def equation(self, efforts, reference):
+        rows, offset = efforts.torque_map
+        return rows[:1], reference.position - offset[:1]
+
+
+class Grip(wbc.AnchoredContact):
+    """A point of a calf that is held, with 3 forces and an anchor."""
+
+    def __init__(self, model):
+        super().__init__(
+            "grip", np.eye(6)[:, :3], np.zeros((0, 3)), "world", stiffness=1.0, damping=20.0, internal=False
+        )
+        self.frame = model.frame_id("FL_calf", "grip")
+
+    def jacobian(self, dynamics):
+        return dynamics.jacobian(self.frame, AXES)[:3]
+
+    def drift(self, dynamics):
+        return dynamics.drift_world(self.frame)[:3]
+
+    def points(self, dynamics):
+        return dynamics.placement(self.frame).translation[None]
+
+    def wrench_in_world(self, dynamics, force):
+        return np.concatenate([force, np.cross(dynamics.placement(self.frame).translation, force)])
+
+    def bounds(self, activation):
+        return np.full(3, -50.0 * activation), np.full(3, 50.0 * activation)
+
+    def pose(self, dynamics):
+        return dynamics.placement(self.frame)
+
+    def displacement(self, dynamics, anchor):
+        return anchor[:3] - dynamics.placement(self.frame).translation
+
+
+class Ceiling(wbc.RowLimit):
+    """Bounds of the acceleration of the centre of mass."""
+
+    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
+
+    def __init__(self, model):
+        pass
+
+    def fill(self, dynamics, period, rows, lower, upper):
+        rows[:] = dynamics.com_jacobian[2]
+        lower[:], upper[:] = -np.inf, 5.0
+
+
+KINDS = {
+    Height: "tasks", Momentum: "tasks", Effort: "tasks", Grip: "contacts", Ceiling: "limits",
+}  # fmt: skip
+NAMES = {
+    Height: "task 'height'", Momentum: "task 'momentum'", Effort: "task 'effort'", Grip: "contact 'grip'",
+    Ceiling: "limit 'ceiling'",
+}  # fmt: skip
+
+
+def raises(*arguments):
+    raise ZeroDivisionError("division by zero")
+
+
+def returns(value):
+    return lambda *arguments: value
+
+
+def writes(number):
+    def fill(dynamics, period, rows, lower, upper):
+        rows[:], lower[:], upper[:] = number, -1.0, 1.0
+
+    return fill
+
+
+#: A class, one of its methods, what it does instead, and what is said of it.
+FAILURES = [
+    (Height, "error", returns(np.zeros(2)), "returned shape (2,), expected (1,)"),
+    (Height, "error", returns(np.zeros(50)), "returned shape (50,), expected (1,)"),
+    (Height, "error", returns(np.zeros(1000)), "returned shape (1000,), expected (1,)"),
+    (Height, "error", returns(0.1), "returned shape (), expected (1,)"),
+    (Height, "error", returns(np.array([np.nan])), "returned [nan], expected finite numbers"),
+    (Height, "error", returns(None), "returned None, expected an array of numbers of shape (1,)"),
+    (Height, "error", returns(["a"]), "returned ['a'], expected an array of numbers of shape (1,)"),
+    (Height, "error", returns([[1.0], [1.0, 2.0]]), "returned [[1.0], [1.0, 2.0]], expected an array of numbers"),
+    (Height, "error", returns(np.array([1.0j])), "returned [1j], expected an array of numbers of shape (1,)"),
+    (Height, "error", raises, "raised ZeroDivisionError: division by zero"),
+    (Height, "velocity", returns(np.zeros(0)), "returned shape (0,), expected (1,)"),
+    (Height, "drift", returns(np.zeros(2)), "returned shape (2,), expected (1,)"),
+    (Height, "jacobian", returns(np.zeros(18)), "returned shape (18,), expected (1, 18)"),
+    (Height, "jacobian", returns(np.full((1, 18), np.inf)), "returned [[inf, inf,"),
+    (Height, "right", returns(np.zeros(1)), "returned [0.0], expected 2 arrays"),
+    (Height, "equation", returns((np.zeros((2, 18)), np.zeros(1), np.zeros(1))), "shape (2, 18), expected (1, 18)"),
+    (Height, "fill", returns(np.zeros(2)), "returned shape (2,), expected (1,)"),
+    (Momentum, "drift", returns(np.zeros(1)), "returned shape (1,), expected (3,)"),
+    (Momentum, "jacobian", returns(np.zeros((1, 18))), "returned shape (1, 18), expected (3, 18)"),
+    (Momentum, "position", raises, "raised ZeroDivisionError: division by zero"),
+    (Effort, "equation", returns((np.zeros((1, 3)), np.zeros(1))), "returned shape (1, 3), expected (1, "),
+    (Effort, "equation", returns(np.zeros(1)), "returned [0.0], expected 2 arrays"),
+    (Effort, "equation", raises, "raised ZeroDivisionError: division by zero"),
+    (Grip, "displacement", returns(np.full(3, np.nan)), "returned [nan, nan, nan], expected finite numbers"),
+    (Grip, "fill", raises, "raised ZeroDivisionError: division by zero"),
+    (Grip, "jacobian", returns(np.zeros((1, 18))), "returned shape (1, 18), expected (3, 18)"),
+    (Grip, "drift", returns(np.full(3, np.nan)), "returned [nan, nan, nan], expected finite numbers"),
+    (Grip, "displacement", returns(np.zeros(6)), "returned shape (6,), expected (3,)"),
+    (Grip, "bounds", returns((np.zeros(3), np.full(3, -1.0))), "gave the bounds 0 and -1 at index 0"),
+    (Grip, "bounds", returns((np.zeros(1), np.ones(1))), "returned shape (1,), expected (3,)"),
+    (Ceiling, "fill", writes(np.nan), "wrote [[nan, nan,"),
+    (Ceiling, "fill", raises, "raised ZeroDivisionError: division by zero"),
+]
+
+
+def broken(kind, method, instead):
+    def make(model):
+        one = kind(model)
+        setattr(one, method, instead)
+        return one
+
+    return make
+
+
+def running(**own):
+    """A controller with own objects, active and ramped in."""
+    config = wbc.load("go2").replace({"safety.damping_time": 0.1})
+    controller = wbc.Controller(config, **own, preflight=False)
+    q, v = controller.stance(), np.zeros(controller.model.nv)
+    controller.reset(q, v)
+    for i in range(150):
+        result = controller.step(q, v, PERIOD * (i + 1))
+    assert result.mode is Mode.ACTIVE
+    return controller, lambda i: controller.step(q, v, PERIOD * (151 + i)), result
+
+
+@pytest.mark.parametrize(("kind", "method", "instead", "said"), FAILURES)
+def test_a_failing_method_is_refused_before_anything_moves(kind, method, instead, said):
+    with pytest.raises(wbc.ConfigurationError) as refused:
+        wbc.Controller("go2", **{KINDS[kind]: [broken(kind, method, instead)]}, preflight=False)
+    assert f"{NAMES[kind]}: {kind.__name__}.{method}() " in str(refused.value)
+    assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(("kind", "method", "instead", "said"), FAILURES)
+def test_a_method_that_fails_in_a_run_damps_the_robot(kind, method, instead, said, caplog):
+    controller, step, before = running(**{KINDS[kind]: [kind]})
+    (owner,) = [one for one in (*controller.tasks.values(), *controller.contacts.values(), *controller.limits.values())
+                if isinstance(one, kind)]  # fmt: skip
+    setattr(owner, method, instead)
+    result = step(0)
+    assert (result.mode, result.fault.code) == (Mode.DAMPING, "METHOD_FAILED")
+    assert f"{NAMES[kind]}: {kind.__name__}.{method}() " in result.fault.sentence
+    assert said in result.fault.sentence
+    assert "Traceback" in caplog.text
+    assert np.abs(before.tau).max() > 1.0
+    assert not result.tau.any()  # damping of joints at rest
+    later = [step(i) for i in range(1, 60)][-1]
+    assert later.mode is Mode.FAULT
+    assert not later.tau.any()
+    assert later.fault.code == "METHOD_FAILED"
+
+
+def test_integers_and_lists_are_converted():
+    def changed(model):
+        one = Height(model)
+        one.error = lambda dynamics, position: [int(position[0] - dynamics.com[2])]
+        one.drift = lambda dynamics: np.zeros(1, dtype=np.float32)
+        one.velocity = lambda dynamics: np.zeros(2)[::2].astype(">f8")
+        one.jacobian = lambda dynamics: dynamics.com_jacobian[2:].tolist()
+        return one
+
+    results = []
+    for make in (Height, changed):
+        _, step, _ = running(tasks=[make])
+        results.append(step(0).tau)
+    np.testing.assert_allclose(results[1], results[0], atol=1.0e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "attribute", "value", "said"),
+    [
+        (Height, "size", 1.5, "Height.size is 1.5, expected an integer above 0"),
+        (Height, "rows", np.array([1]), "expected indices below size = 1"),
+        (Height, "weight", np.nan, "Height.weight is nan, expected a finite number of at least 0"),
+        (Height, "stiffness", np.ones(2), "expected finite numbers of shape () or (1,)"),
+        (Height, "tolerance", np.array([-1.0]), "expected finite numbers of at least 0"),
+        (Height, "columns", np.array([99]), "expected 1 indices below nv = 18"),
+        (Effort, "target", np.zeros(2), "returned shape (2,), expected (1,)"),
+        (Grip, "basis", np.zeros((6, 2)), "expected finite numbers of shape (6, 3)"),
+        (Grip, "cone", np.zeros((1, 2)), "expected finite numbers of shape (rows, 3)"),
+        (Grip, "metric", np.ones(2), "expected finite numbers of shape (3,)"),
+        (Grip, "damping", np.inf, "Grip.damping is inf, expected a finite number of at least 0"),
+        (Ceiling, "names", (), "Ceiling.names is (), expected a tuple with a text for each row"),
+    ],
+)
+def test_attributes_of_which_no_program_can_be_laid_out_are_refused(kind, attribute, value, said):
+    with pytest.raises(wbc.ConfigurationError) as refused:
+        wbc.Controller("go2", **{KINDS[kind]: [broken(kind, attribute, value)]}, preflight=False)
+    assert NAMES[kind] in str(refused.value)
+    assert said in str(refused.value)
+
+
+def test_a_limit_that_changes_its_number_of_rows_damps_the_robot():
+    controller, step, _ = running(limits=[Ceiling])
+    controller.limits["ceiling"].names = ("ceiling:com", "ceiling:base")
+    result = step(0)
+    assert (result.mode, result.fault.code) == (Mode.DAMPING, "METHOD_FAILED")
+    assert "Ceiling.fill() changed the number of names to 2, expected 1" in result.fault.sentence
+
+
+def test_a_method_that_fails_at_the_reset_leaves_the_controller_without_torques():
+    controller, step, _ = running(tasks=[Height])
+    controller.tasks["height"].position = returns(np.zeros(2))
+    with pytest.raises(wbc.ConfigurationError, match=r"Height.position\(\) returned shape \(2,\), expected \(1,\)"):
+        controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    result = step(0)
+    assert result.mode is not Mode.ACTIVE
+    assert not result.tau.any()
+
+
+@pytest.fixture
+def service(bench, monkeypatch):
+    """A controller behind topics, with a task and a contact of its own."""
+    made = bench("go2")
+    controller = Controller(made.settings, tasks=[Height], contacts=[Grip], preflight=False, model=made.model)
+    made.loop = make_loop(controller, made.transport, made.clock, made.topics, observers=(made.reports.append,))
+    return made
+
+
+def test_a_method_that_fails_at_the_command_to_activate_damps_the_robot(service):
+    service.cycle(3)
+    service.loop.controller.tasks["height"].position = returns(np.zeros(2))
+    report = service.activate()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "METHOD_FAILED")
+    assert "Height.position() returned shape (2,), expected (1,)" in report.fault.sentence
+    assert not service.efforts()[-1].any()
+
+
+def test_a_method_that_fails_behind_topics_damps_the_robot(service):
+    service.activate()
+    assert service.cycle(300).mode is Mode.ACTIVE
+    assert np.abs(service.efforts()[-1]).max() > 1.0
+    service.loop.controller.contacts["grip"].drift = returns(np.zeros(2))
+    report = service.cycle()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "METHOD_FAILED")
+    assert "contact 'grip': Grip.drift() returned shape (2,), expected (3,)" in report.fault.sentence
+    assert not service.efforts()[-1].any()
+    state = service.received("state")[-1].data
+    assert "METHOD_FAILED" in state
+    assert "Grip.drift()" in state
+
+
+def test_a_method_that_only_pictures_use_damps_the_robot_too(service):
+    service.activate()
+    service.cycle(300)
+    service.loop.controller.contacts["grip"].points = returns(np.zeros((1, 2)))
+    for _ in range(200):  # until the next picture
+        service.clock.time += service.period
+        service.base()
+        service.joints()
+        service.loop._guarded_cycle()
+    fault = service.loop.controller.fault
+    assert (service.loop.controller.mode, fault.code) == (Mode.DAMPING, "METHOD_FAILED")
+    assert "contact 'grip': Grip.points() returned shape (1, 2), expected (1, 3)" in fault.sentence

@@ -1,0 +1,125 @@
+import dataclasses
+from collections import Counter
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial import ConvexHull
+from synthetic_run import robot
+
+from wbc_controller.controller.visualization.geometry import TRIANGLES, build_parts, convex_hull
+from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
+from wbc_controller.settings.resources import share_folder
+
+ROBOTS = ("g1", "talos", "go2")
+PRIMITIVES = """
+<robot name="r">
+  <material name="red"><color rgba="1 0 0 1"/></material>
+  <link name="base">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><origin xyz="1 0 0"/><geometry><box size="0.2 0.4 0.6"/></geometry><material name="red"/></visual>
+    <visual><geometry><sphere radius="0.1"/></geometry></visual>
+  </link>
+  <link name="locked">
+    <visual><origin xyz="0 0 1"/><geometry><cylinder radius="0.1" length="0.5"/></geometry></visual>
+  </link>
+  <link name="arm">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://nowhere/arm.stl"/></geometry></visual>
+  </link>
+  <joint name="lock" type="revolute"><parent link="base"/><child link="locked"/><origin xyz="0 2 0"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="move" type="revolute"><parent link="locked"/><child link="arm"/><origin xyz="0 0 0.3"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+</robot>
+"""
+
+
+def assert_closed(vertices, triangles):
+    edges = Counter((t[i], t[(i + 1) % 3]) for t in triangles.tolist() for i in range(3))
+    assert set(edges.values()) == {1}
+    assert all((b, a) in edges for a, b in edges)
+    assert len(triangles) == 2 * len(vertices) - 4  # Euler's formula for a sphere
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
+    assert volume == pytest.approx(ConvexHull(vertices).volume, rel=1e-6)  # positive: triangles face outwards
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_hulls_are_closed_and_small(name):
+    _, model = robot(name)
+    parts = build_parts(model)
+    assert len(parts) > model.na
+    for part in parts:
+        assert len(part.triangles) <= TRIANGLES
+        assert 0 < part.joint < model.pinocchio.njoints
+        assert_closed(part.vertices, part.triangles)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_bounding_boxes_are_those_of_the_meshes(name):
+    _, model = robot(name)
+    # The full model, which has every joint of the URDF: its geometry is placed without our help.
+    full = pin.buildModelFromXML(model.urdf, pin.JointModelFreeFlyer())
+    folder = str(share_folder("example-robot-data").parent)
+    geometry = pin.buildGeomFromUrdfString(full, model.urdf, pin.VISUAL, package_dirs=[folder])
+    full_data, data, geometry_data = full.createData(), model.pinocchio.createData(), geometry.createData()
+    pin.updateGeometryPlacements(full, full_data, geometry, geometry_data, pin.neutral(full))
+    pin.forwardKinematics(model.pinocchio, data, pin.neutral(model.pinocchio))
+    checked = 0
+    for part in build_parts(model):
+        index = geometry.getGeometryId(part.name)
+        shape = geometry.geometryObjects[index].geometry
+        if not hasattr(shape, "vertices"):
+            continue
+        mesh = np.array([geometry_data.oMg[index].act(point) for point in shape.vertices()])
+        hull = np.array([data.oMi[part.joint].act(point) for point in part.vertices])
+        size = np.ptp(mesh, axis=0)
+        assert np.abs(hull.min(0) - mesh.min(0)).max() <= 0.1 * size.max(), part.name
+        np.testing.assert_allclose(np.ptp(hull, axis=0), size, rtol=0.1, atol=2.0e-3, err_msg=part.name)
+        checked += 1
+    assert checked >= model.na
+
+
+def test_primitives_locked_joints_and_missing_meshes(caplog):
+    model = build_model(PRIMITIVES, ["move"], [0.0])
+    box, ball, rod, *bones = build_parts(model)
+    np.testing.assert_allclose([box.vertices.min(0), box.vertices.max(0)], [[0.9, -0.2, -0.3], [1.1, 0.2, 0.3]])
+    assert box.color == (1.0, 0.0, 0.0)
+    np.testing.assert_allclose(np.ptp(ball.vertices, axis=0), 0.2, atol=1e-6)
+    # The locked link moves with the base.
+    assert rod.joint == box.joint == ball.joint == 1
+    np.testing.assert_allclose((rod.vertices.max(0) + rod.vertices.min(0)) / 2.0, [0.0, 2.0, 1.0], atol=1e-3)
+    assert [bone.joint for bone in bones] == [2]
+    assert "arm.stl" in caplog.text
+    assert "nowhere" in caplog.text
+    for part in (box, ball, rod, *bones):
+        assert_closed(part.vertices, part.triangles)
+
+
+def test_bones_reach_the_next_joints():
+    _, model = robot("g1")
+    model = dataclasses.replace(model, urdf=model.urdf.replace(".STL", ".gone"))
+    parts = build_parts(model)
+    assert {part.joint for part in parts} == set(range(1, model.pinocchio.njoints))
+    knee = model.pinocchio.getJointId("left_knee_joint")
+    (shin,) = [part for part in parts if part.name == "left_knee_joint_to_left_ankle_pitch_joint"]
+    ankle = model.pinocchio.jointPlacements[model.pinocchio.getJointId("left_ankle_pitch_joint")].translation
+    assert shin.joint == knee
+    assert np.linalg.norm(shin.vertices - ankle, axis=1).min() < 0.03
+
+
+@pytest.mark.parametrize("flat", [(1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+def test_flat_points_get_a_thin_box(flat):
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)) * np.array(flat)
+    vertices, triangles = convex_hull(points)
+    assert_closed(vertices, triangles)
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), np.maximum(np.ptp(points, axis=0), 1.0e-3))
+
+
+def test_the_budget_is_obeyed_and_used_well():
+    points = np.random.default_rng(0).normal(size=(3000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    vertices, triangles = convex_hull(points, 60)
+    assert len(triangles) == 60
+    assert ConvexHull(vertices).volume > 0.75 * 4.0 / 3.0 * np.pi

@@ -1,0 +1,236 @@
+"""What acts beside the model: the estimate and known friction, by their equations and on robots that lack them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller import Simulation
+from wbc_controller.controller.build.estimation import make_beside_the_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.disturbance_observer import DisturbanceEstimate, DisturbanceLimits
+from wbc_controller.estimation.friction import FrictionCompensation
+from wbc_controller.estimation.model_error import BesideTheModel
+from wbc_controller.estimation.projection import mobility, parts
+from wbc_controller.records import RobotState
+
+LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
+ON = {"estimation.disturbance": "always"}
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), nv=st.integers(2, 12), rows=st.integers(0, 6), double=st.booleans())
+def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, double):
+    rng = np.random.default_rng(seed)
+    A, J, r = rng.normal(size=(nv, nv)), rng.normal(size=(min(rows, nv - 1), nv)), rng.normal(size=nv)
+    M = A @ A.T + np.eye(nv)
+    J = np.vstack([J, J[:1]]) if double else J  # rows need not be independent
+    inverse = np.linalg.inv(M)
+    N = np.eye(nv) - inverse @ J.T @ np.linalg.pinv(J @ inverse @ J.T) @ J
+    np.testing.assert_allclose(parts(M, J, r)[0], N.T @ r, atol=1e-5)
+    np.testing.assert_allclose(mobility(M, J), np.diag(N @ inverse), atol=1e-5)
+    np.testing.assert_allclose(J @ inverse @ parts(M, J, r)[0], 0.0, atol=1e-5)  # it moves no contact
+    np.testing.assert_allclose(J.T @ parts(M, J, r)[1], r - N.T @ r, atol=1e-5)
+
+
+def stood(robot="go2", **changes):
+    """A simulation that stands, without noise."""
+    return Simulation(robot, preflight=False) if not changes else Simulation(_changed(robot, changes), preflight=False)
+
+
+def _changed(robot, changes):
+    from wbc_controller.settings.config import load
+
+    return load(robot).replace(changes)
+
+
+def fed(estimate, model, missed, seconds, gap=0.002):
+    M, J = np.eye(model.nv), np.zeros((0, model.nv))
+    for _ in range(round(seconds / gap)):
+        estimate.look(M, J, (), gap, gap * missed)
+
+
+def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
+    _, model = robot_of("go2")
+    estimate = DisturbanceEstimate(model, LIMITS)
+    knee = model.v_index[model.joints.index("FL_calf_joint")]
+    missed = np.zeros(model.nv)
+    missed[knee] = 1.0  # N·m, as M is the unit matrix
+    fed(estimate, model, missed, 0.5)
+    assert estimate.forces[knee] == pytest.approx(0.5 / 0.5 * (1.0 - 0.02), rel=0.005)  # ∫ r / T, less the leak
+    assert np.count_nonzero(estimate.forces) == 1
+    assert estimate.at_bound == ()
+    fed(estimate, model, missed, 20.0)
+    bound = 0.2 * model.effort_limits[model.actuators.index("FL_calf_joint")]
+    assert estimate.forces[knee] == pytest.approx(min(bound, 25.0 * (1.0 - np.exp(-20.5 / 12.5))), rel=0.02)
+    fed(estimate, model, 10.0 * missed, 5.0)
+    assert estimate.forces[knee] == pytest.approx(bound)
+    assert estimate.at_bound == ("FL_calf_joint",)
+    fed(estimate, model, 0.0 * missed, 5.0)  # what the bound has cut off is forgotten within a few T, the rest in 25
+    rest = estimate.forces[knee]
+    assert 0.5 * bound < rest < bound
+    assert estimate.at_bound == ()
+    fed(estimate, model, 0.0 * missed, 12.5)
+    assert estimate.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
+
+
+def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
+    """On the contacts the motion shows what a bound cuts off along other components too."""
+    _, model = robot_of("go2")
+    rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
+    A, J = rng.normal(size=(nv, nv)), rng.normal(size=(9, nv))
+    M = A @ A.T + np.eye(nv)
+    estimate = DisturbanceEstimate(model, DisturbanceLimits(time_constant=0.05, share=0.2))
+    most = 0.2 * np.concatenate([np.full(6, np.inf), model.effort_limits])
+    lacking = parts(M, J, rng.normal(size=nv))[0]
+    lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint lacks more than its bound
+    for _ in range(5000):
+        seen = parts(M, J, lacking - estimate.forces)[0]
+        estimate.look(M, J, ("feet",), gap, gap * seen)
+    (joint,) = estimate.at_bound
+    expected = 25.0 / 26.0 * lacking  # the leak takes the rest
+    expected[model.v_index[model.joints.index(joint)]] *= 26.0 / 25.0 / 1.2
+    np.testing.assert_allclose(estimate.forces, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_switched_off_it_fades_and_rests(robot_of):
+    _, model = robot_of("go2")
+    estimate = DisturbanceEstimate(model, LIMITS)
+    fed(estimate, model, np.full(model.nv, 0.5), 0.2)
+    estimate.limits, before, steps = DisturbanceLimits(0.5, 0.2, on=False), estimate.forces.copy(), []
+    assert not estimate.rests
+    while not estimate.rests:
+        past = estimate.forces
+        fed(estimate, model, np.ones(model.nv), 0.01)
+        steps.append(np.abs(estimate.forces - past).max())
+    assert max(steps) < 0.05 * np.abs(before).max()  # no jump
+    assert 0.5 < 0.01 * len(steps) < 5.0
+
+
+def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
+    _, model = robot_of("go2")
+    estimate = DisturbanceEstimate(model, LIMITS)
+    M, J = np.eye(model.nv), np.zeros((0, model.nv))
+    for contacts in (("a",), ("b",), ("a",), ("b",)):  # each for less than it is summed up
+        estimate.look(M, J, contacts, 0.004, np.ones(model.nv))
+        estimate.look(M, J, contacts, 0.004, np.ones(model.nv))
+    assert not estimate.forces.any()
+
+
+def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
+    """What is estimated of a velocity that grows, of which the program has predicted nothing, with M = I."""
+    beside, nv = BesideTheModel(DisturbanceEstimate(model, LIMITS), None, None, 0.002), model.nv
+    tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
+    solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
+    dynamics, growing = SimpleNamespace(M=np.eye(nv), model=model), np.ones(nv) if growing is None else growing
+    for i in range(20):
+        state = RobotState(1 + round(1e9 * gap * i), np.zeros(model.nq), gap * i * growing)
+        beside.look(state)
+        beside.sent(state, solution, None if sent is None else sent * tau, dynamics, lambda contacts: J)
+    return beside.estimate.forces
+
+
+def test_only_what_moves_the_robot_on_its_contacts_is_taken_up(robot_of):
+    _, model = robot_of("go2")
+    found = estimated(model, rows=[3, 7])
+    np.testing.assert_allclose(found[[3, 7]], 0.0, atol=1e-6)
+    assert (np.delete(found, [3, 7]) > 0.01).all()
+
+
+@pytest.mark.parametrize("sent", [0.5, 1.2])
+def test_torques_other_than_the_programs_count_as_they_were_sent(robot_of, sent):
+    _, model = robot_of("go2")
+    moved = model.actuation.generalized_force((sent - 1.0) * np.ones(model.na))
+    np.testing.assert_allclose(estimated(model, sent=sent, growing=moved), 0.0, atol=1e-12)
+    np.testing.assert_allclose(estimated(model, sent=sent, growing=moved + 1.0), estimated(model), rtol=1e-9)
+
+
+@pytest.mark.parametrize("reason", [{"gap": 0.008}, {"sent": None}, {"relaxed": ("limit",)}])
+def test_states_that_were_lost_and_torques_that_were_not_sent_tell_nothing(robot_of, reason):
+    _, model = robot_of("go2")
+    assert not estimated(model, **reason).any()
+
+
+def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_of):
+    _, model = robot_of("go2")
+    joint = model.joints[3]
+    index = model.v_index[3]
+    friction = FrictionCompensation(model, {joint: 2.0}, {joint: 0.5})
+    M, J, v = 10.0 * np.eye(model.nv), np.zeros((0, model.nv)), np.zeros(model.nv)
+    friction.look(M, J, (), v, 0.002, np.zeros(model.nv))
+    assert not friction.forces.any()
+    for _ in range(200):  # it sticks, and the program wants 1 rad/s²
+        friction.look(M, J, (), v, 0.002, np.full(model.nv, 0.002))
+    assert friction.forces[index] == pytest.approx(-2.0, rel=0.01)
+    assert np.count_nonzero(friction.forces) == 1
+    v[index] = 1.0
+    friction.look(M, J, (), v, 0.002, None)
+    assert friction.forces[index] == pytest.approx(-2.5, rel=0.01)
+    light = FrictionCompensation(model, {joint: 2.0}, {})
+    v[index] = 0.02
+    light.look(1e-3 * np.eye(model.nv), J, (), v, 0.002, None)
+    assert abs(light.forces[index]) < 0.02  # a light joint gets less: a sampled loop would drive it
+
+
+def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
+    config, model = robot_of("go2")
+    with pytest.raises(ConfigurationError, match=r"robot.friction.FL_calf: did you mean 'FL_calf_joint'"):
+        make_beside_the_model(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
+
+
+def test_what_is_not_asked_for_costs_nothing(robot_of):
+    simulation = stood()
+    simulation.run(0.02)
+    assert simulation.result.solution.disturbance is None
+
+
+def lowered(simulation, depth=0.03):
+    """Squat, and say by how much the centre of mass is off then, m."""
+    com = simulation.controller.dynamics.com.copy()
+    simulation.controller.follow("com", [0.6], [com - [0.0, 0.0, depth]])
+    simulation.run(1.2)
+    return float(np.abs(simulation.controller.dynamics.com - com + [0.0, 0.0, depth]).max())
+
+
+def test_friction_that_nobody_knows_is_taken_up():
+    errors = {}
+    for on in ("never", "always"):
+        simulation = stood(**{"mock.joint_friction": 1.0, "estimation.disturbance": on})
+        errors[on] = lowered(simulation)
+        if on == "always":
+            solution = simulation.result.solution
+            assert np.abs(solution.disturbance.estimate[simulation.controller.model.v_index]).max() < 5.0
+    assert errors["always"] < 0.7 * errors["never"]
+    assert errors["never"] > 0.005
+
+
+def test_friction_that_is_known_is_made_up_for():
+    known = {joint: {"dry": 2.0} for joint in stood().controller.model.joints}
+    simulation = stood(**{"mock.joint_friction": 2.0, "robot.friction": known})
+    assert lowered(simulation) < 0.003
+
+
+def test_switching_it_while_the_robot_stands_makes_no_jump():
+    simulation = stood(**{"mock.joint_friction": 1.0})
+    simulation.run(0.1)
+    model = simulation.controller.model
+    steps, last = [], [simulation.result.tau]
+
+    def look(_):
+        steps.append(np.abs(simulation.result.tau - last[0]) / model.effort_limits)
+        last[0] = simulation.result.tau
+
+    simulation.controller.update({"estimation.disturbance": "always"})
+    simulation.run(0.6, look)
+    assert simulation.result.solution.disturbance.estimate.any()
+    simulation.controller.update({"estimation.disturbance": "never"})
+    simulation.run(0.1, look)
+    assert simulation.result.solution.disturbance is not None  # it fades
+    assert np.max(steps) < 0.01
+    simulation.controller.reset(*simulation.plant.state(), simulation.time)
+    simulation.run(0.01)
+    assert simulation.result.solution.disturbance is None

@@ -1,0 +1,107 @@
+"""The shipped robots, their random states, and their controllers."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Array, References, RobotState, frozen
+from wbc_controller.settings import Settings, TaskSettings
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.validation.fuzz.problems import random_problem, rest
+
+
+@cache
+def build_robot(name: str) -> tuple[RobotModel, Settings]:
+    settings = load_settings(find_configuration(name))
+    return make_model(settings), settings
+
+
+class Bench:
+    """A controller of a shipped robot, and states and references for it."""
+
+    def __init__(self, robot: str, changes: dict[str, dict[str, Any]]) -> None:
+        self.model, settings = build_robot(robot)
+        update = {key: getattr(settings, key).model_copy(update=values) for key, values in changes.items()}
+        self.settings = settings.model_copy(update=update)
+        self.controller: WholeBodyQP = make_qp(self.settings, self.model, lambda: 0.0)
+        self.stance = stance(self.model, self.controller, list(self.controller.contacts))
+
+    def on_soles(self, **sole: float) -> "Bench":
+        """The same robot, whose controller takes its soles for smaller or larger ones."""
+        other = copy.copy(self)
+        contacts = {name: contact.model_copy(update=sole) for name, contact in self.settings.contacts.items()}
+        other.settings = self.settings.model_copy(update={"contacts": contacts})
+        other.controller = make_qp(other.settings, self.model, lambda: 0.0)
+        return other
+
+    def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
+        """The same robot with other tasks."""
+        other = copy.copy(self)
+        other.settings = self.settings.model_copy(update={"tasks": tasks})
+        other.controller = make_qp(other.settings, self.model, lambda: 0.0)
+        return other
+
+    def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
+        """A state; at rest in the stance where nothing else is given."""
+        return RobotState(
+            0, frozen(self.stance if q is None else q), frozen(np.zeros(self.model.nv) if v is None else v)
+        )
+
+    def near_stance(self, rng: np.random.Generator, position: float = 0.1, velocity: float = 0.3) -> RobotState:
+        """A random state within joint limits, near the stance."""
+        q = pin.integrate(self.model.pinocchio, self.stance, position * rng.uniform(-1, 1, self.model.nv))
+        q[self.model.q_index] = np.clip(
+            q[self.model.q_index], self.model.position_lower + 0.05, self.model.position_upper - 0.05
+        )
+        return self.state(q, velocity * rng.uniform(-1, 1, self.model.nv))
+
+    def random_problem(self, seed: int) -> tuple[RobotState, References, Array | None]:
+        """A random state, references and torques before."""
+        return random_problem(self.model, self.stance, self.references(), seed)
+
+    def references(self, state: RobotState | None = None, **weights: float) -> References:
+        """Stay where a state is; weights that are not given are the configuration's."""
+        state = self.state() if state is None else state
+        found = rest(self.controller, self.settings, state)
+        return replace(found, weights={**found.weights, **weights})
+
+
+@pytest.fixture(scope="session")
+def load() -> Callable[[str], tuple[RobotModel, Settings]]:
+    """The function that builds a shipped robot."""
+    return build_robot
+
+
+@pytest.fixture(scope="session")
+def bench() -> Callable[..., Bench]:
+    """The function that builds a controller: bench("g1", limits={"velocity": False})."""
+
+    def build(robot: str, **changes: dict[str, Any]) -> Bench:
+        return Bench(robot, changes)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def random_state() -> Callable[[RobotModel, np.random.Generator], tuple[Array, Array]]:
+    """The function that draws (q, v) with any base orientation and joints within their limits."""
+
+    def draw(model: RobotModel, rng: np.random.Generator) -> tuple[Array, Array]:
+        joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
+        axis = rng.normal(size=3)
+        turn = axis / np.linalg.norm(axis) * rng.uniform(0.0, np.pi)
+        base = pin.SE3(pin.exp3(turn), rng.normal(size=3))
+        return model.configuration(joints, base), 2.0 * rng.normal(size=model.nv)
+
+    return draw

@@ -1,0 +1,335 @@
+"""Polygons, tilted planes, wheels, fixed contacts, contacts between two links, closed loops."""
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts import (
+    FixedContact,
+    LoopClosure,
+    PointContact,
+    Polygon,
+    Rectangle,
+    RollingContact,
+    SurfaceContact,
+    polygon_wrench_cone,
+    wrench_cone,
+)
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.mechanics import Kinematics, Rolling
+
+seeds = st.integers(0, 2**32 - 1)
+few = hypothesis_settings(deadline=None, max_examples=6, derandomize=True)
+HANDS = ("left_wrist_yaw_link", "right_wrist_yaw_link")
+
+
+def placement_of(rng):
+    return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
+
+
+def at(model, q, v):
+    dynamics = Dynamics(model)
+    dynamics.update(q, v)
+    return dynamics
+
+
+# The cone of a polygon -----------------------------------------------------------------------------------------------
+
+
+def same_rows(first, second):
+    distance = np.abs(first[:, None, :] - second[None, :, :]).max(axis=2)
+    return len(first) == len(second) and distance.min(axis=0).max() < 1e-9 and distance.min(axis=1).max() < 1e-9
+
+
+@hypothesis_settings(deadline=None, max_examples=30, derandomize=True)
+@given(friction=st.floats(0.05, 1.5), x=st.floats(0.01, 0.3), y=st.floats(0.01, 0.3))
+def test_the_cone_of_a_rectangle_as_a_polygon_is_the_closed_form(friction, x, y):
+    assert same_rows(polygon_wrench_cone(friction, Rectangle(x, y).vertices), wrench_cone(friction, x, y))
+
+
+def polygon(rng, size=0.1):
+    points = size * rng.normal(size=(int(rng.integers(3, 9)), 2)) + 0.1 * rng.normal(size=2)
+    return Polygon(points[ConvexHull(points).vertices], "vertices")
+
+
+def can_be_made(wrench, friction, vertices):
+    """Whether forces within the pyramids at the vertices make up a wrench: a linear program."""
+    edges = itertools.product((1.0, -1.0), repeat=2)
+    forces = [np.array([a * friction, b * friction, 1.0]) for a, b in edges]
+    rays = [np.append(force, np.cross([*vertex, 0.0], force)) for vertex in vertices for force in forces]
+    return linprog(np.zeros(len(rays)), A_eq=np.array(rays).T, b_eq=wrench, method="highs").status == 0
+
+
+@hypothesis_settings(deadline=None, max_examples=60, derandomize=True)
+@given(seed=seeds, friction=st.floats(0.1, 1.2))
+def test_the_cone_of_a_polygon_holds_exactly_the_wrenches_that_its_vertices_can_make(seed, friction):
+    rng = np.random.default_rng(seed)
+    vertices = polygon(rng).vertices
+    C = polygon_wrench_cone(friction, vertices)
+    middle = vertices.mean(axis=0)
+    upright = np.array([0.0, 0.0, 1.0, middle[1], -middle[0], 0.0])
+    direction = rng.normal(size=6) * [friction, friction, 0.0, 0.1, 0.1, 0.1 * friction]
+    rate, room = C @ direction, -C @ upright
+    assert (room > 0.0).all()
+    reach = np.min(room[rate > 0] / rate[rate > 0])
+    assert can_be_made(upright + (1.0 - 1.0e-4) * reach * direction, friction, vertices)
+    assert not can_be_made(upright + (1.0 + 1.0e-4) * reach * direction, friction, vertices)
+
+
+def test_vertices_may_come_in_any_order():
+    corners = np.array([[0.1, 0.0], [-0.1, 0.05], [0.05, 0.06], [0.0, -0.07], [-0.1, -0.05]])
+    rng = np.random.default_rng(0)
+    C = Polygon(corners, "vertices").cone(0.5)
+    for _ in range(5):
+        other = Polygon(rng.permutation(corners), "vertices")
+        assert same_rows(other.cone(0.5), C)
+        edges = np.roll(other.vertices, -1, axis=0) - other.vertices
+        turns = np.cross(
+            np.column_stack([edges, np.zeros(5)]), np.column_stack([np.roll(edges, -1, axis=0), np.zeros(5)])
+        )
+        assert (turns[:, 2] > 0.0).all()  # in order around it
+
+
+@pytest.mark.parametrize(
+    ("vertices", "said"),
+    [
+        ([[0, 0], [0.1, 0]], "has 2 vertices; a polygon takes three or more"),
+        ([[0, 0], [0.1, 0.1], [0.2, 0.2]], "the vertices are on one line"),
+        ([[0, 0], [0.1, 0], [0.1, 0.1], [0.02, 0.01]], r"key\[3\] = \[0.02, 0.01\]: no corner"),
+        ([[0, 0], [0.1, 0], [0.05, 0.02], [0.1, 0.1], [0, 0.1]], r"key\[2\] = \[0.05, 0.02\]: no corner"),
+        ([[0, 0], [0.1, 0], [0.05, 0], [0, 0.1]], r"key\[2\] = \[0.05, 0.0\]: no corner"),
+        ([[0, 0], [0.1, 0], [0, 0.1], [0.1, 0]], r"key\[1\] = \[0.1, 0.0\]: no corner"),
+    ],
+)
+def test_what_is_no_convex_polygon_is_refused_and_the_vertex_named(vertices, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Polygon(np.array(vertices, dtype=float), "key")
+
+
+def test_the_yaw_moment_can_be_bounded_further_and_ramps(load):
+    model, _ = load("g1")
+    place = "foot", model, "left_ankle_roll_link", pin.SE3.Identity(), Rectangle(0.1, 0.05)
+    lower, upper = SurfaceContact(*place, max_yaw_moment=4.0).bounds(0.25)
+    assert (lower[5], upper[5]) == (-1.0, 1.0)
+    assert SurfaceContact(*place).bounds(0.25)[1][5] == np.inf
+
+
+# Motion: Jacobians and drifts against finite differences -------------------------------------------------------------
+
+KINDS = {
+    "surface against a link": lambda model, rng: SurfaceContact(
+        "c", model, HANDS[0], placement_of(rng), Rectangle(0.1, 0.05), against=HANDS[1]
+    ),
+    "point on a slope": lambda model, rng: PointContact(
+        "c", model, HANDS[0], rng.normal(size=3), 0.05, normal=rng.normal(size=3)
+    ),
+    "point against a link": lambda model, rng: PointContact(
+        "c", model, HANDS[0], rng.normal(size=3), 0.05, normal=rng.normal(size=3), against=HANDS[1]
+    ),
+    "wheel": lambda model, rng: RollingContact("c", model, HANDS[0], rng.normal(size=3), 0.1, rng.normal(size=3)),
+    "wheel on a slope": lambda model, rng: RollingContact(
+        "c", model, HANDS[0], rng.normal(size=3), 0.1, rng.normal(size=3), normal=rng.normal(size=3)
+    ),
+    "wheel against a link": lambda model, rng: RollingContact(
+        "c", model, HANDS[0], rng.normal(size=3), 0.1, rng.normal(size=3), normal=rng.normal(size=3), against=HANDS[1]
+    ),
+    "fixed": lambda model, rng: FixedContact("c", model, HANDS[0], placement_of(rng)),
+    "fixed, some axes": lambda model, rng: FixedContact("c", model, HANDS[0], placement_of(rng), [0, 1, 1, 0, 1, 0]),
+    "fixed to a link": lambda model, rng: FixedContact("c", model, HANDS[0], placement_of(rng), against=HANDS[1]),
+    "loop": lambda model, rng: LoopClosure("c", model, HANDS, (placement_of(rng), placement_of(rng))),
+    "hinge": lambda model, rng: LoopClosure(
+        "c", model, HANDS, (placement_of(rng), placement_of(rng)), [1, 1, 1, 0, 1, 1]
+    ),
+}
+
+
+def velocity_by_differences(contact, model, q, v, step=1.0e-6):
+    """Velocity of the contact along the axes of its force, by the motion of what it consists of."""
+    ends = [at(model, pin.integrate(model.pinocchio, q, sign * step * v), v) for sign in (-1.0, 1.0)]
+    middle = at(model, q, v)
+
+    def rate(values):
+        return (values(ends[1]) - values(ends[0])) / (2.0 * step)
+
+    def turning(placement):
+        return pin.log3(placement(ends[1]).rotation @ placement(ends[0]).rotation.T) / (2.0 * step)
+
+    if isinstance(contact, LoopClosure):
+        poses = [contact._pose(end) for end in ends]
+        omega = pin.log3(poses[1].rotation @ poses[0].rotation.T) / (2.0 * step)
+        return np.append((poses[1].translation - poses[0].translation) / (2.0 * step), omega)[contact._rows]
+    if isinstance(contact, SurfaceContact | FixedContact):
+        mount = contact._mount
+        if mount.against is None:
+            poses = [contact.placement(end) for end in ends]
+        else:
+            other = model.pinocchio.getFrameId(mount.against)
+            poses = [end.placement(other).actInv(contact.placement(end)) for end in ends]
+        return contact.basis.T @ pin.log6(poses[0].actInv(poses[1])).vector / (2.0 * step)
+
+    def frame(dynamics):
+        return dynamics.placement(contact._frame_id)
+
+    touching = contact.points(middle)[0]
+    fixed = frame(middle).actInv(touching)  # the material point of the link that touches just now
+    velocity = rate(lambda dynamics: frame(dynamics).act(fixed))
+    if contact._other is not None:
+
+        def other(dynamics):
+            return dynamics.placement(contact._other)
+
+        below = other(middle).actInv(touching)
+        velocity -= rate(lambda dynamics: other(dynamics).act(below))
+    assert np.isfinite(turning(frame)).all()
+    return contact.axes(middle).T @ velocity
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@few
+@given(seed=seeds)
+def test_the_jacobian_is_the_velocity_of_what_touches(load, random_state, kind, seed):
+    model, _ = load("g1")
+    rng = np.random.default_rng(seed)
+    contact = KINDS[kind](model, rng)
+    q, v = random_state(model, rng)
+    J = contact.jacobian(at(model, q, v))
+    assert J.shape == (contact.size, model.nv)
+    expected = velocity_by_differences(contact, model, q, v)
+    assert np.abs(J @ v - expected).max() < 1.0e-6 * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@few
+@given(seed=seeds)
+def test_the_drift_is_the_rate_of_that_velocity_at_constant_v(load, random_state, kind, seed):
+    model, _ = load("g1")
+    rng = np.random.default_rng(seed)
+    contact = KINDS[kind](model, rng)
+    q, v = random_state(model, rng)
+    step, ends = 1.0e-5, []
+    for sign in (-step, step):
+        dynamics = at(model, pin.integrate(model.pinocchio, q, sign * v), v)
+        ends.append(contact.jacobian(dynamics) @ v)
+    expected = (ends[1] - ends[0]) / (2.0 * step)
+    drift = contact.drift(at(model, q, v))
+    assert np.linalg.norm(drift - expected) < 2.0e-6 * max(1.0, np.linalg.norm(expected))
+
+
+@pytest.mark.parametrize("axis", [None, (0.1, 1.0, 0.3)])
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.2, -0.1, 1.0)])
+def test_balls_and_wheels_are_those_of_the_mechanics(load, random_state, axis, normal):
+    model, _ = load("g1")
+    rng = np.random.default_rng(5)
+    q, v = random_state(model, rng)
+    centre = rng.normal(size=3)
+    place = "c", model, HANDS[0], centre, 0.1
+    contact = (
+        PointContact(*place, normal=normal) if axis is None else RollingContact(*place, np.array(axis), normal=normal)
+    )
+    terms = Rolling(frame=HANDS[0], radius=0.1, centre=centre, axis=axis, normal=np.array(normal)).terms(
+        Kinematics(model.pinocchio, q, v)
+    )
+    dynamics = at(model, q, v)
+    J, drift = contact.jacobian(dynamics), contact.drift(dynamics)
+    # The last row of both is along the normal; the first two span the plane in axes of their own.
+    np.testing.assert_allclose(J[2], terms.jacobian[2], atol=1e-9)
+    np.testing.assert_allclose(drift[2], terms.drift[2], atol=1e-8)
+    turn = J[:2] @ np.linalg.pinv(terms.jacobian[:2])
+    np.testing.assert_allclose(turn @ turn.T, np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(turn @ terms.jacobian[:2], J[:2], atol=1e-9)
+    np.testing.assert_allclose(turn @ terms.drift[:2], drift[:2], atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_force_does_the_power_that_its_wrench_does(load, random_state, kind):
+    """fᵀ J v against the wrench in the world, on a contact with the world; between two links, on the first alone."""
+    model, _ = load("g1")
+    rng = np.random.default_rng(3)
+    contact = KINDS[kind](model, rng)
+    q, v = random_state(model, rng)
+    dynamics, force = at(model, q, v), rng.normal(size=contact.size)
+    wrench = contact.wrench_in_world(dynamics, force)
+    feels = [HANDS[1], HANDS[0]] if isinstance(contact, LoopClosure) else [HANDS[0], HANDS[1]]
+    J = [dynamics.jacobian(model.pinocchio.getFrameId(name), pin.WORLD) for name in feels]
+    generalized = J[0].T @ wrench - (J[1].T @ wrench if contact.internal else 0.0)
+    np.testing.assert_allclose(contact.jacobian(dynamics).T @ force, generalized, atol=1e-9)
+    assert contact.internal == ("link" in kind or kind in ("loop", "hinge"))
+
+
+# Fixed contacts and loops --------------------------------------------------------------------------------------------
+
+
+def test_a_fixed_contact_bears_both_ways_along_what_it_holds_and_ramps(load):
+    model, _ = load("g1")
+    hand = FixedContact(
+        "hand", model, HANDS[0], pin.SE3.Identity(), [1, 0, 1, 0, 1, 0], max_force=200.0, max_moment=10.0
+    )
+    lower, upper = hand.bounds(0.5)
+    np.testing.assert_array_equal(upper, [100.0, 100.0, 5.0])
+    np.testing.assert_array_equal(lower, -upper)
+    np.testing.assert_array_equal(hand.basis @ [1.0, 2.0, 3.0], [1.0, 0.0, 2.0, 0.0, 3.0, 0.0])
+    assert hand.bound_groups == (("force", 0, 2), ("moment", 2, 3))
+    assert len(hand.cone) == 0
+
+
+@few
+@given(seed=seeds)
+def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, seed):
+    """ė = J v where the loop is nearly closed: then γ̇ = -D γ - K e makes e decay critically."""
+    model, _ = load("g1")
+    rng = np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    dynamics = at(model, q, v)
+    a, b = (dynamics.placement(model.pinocchio.getFrameId(name)) for name in HANDS)
+    place = placement_of(rng)
+    small = pin.exp6(1.0e-4 * rng.normal(size=6))
+    turned = pin.SE3(pin.exp3(np.array([2.5, 0.0, 0.0])), np.zeros(3))  # the hinge is far from its zero
+    for mask, joint in ([1] * 6, pin.SE3.Identity()), ([1, 1, 1, 0, 1, 1], turned), ([1, 1, 1, 0, 0, 0], turned):
+        loop = LoopClosure("l", model, HANDS, (place, b.actInv(a * place * joint * small)), mask, stiffness=100.0)
+        assert np.abs(loop.error(dynamics)).max() < 1.0e-3
+        ends = [loop.error(at(model, pin.integrate(model.pinocchio, q, sign * v), v)) for sign in (-1e-6, 1e-6)]
+        J = loop.jacobian(dynamics)
+        np.testing.assert_allclose((ends[1] - ends[0]) / 2e-6, J @ v, atol=2.0e-3 * max(1.0, np.abs(J @ v).max()))
+        expected = -loop.drift(dynamics) - 20.0 * (J @ v) - 100.0 * loop.error(dynamics)
+        np.testing.assert_allclose(loop.acceleration_at_rest(dynamics) - loop.damping * J @ v, expected)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda model: FixedContact("c", model, HANDS[0], pin.SE3.Identity(), [False] * 6), "holds no axis"),
+        (lambda model: LoopClosure("c", model, HANDS, (pin.SE3.Identity(),) * 2, [False] * 6), "holds no axis"),
+        (
+            lambda model: LoopClosure("c", model, (HANDS[0], "left_rubber_hand"), (pin.SE3.Identity(),) * 2),
+            r"loops\.c: no joint is between frame_a = 'left_wrist_yaw_link' and frame_b = 'left_rubber_hand'",
+        ),
+        (
+            lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, against="left_rubber_hand"),
+            r"contacts\.c\.against = 'left_rubber_hand': it moves together with 'left_wrist_yaw_link'",
+        ),
+        (
+            lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, against="left_hnd"),
+            r"contacts\.c\.against = 'left_hnd'.*no such frame",
+        ),
+        (
+            lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, normal=[0, 0, 0]),
+            r"contacts\.c\.normal = \[0, 0, 0\]: it must have a length",
+        ),
+        (
+            lambda model: RollingContact("c", model, HANDS[0], np.zeros(3), 0.1, np.full(3, np.nan)),
+            r"contacts\.c\.axis = \[nan, nan, nan\]: it must have a length",
+        ),
+    ],
+)
+def test_what_cannot_be_a_contact_is_refused(load, make, said):
+    model, _ = load("g1")
+    with pytest.raises(ConfigurationError, match=said):
+        make(model)

@@ -1,0 +1,337 @@
+"""Contacts that go back to where they were made: their anchors, and that what they are displaced by decays."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts import (
+    FixedContact,
+    PointContact,
+    Rectangle,
+    RollingContact,
+    SurfaceContact,
+)
+from wbc_controller.inverse_dynamics.formulation import formulation
+from wbc_controller.inverse_dynamics.references.changes import EnableContact
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.files import parse_settings
+
+HANDS = ("left_wrist_yaw_link", "right_wrist_yaw_link")
+STIFFNESS, DAMPING = 100.0, 20.0
+seeds = st.integers(0, 2**32 - 1)
+few = hypothesis_settings(deadline=None, max_examples=6, derandomize=True)
+
+
+def at(model, q, v=None):
+    dynamics = Dynamics(model)
+    dynamics.update(q, np.zeros(model.nv) if v is None else v)
+    return dynamics
+
+
+def random_place(rng):
+    return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
+
+
+# Where a contact is against its anchor -------------------------------------------------------------------------------
+
+
+def a_surface(model, rng, **limits):
+    return SurfaceContact("c", model, HANDS[0], random_place(rng), Rectangle(0.1, 0.05), **limits)
+
+
+def a_point(model, rng, **limits):
+    return PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05, normal=rng.normal(size=3), **limits)
+
+
+def a_wheel(model, rng, **limits):
+    centre, axle, normal = rng.normal(size=(3, 3))
+    return RollingContact("c", model, HANDS[0], centre, 0.1, axle, normal=normal, **limits)
+
+
+def a_fixed(mask):
+    return lambda model, rng, **limits: FixedContact("c", model, HANDS[0], random_place(rng), mask, **limits)
+
+
+#: A kind, and a motion along the axes that it leaves free (a twist in the contact frame): it stays at its anchor.
+KINDS = {
+    "surface": (a_surface, [0, 0, 0, 0, 0, 0]),
+    "point": (a_point, None),
+    "wheel": (a_wheel, None),
+    "bolt": (a_fixed([1, 1, 1, 1, 1, 1]), [0, 0, 0, 0, 0, 0]),
+    "rail": (a_fixed([1, 0, 1, 1, 0, 1]), [0, 0.4, 0, 0, 2.2, 0]),
+    "plane": (a_fixed([0, 0, 1, 1, 1, 0]), [0.3, -0.4, 0, 0, 0, 2.2]),
+    "ball joint": (a_fixed([1, 1, 1, 0, 0, 0]), [0, 0, 0, 1.0, 0.5, -1.5]),
+    "cross slide": (a_fixed([0, 1, 0, 1, 1, 1]), [0.5, 0, 0.3, 0, 0, 0]),
+}
+
+
+@pytest.mark.parametrize("against", [None, HANDS[1]])
+@pytest.mark.parametrize("kind", KINDS)
+@few
+@given(seed=seeds)
+def test_the_displacement_is_what_the_velocity_of_the_contact_undoes(load, random_state, kind, against, seed):
+    model, _ = load("g1")
+    rng = np.random.default_rng(seed)
+    make, free = KINDS[kind]
+    contact = make(model, rng, against=against, stiffness=STIFFNESS)
+    q, v = random_state(model, rng)
+    anchor = contact.anchor(at(model, q))
+    if free is not None:  # it was made elsewhere on the way that is free
+        anchor = pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(anchor) * pin.exp6(np.array(free)))
+    e = contact.displacement(at(model, q), anchor)
+    assert e.shape == (contact.size,)
+    np.testing.assert_allclose(e, 0.0, atol=1e-9)
+    step = 1.0e-6
+    ends = [contact.displacement(at(model, pin.integrate(model.pinocchio, q, s * step * v)), anchor) for s in (-1, 1)]
+    wanted = -contact.jacobian(at(model, q, v)) @ v
+    if kind == "wheel":
+        wanted[:2] = 0.0  # along the plane it has no place
+    np.testing.assert_allclose((ends[1] - ends[0]) / (2.0 * step), wanted, atol=1e-6 * max(1.0, np.abs(wanted).max()))
+
+
+@pytest.mark.parametrize("wheel", [False, True])
+@few
+@given(seed=seeds)
+def test_a_ball_that_rolled_is_at_its_anchor_and_one_that_slid_or_rose_is_not(load, random_state, wheel, seed):
+    model, _ = load("g1")
+    rng = np.random.default_rng(seed)
+    contact = (a_wheel if wheel else a_point)(model, rng, stiffness=STIFFNESS)
+    q, _ = random_state(model, rng)
+    dynamics = at(model, q)
+    anchor, n = contact.anchor(dynamics), contact.axes(dynamics)[:, 2]
+    centre = dynamics.placement(contact._frame_id).act(contact._translation)
+    # About any axis where it is a ball, and about the normal where it is a wheel, which stays as upright as it was.
+    turn = rng.uniform(-1.5, 1.5) * (n if wheel else np.array(random_place(rng).rotation[:, 0]))
+    slid = 0.1 * rng.normal(size=3)
+    moved = np.array(q)
+    to = centre + (0.0 if wheel else contact.radius * np.cross(turn, n)) + slid
+    rotation = pin.exp3(turn)
+    base = pin.SE3(rotation, to - rotation @ centre) * pin.XYZQUATToSE3(q[:7])
+    moved[:7] = pin.SE3ToXYZQUAT(base)
+    expected = -contact.axes(dynamics).T @ slid
+    if wheel:
+        expected[:2] = 0.0
+    np.testing.assert_allclose(contact.displacement(at(model, moved), anchor), expected, atol=1e-9)
+
+
+def test_a_contact_between_two_links_is_where_it_was_when_both_have_moved(load, random_state):
+    model, _ = load("g1")
+    rng = np.random.default_rng(0)
+    q, _ = random_state(model, rng)
+    for make, _ in KINDS.values():
+        contact = make(model, rng, against=HANDS[1], stiffness=STIFFNESS)
+        anchor = contact.anchor(at(model, q))
+        moved = np.array(q)
+        moved[:7] = pin.SE3ToXYZQUAT(random_place(rng) * pin.XYZQUATToSE3(q[:7]))
+        np.testing.assert_allclose(contact.displacement(at(model, moved), anchor), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mask", "said"),
+    [
+        ([0, 1, 1, 1, 1, 0], "along y"),  # a skate
+        ([1, 1, 1, 1, 0, 0], "about x"),
+        ([1, 1, 0, 0, 0, 0], "along x and along y"),
+    ],
+)
+def test_a_mask_that_leaves_no_place_takes_no_stiffness(load, mask, said):
+    model, _ = load("g1")
+    place = "grip", model, HANDS[0], pin.SE3.Identity(), [bool(held) for held in mask]
+    FixedContact(*place)
+    with pytest.raises(ConfigurationError, match=rf"contacts\.grip\.stiffness = 30: with mask = .*places {said} by"):
+        FixedContact(*place, stiffness=30.0)
+
+
+# In the controller ---------------------------------------------------------------------------------------------------
+
+GRIP = {"type": "fixed", "frame": "left_rubber_hand", "against": "right_rubber_hand", "max_force": 300.0,
+        "max_moment": 50.0, "stiffness": STIFFNESS, "damping": DAMPING, "enabled": False}  # fmt: skip
+
+
+class Standing:
+    """G1 in its stance, with contacts of some stiffness, and references from a board."""
+
+    def __init__(self, load, bench, stiffness, **contacts):
+        self.model, settings = load("g1")
+        content = settings.model_dump()
+        for contact in content["contacts"].values():
+            contact |= {"stiffness": stiffness, "damping": DAMPING}
+        content["contacts"] |= contacts
+        self.settings = parse_settings(content, "test_anchors.py")
+        self.controller = make_qp(self.settings, self.model, lambda: 0.0)
+        self.board = make_board(self.settings, self.controller)
+        self.q = bench("g1").stance
+        self.dynamics = at(self.model, self.q)
+        self.board.reset(self.dynamics, 0.0)
+
+    def state(self, q=None, v=None):
+        v = np.zeros(self.model.nv) if v is None else v
+        return RobotState(0, frozen(self.q if q is None else q), frozen(v))
+
+
+@pytest.mark.parametrize("name", ["left_foot", "grip"])
+def test_what_is_displaced_by_some_millimetres_goes_back_as_k_and_d_say(load, bench, name):
+    robot = Standing(load, bench, STIFFNESS, **({"grip": GRIP | {"enabled": True}} if name == "grip" else {}))
+    contact = robot.controller.contacts[name]
+    off = pin.exp6(np.array([3e-3, -2e-3, 1e-3, 0.01, -0.02, 0.015]))
+    references = robot.board.sample(0.0)
+    anchor = frozen(pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(references.anchors[name]) * off))
+    references = replace(references, anchors={**references.anchors, name: anchor})
+    first = contact.displacement(robot.dynamics, anchor)
+    assert np.abs(first[:3]).min() > 5e-4
+    state, step, rate, cycles = robot.state(), 2.0e-3, math.sqrt(STIFFNESS), []
+    for i in range(1, 251):
+        solution = robot.controller.solve(state, references)
+        assert not solution.relaxed
+        cycles.append((state, solution))
+        v = state.v + step * solution.v_dot
+        q = pin.integrate(robot.model.pinocchio, state.q, 0.5 * step * (state.v + v))
+        state = robot.state(q, v)
+        if i % 50 == 0:  # critically damped: D = 2 √K
+            now = at(robot.model, q)
+            decayed = (1.0 + rate * i * step) * math.exp(-rate * i * step)
+            np.testing.assert_allclose(
+                contact.displacement(now, anchor), decayed * first, atol=0.02 * np.abs(first).max()
+            )
+            for other in set(references.anchors) - {name}:
+                away = robot.controller.contacts[other].displacement(now, references.anchors[other])
+                assert np.abs(away).max() < 1e-5
+    # The same answer from the same arguments, whatever was solved before, or by another controller.
+    other = make_qp(robot.settings, robot.model, lambda: 0.0)
+    for state, solution in (cycles[10], cycles[200], cycles[0]):
+        for controller in (robot.controller, other):
+            again = controller.solve(state, references)
+            np.testing.assert_allclose(again.v_dot, solution.v_dot, atol=1e-7)
+            np.testing.assert_allclose(again.tau, solution.tau, atol=1e-6)
+
+
+def test_a_contact_asks_for_k_e_exactly_in_every_row(load, bench):
+    robot, without = Standing(load, bench, STIFFNESS), Standing(load, bench, 0.0)
+    rng = np.random.default_rng(1)
+    q = pin.integrate(robot.model.pinocchio, robot.q, 0.02 * rng.normal(size=robot.model.nv))
+    state = robot.state(q, 0.1 * rng.normal(size=robot.model.nv))
+    references = robot.board.sample(0.0)
+    layouts = [each.controller.formulation.build(state, references) for each in (robot, without)]
+    b, b_without = (layout.contact_motion for layout in layouts)
+    dynamics = at(robot.model, q)
+    e = [
+        contact.displacement(dynamics, references.anchors[name]) for name, contact in robot.controller.contacts.items()
+    ]
+    assert np.abs(np.concatenate(e)).max() > 1e-3
+    np.testing.assert_allclose(b - b_without, STIFFNESS * np.concatenate(e), atol=1e-9)
+    assert np.array_equal(layouts[0].J, layouts[1].J)
+
+
+def test_without_a_stiffness_nothing_is_computed_and_nothing_anchored(load, bench, monkeypatch):
+    def never(*_):
+        raise AssertionError("computed")
+
+    robot = Standing(load, bench, 0.0)
+    monkeypatch.setattr(formulation, "pull", never)
+    references = robot.board.sample(0.0)
+    assert not references.anchors
+    robot.controller.solve(robot.state(), references)
+    stiff = Standing(load, bench, STIFFNESS)
+    with pytest.raises(AssertionError, match="computed"):
+        stiff.controller.solve(stiff.state(), stiff.board.sample(0.0))
+
+
+def test_at_its_anchor_a_stiff_contact_asks_for_nothing_else(load, bench):
+    answers = []
+    for stiffness in (0.0, STIFFNESS):
+        robot = Standing(load, bench, stiffness)
+        v = 0.05 * np.random.default_rng(2).normal(size=robot.model.nv)
+        answers.append(robot.controller.solve(robot.state(v=v), robot.board.sample(0.0)))
+    np.testing.assert_allclose(answers[0].v_dot, answers[1].v_dot, atol=1e-7)
+
+
+def test_a_contact_is_anchored_where_it_is_made_and_anew_when_it_was_broken(load, bench):
+    robot = Standing(load, bench, STIFFNESS)
+    foot, ramp = robot.controller.contacts["left_foot"], robot.settings.contacts["left_foot"].ramp
+
+    def elsewhere(size):
+        q = np.array(robot.q)
+        q[:3] += size
+        return at(robot.model, q)
+
+    def displacement(dynamics, time):
+        return foot.displacement(dynamics, robot.board.sample(time).anchors["left_foot"])
+
+    def switch(enabled, dynamics, time):
+        robot.board.apply([EnableContact("left_foot", enabled)], dynamics, time)
+
+    early = robot.board.sample(0.0)
+    assert set(early.anchors) == {"left_foot", "right_foot"}
+    a, b, c = elsewhere(0.01), elsewhere(0.02), elsewhere(0.03)
+    np.testing.assert_allclose(np.linalg.norm(displacement(a, 0.0)[:3]), math.sqrt(3.0) * 0.01)
+    switch(True, a, 1.0)  # made already
+    switch(False, a, 2.0)
+    switch(True, b, 2.0 + 0.5 * ramp)  # not broken yet: it is the contact that it was
+    np.testing.assert_allclose(displacement(robot.dynamics, 3.0), 0.0, atol=1e-12)
+    switch(False, b, 4.0)
+    np.testing.assert_allclose(displacement(robot.dynamics, 4.0 + 0.5 * ramp), 0.0, atol=1e-12)
+    switch(True, c, 6.0)
+    np.testing.assert_allclose(displacement(c, 6.0 + 0.01 * ramp), 0.0, atol=1e-12)
+    other = robot.board.sample(7.0).anchors["right_foot"]
+    np.testing.assert_array_equal(other, early.anchors["right_foot"])
+    robot.board.reset(b, 8.0)
+    np.testing.assert_allclose(displacement(b, 8.0), 0.0, atol=1e-12)
+    # What was sampled stays as it was.
+    np.testing.assert_allclose(foot.displacement(robot.dynamics, early.anchors["left_foot"]), 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="read-only"):
+        early.anchors["left_foot"][0] = 1.0
+
+
+def test_a_contact_that_is_not_made_at_activation_is_anchored_when_it_is(load, bench):
+    robot = Standing(load, bench, 0.0, grip=GRIP)
+    robot.board.apply([EnableContact("grip", True)], robot.dynamics, 1.0)
+    references = robot.board.sample(1.5)
+    assert set(references.anchors) == {"grip"}
+    assert not robot.controller.solve(robot.state(), references).relaxed
+
+
+def test_a_contact_without_its_anchor_is_named(load, bench):
+    robot = Standing(load, bench, STIFFNESS)
+    references = robot.board.sample(0.0)
+    only_right = replace(references, anchors={"right_foot": references.anchors["right_foot"]})
+    with pytest.raises(ConfigurationError, match=r"'left_foot' has stiffness = 100 1/s².*they have: right_foot"):
+        robot.controller.solve(robot.state(), only_right)
+
+
+def test_contacts_of_one_link_that_were_made_one_after_the_other_do_not_conflict(load, bench):
+    """Four points under a sole: twelve rows of rank six, and anchors that no pose of the sole meets."""
+    robot = Standing(load, bench, 0.0)
+    sole = robot.settings.contacts["left_foot"]
+    x, y, z = sole.translation
+    points = {
+        f"corner_{i}": {"type": "point", "frame": sole.frame, "translation": [x + dx, y + dy, z], "radius": 0.001,
+                        "max_normal_force": 500.0, "stiffness": STIFFNESS}
+        for i, (dx, dy) in enumerate([(0.05, 0.02), (0.05, -0.02), (-0.05, 0.02), (-0.05, -0.02)])
+    }  # fmt: skip
+    robot = Standing(load, bench, 0.0, left_foot=sole.model_dump() | {"enabled": False}, **points)
+    references = robot.board.sample(0.0)
+    rng = np.random.default_rng(3)
+    anchors = {
+        name: anchor + np.append(2e-3 * rng.normal(size=3), np.zeros(4)) for name, anchor in references.anchors.items()
+    }
+    solution = robot.controller.solve(robot.state(), replace(references, anchors=anchors))
+    assert not solution.relaxed
+    contacts = [robot.controller.contacts[name] for name in points]
+    J = np.concatenate([contact.jacobian(robot.dynamics) for contact in contacts])
+    wanted = np.concatenate(
+        [STIFFNESS * contact.displacement(robot.dynamics, anchors[contact.name]) for contact in contacts]
+    )
+    assert np.linalg.matrix_rank(J, tol=1e-6) == 6
+    U = np.linalg.svd(J)[0][:, :6]
+    assert np.linalg.norm(wanted - U @ U.T @ wanted) > 0.1
+    np.testing.assert_allclose(J @ solution.v_dot, U @ U.T @ wanted, atol=1e-5)

@@ -1,0 +1,182 @@
+"""The newer contacts in the quadratic program: what binds, what conflicts, forces between links, loops."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.errors import NoSolution
+from wbc_controller.inverse_dynamics.contacts import FixedContact, LoopClosure, Rectangle, SurfaceContact
+from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
+from wbc_controller.mechanics import Kinematics, PinnedFrames, constrained_dynamics
+from wbc_controller.mechanics import SurfaceContact as Held
+
+
+def with_contacts(robot, *contacts):
+    """Put contacts in the place of the robot's own."""
+    formulation = robot.controller.formulation
+    formulation.contacts = {contact.name: contact for contact in contacts}
+    formulation._layouts.clear()
+    robot.controller._solvers.clear()
+    return robot
+
+
+def bolted(robot, **limits):
+    """A robot whose base hangs from a bolt."""
+    bolt = FixedContact("bolt", robot.model, robot.model.base_link, pin.SE3.Identity(), **limits)
+    return with_contacts(robot, bolt)
+
+
+def still(robot, references):
+    formulation = robot.controller.formulation
+    layout = formulation.build(robot.state(), references)
+    columns = slice(0, robot.model.nv)
+    layout.problem.x_lower[columns] = layout.problem.x_upper[columns] = 0.0
+    return explain(layout, robot.model, formulation.effort_bounds(references), held=("motion",))
+
+
+def test_a_bolt_bears_the_weight_from_above(bench):
+    robot = bolted(bench("go2"), max_force=1000.0)
+    weight = robot.model.mass * robot.model.gravity
+    solution = robot.controller.solve(robot.state(), robot.references())
+    assert solution.forces["bolt"][2] == pytest.approx(weight, rel=1e-4)
+    assert solution.residuals["contact_motion"] < 1e-9
+    down = replace(
+        robot.references(), external_wrenches={robot.model.base_link: np.array([0, 0, 3.0 * weight, 0, 0, 0])}
+    )
+    assert robot.controller.solve(robot.state(), down).forces["bolt"][2] == pytest.approx(-2.0 * weight, rel=1e-4)
+
+
+def test_a_bolt_that_is_too_weak_is_named_with_its_unit(bench):
+    robot = bolted(bench("go2"), max_force=100.0)
+    weight = robot.model.mass * robot.model.gravity
+    why = still(robot, robot.references())
+    assert set(why.conflict) == {"force:bolt"}
+    assert why.slack["force:bolt"] == pytest.approx(weight - 100.0, rel=1e-3)
+    assert why.units["force:bolt"] == "N"
+    assert why.sentence.startswith("conflict: force of bolt (at most 100 N, ")
+    robot = bolted(bench("go2"), max_force=1000.0, max_moment=20.0)
+    twist = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 50.0])
+    why = still(robot, replace(robot.references(), external_wrenches={robot.model.base_link: twist}))
+    assert set(why.conflict) == {"moment:bolt"}
+    assert why.units["moment:bolt"] == "N·m"
+    assert "moment of bolt (at least -20 N·m, " in why.sentence
+
+
+def test_what_binds_at_a_fixed_contact_has_its_name(bench):
+    robot = bolted(bench("go2"), max_force=1.0)
+    weight = robot.model.mass * robot.model.gravity
+    up = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])  # the bolt has nothing to bear, but for what moves the robot
+    lifted = replace(robot.references(), external_wrenches={robot.model.base_link: up})
+    moving = robot.near_stance(np.random.default_rng(0))
+    references = replace(lifted, tasks=robot.references(robot.state()).tasks)
+    solution = robot.controller.solve(moving, references)
+    names = {name.rpartition(":")[0] for name in solution.binding}
+    assert "force:bolt" in names
+    assert all(np.isfinite(cost) for cost in solution.binding.values())
+
+
+def test_two_links_squeeze_each_other_and_the_robot_does_not_feel_it(bench):
+    """The feet bear what they bear without it; the arms carry the squeeze."""
+    robot = bench("g1")
+    state, references = robot.state(), robot.references()
+    palm = SurfaceContact(
+        "palm",
+        robot.model,
+        "right_rubber_hand",
+        pin.SE3(pin.rpy.rpyToMatrix(1.756, -0.799, 0.022), np.zeros(3)),
+        Rectangle(0.04, 0.04),
+        against="left_rubber_hand",
+        min_normal_force=30.0,
+    )
+    alone = robot.controller.solve(state, references)
+    feet = list(robot.controller.contacts.values())
+    pressed = with_contacts(robot, *feet, palm).controller.solve(
+        state, replace(references, contacts={**references.contacts, "palm": 1.0})
+    )
+    assert pressed.forces["palm"][2] >= 30.0 - 1e-6
+    assert (palm.cone @ pressed.forces["palm"]).max() < 1e-6
+    total = [sum(s.forces[foot.name][:3] for foot in feet) for s in (alone, pressed)]
+    np.testing.assert_allclose(total[1], total[0], atol=0.05)  # the centre of mass is where it is asked to be
+    arms = [i for i, joint in enumerate(robot.model.joints) if "shoulder" in joint or "elbow" in joint]
+    assert np.abs(pressed.tau - alone.tau)[arms].max() > 2.0
+
+
+def test_a_loop_is_held_without_being_made_and_moves_as_its_law_says(bench):
+    robot = bench("g1")
+    dynamics = robot.controller.dynamics
+    dynamics.update(robot.stance, np.zeros(robot.model.nv))
+    a, b = (dynamics.placement(robot.model.frame_id(f"{side}_rubber_hand", "")) for side in ("left", "right"))
+    open_by = np.array([0.002, -0.001, 0.003])
+    bar = LoopClosure(
+        "bar",
+        robot.model,
+        ("left_rubber_hand", "right_rubber_hand"),
+        (pin.SE3(np.eye(3), a.actInv(b).translation - open_by), pin.SE3.Identity()),
+        [True, True, True, False, False, False],
+        stiffness=100.0,
+    )
+    with_contacts(robot, *robot.controller.contacts.values(), bar)
+    for state in (robot.state(), robot.near_stance(np.random.default_rng(1), position=0.0)):
+        references = robot.references(state)
+        references = replace(references, contacts=dict.fromkeys(robot.settings.contacts, 1.0))  # nothing of the loop
+        solution = robot.controller.solve(state, references)
+        assert not solution.relaxed
+        J = bar.jacobian(dynamics)
+        expected = -100.0 * open_by - 20.0 * J @ state.v - bar.drift(dynamics)
+        np.testing.assert_allclose(J @ solution.v_dot, expected, atol=1e-7)
+    falling = replace(robot.references(), contacts={})
+    assert set(robot.controller.solve(robot.state(), falling).forces) == {"bar"}
+
+
+def test_two_links_that_are_held_by_a_loop_and_pulled_apart_by_grips_conflict(bench):
+    """Both hands are fixed to the world, and the loop between them is open: all three are named."""
+    robot = bench("g1")
+    dynamics = robot.controller.dynamics
+    dynamics.update(robot.stance, np.zeros(robot.model.nv))
+    hands = ("left_rubber_hand", "right_rubber_hand")
+    a, b = (dynamics.placement(robot.model.frame_id(hand, "")) for hand in hands)
+    gap = pin.SE3(np.eye(3), a.actInv(b).translation + np.array([0.0, 0.005, 0.0]))
+    bar = LoopClosure("bar", robot.model, hands, (gap, pin.SE3.Identity()), [True] * 3 + [False] * 3)
+    grips = [FixedContact(hand, robot.model, hand, pin.SE3.Identity(), [True] * 3 + [False] * 3) for hand in hands]
+    feet = list(robot.controller.contacts.values())
+    with_contacts(robot, *feet, *grips, bar)
+    references = replace(robot.references(), contacts=dict.fromkeys([c.name for c in (*feet, *grips)], 1.0))
+    with pytest.raises(NoSolution) as error:
+        robot.controller.solve(robot.state(), references)
+    why = error.value.infeasibility
+    assert set(why.conflict) == {"contact_motion:bar", *(f"contact_motion:{hand}" for hand in hands)}
+    assert "motion of bar" in why.sentence
+
+
+def test_a_solution_with_a_loop_and_a_grip_is_the_motion_of_the_mechanics(bench):
+    """Under the torques of the answer, Gauss's principle with constraints of their own gives the same motion (S10)."""
+    robot, hands = bench("g1"), ("left_rubber_hand", "right_rubber_hand")
+    model, dynamics = robot.model, robot.controller.dynamics
+    dynamics.update(robot.stance, np.zeros(model.nv))
+    a, b = (dynamics.placement(model.frame_id(hand, "")) for hand in hands)
+    middle = a.actInv(b).translation
+    bar = LoopClosure("bar", model, hands, (pin.SE3(np.eye(3), middle), pin.SE3.Identity()), [True] * 3 + [False] * 3)
+    grip = FixedContact("grip", model, hands[0], pin.SE3.Identity(), max_force=1000.0, max_moment=1000.0)
+    feet = list(robot.controller.contacts.values())
+    with_contacts(robot, *feet, grip, bar)
+    J = np.vstack([contact.jacobian(dynamics) for contact in (*feet, grip, bar)])
+    v = np.random.default_rng(2).normal(size=model.nv)
+    v = 0.5 * (v - np.linalg.pinv(J) @ (J @ v))  # nothing that is held moves
+    state = robot.state(v=v)
+    references = replace(robot.references(), contacts=dict.fromkeys([contact.name for contact in (*feet, grip)], 1.0))
+    solution = robot.controller.solve(state, references)
+    kinematics = Kinematics(model.pinocchio, robot.stance, v)
+    constraints = [PinnedFrames(first=hands[0], first_offset=middle, second=hands[1]), Held(frame=hands[0])]
+    for foot in feet:
+        frame = robot.settings.contacts[foot.name].frame
+        placement = kinematics.placement(frame).actInv(foot.placement(dynamics))
+        constraints.append(Held(frame=frame, placement=placement))
+    force = np.zeros(model.nv)
+    force[model.v_index] = solution.tau
+    motion = constrained_dynamics(model.pinocchio, robot.stance, v, force, constraints)
+    assert np.abs(solution.v_dot).max() > 0.5
+    np.testing.assert_allclose(motion.v_dot, solution.v_dot, atol=1e-6 * np.abs(solution.v_dot).max())
+    ours = J.T @ np.concatenate([solution.forces[contact.name] for contact in (*feet, grip, bar)])
+    np.testing.assert_allclose(motion.constraint_force, ours, atol=1e-6 * np.abs(ours).max())

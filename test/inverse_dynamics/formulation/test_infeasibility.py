@@ -1,0 +1,322 @@
+"""Why there is no solution: the guilty constraints, no innocent one, and the slack that would reconcile them."""
+
+import copy
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from changed_bounds import change_motion_bounds
+from scipy.optimize import linprog
+
+from wbc_controller.errors import NoSolution
+from wbc_controller.inverse_dynamics import whole_body_qp
+from wbc_controller.inverse_dynamics.formulation import infeasibility
+from wbc_controller.inverse_dynamics.formulation.answer import Answer
+from wbc_controller.inverse_dynamics.formulation.infeasibility import MAX_PROGRAMS, explain, named_constraints
+
+ROBOTS = ("g1", "talos", "go2")
+KNEE = {"g1": "left_knee_joint", "talos": "leg_left_4_joint", "go2": "FL_calf_joint"}
+OTHER_KNEE = {"g1": "right_knee_joint", "talos": "leg_right_4_joint"}
+ELBOW = {"g1": "left_elbow_joint", "talos": "arm_left_4_joint", "go2": "FR_hip_joint"}
+
+
+def weight(robot):
+    return robot.model.mass * robot.model.gravity
+
+
+def first_contact(robot):
+    return next(iter(robot.controller.contacts.values()))
+
+
+def weaken(robot, joint, limit):
+    limits = np.array(robot.model.effort_limits)
+    limits[robot.model.joints.index(joint)] = limit
+    robot.controller.formulation.torque_limit.effort_limits = limits
+
+
+def still(robot, references=None):
+    """Why the robot cannot stand still; the problem with it."""
+    references = references or robot.references()
+    layout = robot.controller.formulation.build(robot.state(), references)
+    accelerations = slice(0, robot.model.nv)
+    layout.problem.x_lower[accelerations] = layout.problem.x_upper[accelerations] = 0.0
+    effort = robot.controller.formulation.effort_bounds(references)
+    return explain(layout, robot.model, effort, held=("motion",)), layout, effort
+
+
+def failure(robot, references=None, state=None):
+    """What NoSolution carries; the problem with it."""
+    with pytest.raises(NoSolution) as error:
+        robot.controller.solve(state or robot.state(), references or robot.references())
+    assert error.value.infeasibility is not None
+    assert error.value.infeasibility.sentence in str(error.value)
+    references = references or robot.references()
+    layout = robot.controller.formulation.layout(tuple(references.contacts))
+    return error.value.infeasibility, layout, robot.controller.formulation.effort_bounds(references)
+
+
+def asked(robot, state=None, before=None):
+    """What the controller says of the limits that it would relax; the problem with it."""
+    state, references = state or robot.state(), robot.references(state)
+    return (
+        robot.controller.explain(state, references, before),
+        robot.controller.formulation.build(state, references, before),
+        robot.controller.formulation.effort_bounds(references),
+    )
+
+
+# Each case: contradict the constraints of a robot, and say which are guilty. -----------------------------------------
+
+
+def too_heavy(robot, name):
+    for contact in robot.controller.contacts.values():
+        contact.max_normal_force = 0.8 * weight(robot) / len(robot.controller.contacts)
+    return still(robot), {f"normal_force:{contact}" for contact in robot.controller.contacts}
+
+
+def pulling(robot, name):
+    contact = first_contact(robot)
+    contact.max_normal_force = -50.0
+    return failure(robot), {f"normal_force:{contact.name}", f"cone:{contact.name}"}
+
+
+def one_foot_presses(robot, name):
+    contact = first_contact(robot)
+    contact.min_normal_force = contact.max_normal_force = (12.0 if name == "g1" else 5.0) * weight(robot)
+    return failure(robot), {f"normal_force:{contact.name}", f"torque:{KNEE[name]}"}
+
+
+def all_feet_press(robot, name):
+    for contact in robot.controller.contacts.values():
+        contact.min_normal_force = contact.max_normal_force = (7.0 if name == "g1" else 5.0) * weight(robot)
+    knees = [joint for joint in robot.model.joints if "calf" in joint] or [KNEE[name], OTHER_KNEE[name]]
+    feet = robot.controller.contacts
+    return failure(robot), {f"normal_force:{foot}" for foot in feet} | {f"torque:{knee}" for knee in knees}
+
+
+def weak_arm(robot, name):
+    weaken(robot, ELBOW[name], 0.05)
+    return still(robot), {f"torque:{ELBOW[name]}"}
+
+
+def pulled_apart(robot, name):
+    contact = first_contact(robot)
+    twin = copy.copy(contact)
+    twin.name = "twin"
+
+    def drifting(dynamics, J, acceleration):
+        contact.fill(dynamics, J, acceleration)
+        acceleration[0] -= 0.5
+
+    twin.fill, twin.instruction = drifting, lambda: None
+    robot.controller.formulation.contacts = {contact.name: contact, "twin": twin}
+    robot.settings = robot.settings.model_copy(update={"contacts": {contact.name: None, "twin": None}})
+    return failure(robot), {f"contact_motion:{contact.name}", "contact_motion:twin"}
+
+
+def crossed(robot, name):
+    column = robot.model.v_index[robot.model.joints.index(ELBOW[name])]
+
+    def contradictory(lower, upper):
+        lower[column], upper[column] = 5.0, -5.0
+
+    change_motion_bounds(robot.controller.formulation, contradictory)
+    return asked(robot), {f"motion:{ELBOW[name]}"}
+
+
+def wrong_torque_before(joint):
+    def case(robot, name):
+        robot.controller.formulation.torque_limit.rate = 1.0
+        i = robot.model.joints.index(joint[name])
+        before = np.array(robot.controller.solve(robot.state(), robot.references()).tau)
+        before[i] = -np.sign(before[i]) * robot.model.effort_limits[i]
+        return asked(robot, before=before), {f"torque_rate:{joint[name]}"}
+
+    return case
+
+
+def slippery(robot, name):
+    """Pushed sideways on ice: the friction does not bear it."""
+    for contact in robot.controller.contacts.values():
+        contact.cone = np.array(contact.cone)
+        contact.friction = 0.05
+        normal = contact.cone[:, 2]
+        slides = (np.abs(contact.cone[:, :2]).max(axis=1) == 1.0) & (contact.cone[:, 2] < 0.0)
+        normal[slides] = -0.05 / 2.0**0.5
+    robot.controller.formulation._layouts.clear()
+    robot.controller.formulation._ready = None
+    robot.controller.forget()
+    push = np.array([0.0, 0.1 * weight(robot), 0.0, 0.0, 0.0, 0.0])
+    references = replace(robot.references(), external_wrenches={robot.model.base_link: push})
+    return still(robot, references), {f"cone:{contact}" for contact in robot.controller.contacts}
+
+
+def weak_and_braked(robot, name):
+    """A hand that must brake hard, by a wrist that is nearly without torque."""
+    wrist = "left_wrist_yaw_joint"
+    weaken(robot, wrist, 0.2)
+    column = robot.model.v_index[robot.model.joints.index(wrist)]
+
+    def braked(lower, upper):
+        lower[robot.model.v_index], upper[robot.model.v_index] = -20.0, 20.0
+        lower[column], upper[column] = -500.0, -100.0
+
+    change_motion_bounds(robot.controller.formulation, braked)
+    return asked(robot), {f"motion:{wrist}", f"torque:{wrist}"}
+
+
+def two_at_once(robot, name):
+    """One foot that pulls, and an elbow whose bounds contradict each other."""
+    contact = first_contact(robot)
+    contact.max_normal_force = -50.0
+    (_, _, _), motion = crossed(robot, name)
+    return asked(robot), motion | {f"normal_force:{contact.name}", f"cone:{contact.name}"}
+
+
+CASES = {
+    "too heavy": (too_heavy, ROBOTS),
+    "a foot that pulls": (pulling, ROBOTS),
+    "one foot presses": (one_foot_presses, ("talos", "go2")),
+    "all feet press": (all_feet_press, ROBOTS),
+    "weak arm": (weak_arm, ("g1", "talos")),
+    "pulled apart": (pulled_apart, ROBOTS),
+    "crossed motion": (crossed, ROBOTS),
+    "wrong knee torque before": (wrong_torque_before(KNEE), ROBOTS),
+    "wrong elbow torque before": (wrong_torque_before(ELBOW), ("g1",)),
+    "slippery": (slippery, ROBOTS),
+    "weak and braked": (weak_and_braked, ("g1",)),
+    "two at once": (two_at_once, ROBOTS),
+}
+
+
+every_case = pytest.mark.parametrize(
+    ("case", "name"),
+    [pytest.param(case, name, id=f"{case}, {name}") for case, (_, names) in CASES.items() for name in names],
+)
+
+
+@every_case
+def test_the_guilty_are_named_and_no_innocent_one(bench, case, name):
+    (why, *_), guilty = CASES[case][0](bench(name), name)
+    assert set(why.conflict) == guilty
+    assert set(why.smallest) <= guilty
+    assert set(why.slack) == set(why.units) == guilty
+    assert all(slack > 0.0 for slack in why.slack.values())
+
+
+def possible(layout, model, effort, given):
+    """Whether the problem's constraints can be met where some of them give, by a linear program of its own."""
+    problem = layout.problem
+    rows, right = [np.zeros((0, len(problem.g)))], [np.zeros(0)]
+    for constraint in named_constraints(layout, model, effort):
+        give = given.get(constraint.name, 0.0) * constraint.scale
+        for sign, bound in ((1.0, constraint.upper), (-1.0, -constraint.lower)):
+            there = np.isfinite(bound)
+            rows.append(sign * constraint.rows[there])
+            right.append((bound + give)[there])
+    mechanism = layout.mechanism
+    answer = linprog(
+        np.zeros(len(problem.g)), np.vstack(rows), np.concatenate(right), problem.A[mechanism], problem.b[mechanism],
+        (None, None), method="highs-ipm",
+    )  # fmt: skip
+    return answer.status == 0
+
+
+@every_case
+def test_the_smallest_slack_reconciles_and_less_does_not(bench, case, name):
+    robot = bench(name)
+    (why, layout, effort), _ = CASES[case][0](robot, name)
+    constraints = {constraint.name: constraint for constraint in named_constraints(layout, robot.model, effort)}
+    given = {}
+    for guilty in why.smallest:
+        constraint = constraints[guilty]
+        scale = min(s for s, unit in zip(constraint.scale, constraint.units, strict=True) if unit == why.units[guilty])
+        given[guilty] = why.slack[guilty] / constraint.factor / scale
+    assert not possible(layout, robot.model, effort, {})
+    assert possible(layout, robot.model, effort, {guilty: 1.001 * give + 1e-6 for guilty, give in given.items()})
+    for guilty in why.smallest:  # each of them is needed
+        less = {**{other: 1.001 * give + 1e-6 for other, give in given.items()}, guilty: 0.0}
+        assert not possible(layout, robot.model, effort, less)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_problem_that_is_split_into_names_is_the_whole_problem(bench, name):
+    robot, rng = bench(name), np.random.default_rng(0)
+    before = 0.1 * robot.model.effort_limits
+    layout = robot.controller.formulation.build(robot.state(), robot.references(), before)
+    named = named_constraints(layout, robot.model, robot.controller.formulation.effort_bounds(robot.references()))
+    assert len({constraint.name for constraint in named}) == len(named)
+    problem = layout.problem
+    problem.A[layout.mechanism], problem.b[layout.mechanism] = 0.0, 0.0  # these have no name
+    for _ in range(50):
+        x = 10.0 * rng.normal(size=len(problem.g))
+        worst = max(
+            np.max(np.maximum(constraint.rows @ x - constraint.upper, constraint.lower - constraint.rows @ x))
+            for constraint in named
+        )
+        assert worst == pytest.approx(problem.violation(x))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_where_nothing_conflicts_there_is_no_explanation(bench, name):
+    robot = bench(name)
+    assert asked(robot)[0] is None
+    assert still(robot)[0] is None
+
+
+def test_a_value_that_is_not_finite_is_not_explained(bench):
+    robot = bench("go2")
+    q = np.array(robot.stance)
+    q[robot.model.q_index[0]] = np.nan
+    assert robot.controller.explain(robot.state(q), robot.references()) is None
+
+
+def test_a_solver_that_fails_without_a_conflict_is_named(bench, monkeypatch):
+    robot = bench("go2")
+    layout = robot.controller.formulation.build(robot.state(), robot.references())
+    solver = robot.controller._solvers[layout.key]
+    monkeypatch.setattr(solver, "solve", lambda problem: Answer(None, "cycling", 7))
+    monkeypatch.setattr(whole_body_qp, "solve_carefully", lambda problem, soft=None: Answer(None, "cycling", 7))
+    with pytest.raises(NoSolution, match=r"cycling.*they do not conflict: it is the solver that failed") as error:
+        robot.controller.solve(robot.state(), robot.references())
+    assert error.value.infeasibility is None
+
+
+def test_what_is_not_asked_is_not_explained(bench, monkeypatch):
+    robot = bench("go2")
+    first_contact(robot).max_normal_force = -50.0
+    monkeypatch.setattr(infeasibility, "linprog", None)  # would raise
+    with pytest.raises(NoSolution) as error:
+        robot.controller.solve(robot.state(), robot.references(), None, False)
+    assert error.value.infeasibility is None
+    assert "conflict" not in str(error.value)
+
+
+def test_the_number_of_linear_programs_is_bounded(bench, monkeypatch):
+    robot = bench("talos")
+    calls = []
+    monkeypatch.setattr(infeasibility, "MAX_PROGRAMS", 5)
+    monkeypatch.setattr(infeasibility, "linprog", lambda *args, **kwargs: calls.append(1) or linprog(*args, **kwargs))
+    (why, *_), _ = all_feet_press(robot, "talos")
+    assert len(calls) == 5 < MAX_PROGRAMS
+    assert why.conflict
+
+
+def test_the_sentence_says_what_and_how_much(bench):
+    robot = bench("talos")
+    (why, *_), _ = one_foot_presses(robot, "talos")
+    assert why.sentence == (
+        f"conflict: torque of leg_left_4_joint (limit 300 N·m, {why.slack['torque:leg_left_4_joint']:.3g} N·m more "
+        f"needed) against normal force of left_foot (at least {5.0 * weight(robot):.4g} N, "
+        f"{why.slack['normal_force:left_foot']:.3g} N less needed)"
+    )
+    assert why.smallest == ("torque:leg_left_4_joint",)
+    assert dict(why.units) == {"torque:leg_left_4_joint": "N·m", "normal_force:left_foot": "N"}
+
+
+def test_an_explanation_cannot_be_changed(bench):
+    (why, *_), _ = weak_arm(bench("g1"), "g1")
+    with pytest.raises(FrozenInstanceError):
+        why.sentence = ""
+    with pytest.raises(TypeError):
+        why.slack["x"] = 1.0

@@ -1,0 +1,109 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.inverse_dynamics.contacts import LoopClosure
+from wbc_controller.inverse_dynamics.formulation.relaxation import (
+    hindering_contacts,
+    lost_contacts,
+    relaxations,
+    soften,
+    widen,
+)
+
+
+def built(bench, seed=2):
+    g1 = bench("g1")
+    state, references, before = g1.random_problem(seed)
+    formulation = g1.controller.formulation
+    layout = formulation.build(state, references, before)
+    return g1, layout, list(relaxations(formulation, layout, references)), formulation.effort_bounds(references)
+
+
+def test_first_comes_the_torque_rate_then_all(bench):
+    _, _, stages, _ = built(bench)
+    assert [[group.name for group in stage] for stage in stages] == [["torque_rate"], ["torque_rate", "joint_motion"]]
+    _, _, stages, _ = built(bench, seed=0)  # without torques before
+    assert [[group.name for group in stage] for stage in stages] == [["joint_motion"]]
+
+
+def test_what_the_torque_rate_misses_counts_in_effort_limits_and_the_available_torques_remain(bench):
+    g1, layout, ((rate,), _), available = built(bench)
+    weights = rate.soft.weights * g1.model.effort_limits**2
+    np.testing.assert_allclose(weights, weights[0])
+    before = np.array(layout.problem.bounds)
+    soft = soften(layout, [rate])
+    np.testing.assert_array_equal(soft.bounds, before[:, rate.places])
+    np.testing.assert_array_equal(layout.problem.bounds[:, rate.places], available)
+    others = np.setdiff1d(np.arange(before.shape[1]), rate.places)
+    np.testing.assert_array_equal(layout.problem.bounds[:, others], before[:, others])
+
+
+def test_bounds_are_widened_to_what_was_missed_and_no_further(bench):
+    _, layout, (_, every), _ = built(bench)
+    before = np.array(layout.problem.bounds)
+    soften(layout, every)
+    value = np.clip(np.zeros(before.shape[1]), *before)
+    (motion,) = (group for group in every if group.name == "joint_motion")
+    place = motion.places[3]
+    value[place] = before[1, place] + 7.0
+    assert widen(layout, every, value, 0.0) == ("joint_motion",)
+    expected = np.array(before)
+    expected[1, place] += 7.0
+    np.testing.assert_array_equal(layout.problem.bounds, expected)
+
+
+@pytest.mark.parametrize(
+    ("joint", "given_up"),
+    [("left_knee_joint", {"left_foot"}), ("left_elbow_joint", {"left_foot", "right_foot"}), ("", set())],
+)
+def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
+    g1 = bench("g1")
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    if joint:
+        i = g1.model.joints.index(joint)
+        q[g1.model.q_index[i]] = g1.model.position_upper[i] - 0.1
+        v[g1.model.v_index[i]] = 9.0  # it needs 350 rad/s² to stop
+    formulation = g1.controller.formulation
+    layout = formulation.build(g1.state(q, v), g1.references())
+    value = np.zeros(layout.problem.bounds.shape[1])  # a solution in which nothing brakes
+    loose = {place.contact.name for place in layout.places if np.linalg.norm((place.J @ v)[:3]) > 0.5}
+    assert set(hindering_contacts(formulation, layout, value)) == given_up | loose
+    assert loose <= given_up
+
+
+@pytest.mark.parametrize(("turning", "given_up"), [(1.0, {"left_foot"}), (4.0, {"left_foot", "right_foot"})])
+def test_a_foot_that_moves_stops_no_joint_and_is_given_up_too(bench, turning, given_up):
+    g1 = bench("g1")
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    left, right = (g1.model.joints.index(f"{side}_knee_joint") for side in ("left", "right"))
+    q[g1.model.q_index[left]] = g1.model.position_upper[left] - 0.1
+    v[g1.model.v_index[left]] = 9.0  # it cannot stop
+    v[g1.model.v_index[right]] = turning  # this one can
+    formulation = g1.controller.formulation
+    layout = formulation.build(g1.state(q, v), g1.references())
+    speed = float(np.linalg.norm((layout.places[1].J @ v)[:3]))
+    assert (speed > 0.5) == ("right_foot" in given_up)
+    assert speed < 2.0
+    value = np.zeros(layout.problem.bounds.shape[1])
+    assert set(hindering_contacts(formulation, layout, value)) == given_up
+
+
+def test_a_loop_is_never_given_up(bench):
+    g1 = bench("g1")
+    hands = ("left_rubber_hand", "right_rubber_hand")
+    held = [True, True, True, False, False, False]
+    bar = LoopClosure("bar", g1.model, hands, (pin.SE3.Identity(), pin.SE3.Identity()), held, stiffness=100.0)
+    formulation = g1.controller.formulation
+    formulation.contacts = {**formulation.contacts, "bar": bar}
+    formulation._layouts.clear()
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    elbow = g1.model.joints.index("left_elbow_joint")
+    q[g1.model.q_index[elbow]] = g1.model.position_upper[elbow] - 0.1
+    v[g1.model.v_index[elbow]] = 9.0  # it cannot stop
+    layout = formulation.build(g1.state(q, v), g1.references())
+    (place,) = (place for place in layout.places if place.contact is bar)
+    assert np.linalg.norm(place.J @ v) > 1.0
+    value = np.zeros(layout.problem.bounds.shape[1])
+    assert set(hindering_contacts(formulation, layout, value)) == {"left_foot", "right_foot"}
+    assert lost_contacts(formulation, layout) == ()

@@ -1,0 +1,108 @@
+"""Held against the same equations in NumPy."""
+
+from collections import deque
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit
+from wbc_controller.inverse_dynamics.limits.joint_motion import RETURN_TIME, SLOWING_TIME, STOPPING
+
+MANY = 2000
+
+
+def plain_bounds(position, velocity, most, ahead, q, v, period):
+    """As `JointMotionLimit` says it; the lower limit of q is an upper limit of -q."""
+    speed, room = np.stack([v, -v]), np.stack([position[1] - q, q - position[0]])
+    left, reach = room - 0.5 * ahead * speed, most * ahead
+    bound = (np.sqrt(reach**2 + 2.0 * most * np.maximum(left, 0.0)) - reach - speed) / ahead
+    spring, rounding = 4.0 / RETURN_TIME**2, 1.0e-11
+    back = spring * np.maximum(room, -RETURN_TIME * velocity)
+    back -= np.where(speed > 0.0, speed / period, spring * RETURN_TIME * speed)
+    turning = -(speed**2) / np.where(room < rounding, 1.0, 2.0 * room)
+    bound = np.where(left < -rounding, np.where(room < rounding, back, turning), bound)
+    late, bound = bound < -most, np.minimum(np.maximum(bound, -most), most)
+    with np.errstate(divide="ignore"):
+        braking = np.where(room + STOPPING > 0.0, -(speed**2) / (2.0 * (room + STOPPING)), -np.inf)
+    harder = np.maximum(braking, -speed / period)
+    upper, lower = np.where(late & (harder < -most), harder, bound)
+    lower = -lower
+    crossed, up = lower > upper, v > 0.0
+    lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
+    slowing = max(period, min(ahead, SLOWING_TIME))
+    fast_down, fast_up = (velocity / slowing - each / np.where(each > 0.0, slowing, period) for each in (-v, v))
+    return (
+        np.clip(np.clip(-fast_down, -most, most), lower, upper),
+        np.clip(np.clip(fast_up, -most, most), lower, upper),
+    )
+
+
+@settings(deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    most=st.floats(10.0, 1000.0),
+    period=st.floats(0.0005, 0.01),
+    horizon=st.floats(0.0, 0.03),
+    speeds=st.sampled_from([0.3, 3.0, 30.0]),
+    widths=st.sampled_from([0.01, 1.0]),
+    limited=st.booleans(),
+    slowed=st.booleans(),
+)
+def test_it_is_what_numpy_makes_of_the_same_equations(seed, most, period, horizon, speeds, widths, limited, slowed):
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(-2.0, 0.0, MANY)
+    high, velocity = low + rng.uniform(0.1, 2.0, MANY) * widths, rng.uniform(0.2, 2.0, MANY) * speeds
+    q, v = rng.uniform(low - 0.1, high + 0.1), rng.normal(size=MANY) * speeds
+    limit = JointMotionLimit(
+        (low, high) if limited else None, velocity if slowed else None, acceleration=most, horizon=horizon
+    )
+    position = (low, high) if limited else (np.full(MANY, -np.inf), np.full(MANY, np.inf))
+    fastest = velocity if slowed else np.full(MANY, np.inf)
+    expected = plain_bounds(position, fastest, most, max(period, horizon), q, v, period)
+    found = limit.bounds(q, v, period)
+    # Differences of speeds are divided by the period: what they round to is all that compiled code may differ by.
+    rounding = 8.0 * np.finfo(float).eps * max(np.abs(v).max(), velocity.max()) / period
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-12, atol=rounding)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-12, atol=rounding)
+
+
+def test_what_is_not_finite_stays_so():
+    limit = JointMotionLimit((np.full(3, -1.0), np.full(3, 1.0)), np.full(3, 5.0), acceleration=100.0)
+    lower, upper = limit.bounds(np.array([0.0, np.nan, 0.0]), np.array([0.0, 0.0, np.inf]), 0.002)
+    np.testing.assert_array_equal(np.isnan(lower), [False, True, True])
+    np.testing.assert_array_equal(np.isnan(upper), [False, True, True])
+
+
+@settings(deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    most=st.floats(10.0, 1000.0),
+    period=st.floats(0.0005, 0.01),
+    horizon=st.floats(0.0, 0.1),
+    speeds=st.sampled_from([0.3, 3.0]),
+)
+def test_a_velocity_limit_leaves_room_to_brake_and_to_return(seed, most, period, horizon, speeds):
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(-2.0, 0.0, MANY)
+    high, velocity = low + rng.uniform(0.5, 2.0, MANY), rng.uniform(0.2, 2.0, MANY) * speeds
+    q, v = rng.uniform(low - 0.2, high + 0.2), rng.normal(size=MANY) * speeds
+    alone = JointMotionLimit((low, high), None, acceleration=most, horizon=horizon).bounds(q, v, period)
+    lower, upper = JointMotionLimit((low, high), velocity, acceleration=most, horizon=horizon).bounds(q, v, period)
+    free = (alone[0] < alone[1]) & (np.abs(v) < velocity) & (np.abs(alone).max(axis=0) <= most)
+    assert free.any()
+    # A joint that turns at its limit within the period asks for more than a stop, and that is all that it may do.
+    brakes = np.where(v > 0.0, alone[1] >= -v / period, alone[0] <= -v / period)
+    assert (lower < upper)[free & brakes].all()
+
+
+def test_a_velocity_limit_does_not_swing_where_accelerations_come_late():
+    limit = JointMotionLimit(None, np.array([0.5]), acceleration=200.0, horizon=0.02)
+    period, late, v = 0.002, deque([0.0] * 10), 0.6
+    speeds = []
+    for _ in range(1000):
+        lower, upper = limit.bounds(np.zeros(1), np.array([v]), period)
+        late.append(float(np.clip(1.0, lower[0], upper[0])))
+        v += period * late.popleft()
+        speeds.append(v)
+    np.testing.assert_allclose(speeds[-200:], 0.5, atol=1e-6)

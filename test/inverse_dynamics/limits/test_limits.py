@@ -1,0 +1,495 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.compiled import Bound
+from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
+from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING
+from wbc_controller.inverse_dynamics.robot.dynamics_kernels import fill_dynamics
+from wbc_controller.records import Tuning
+from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
+
+PERIOD = 0.002
+
+
+def fling(bench, joint, acceleration, state=None):
+    """References that ask one arm joint for an acceleration, above all else, and the others to stay."""
+    model = bench.model
+    references = bench.references(state, posture=1000.0)
+    posture = references.tasks["posture"]
+    wanted = np.zeros(model.na)
+    wanted[model.joints.index(joint)] = acceleration
+    tasks = {**references.tasks, "posture": replace(posture, acceleration=wanted)}
+    return replace(references, tasks=tasks)
+
+
+ELBOW = "left_elbow_joint"
+FREE = {"position": False, "velocity": False, "acceleration": 1.0e5}
+
+
+@pytest.mark.parametrize("side", ["upper", "lower"])
+def test_the_torque_limit_matters(bench, side):
+    g1 = bench("g1", limits=FREE)
+    i = g1.model.joints.index(ELBOW)
+    sign = 1.0 if side == "upper" else -1.0
+    references = fling(g1, ELBOW, sign * 2000.0)
+    limit = g1.model.effort_limits[i]
+    held = g1.controller.solve(g1.state(), references)
+    assert sign * held.tau[i] == pytest.approx(limit, abs=1e-5)
+    assert (np.abs(held.tau) <= g1.model.effort_limits + 1e-5).all()
+    assert f"torque:{ELBOW}:{side}" in held.binding
+    g1.controller.formulation.torque_limit = TorqueLimit(100.0 * g1.model.effort_limits, rate=100.0)
+    free = g1.controller.solve(g1.state(), references)
+    assert sign * free.tau[i] > limit + 1.0
+    assert f"torque:{ELBOW}:{side}" not in free.binding
+
+
+def test_the_torque_rate_matters(bench):
+    g1 = bench("g1", limits={**FREE, "torque_rate": 10.0})
+    i = g1.model.joints.index(ELBOW)
+    before = g1.controller.solve(g1.state(), g1.references()).tau
+    references = fling(g1, ELBOW, 100.0)
+    step = 10.0 * g1.controller.formulation.period * g1.model.effort_limits
+    free = g1.controller.solve(g1.state(), references)
+    held = g1.controller.solve(g1.state(), references, before)
+    assert (np.abs(free.tau - before) - step)[i] > 0.1
+    assert (np.abs(held.tau - before) <= step + 1e-5).all()
+    assert not held.relaxed
+    assert f"torque:{ELBOW}:upper" in held.binding
+
+
+def test_the_velocity_limit_matters(bench):
+    limited = bench("g1", limits={"position": False, "velocity_scale": 1.0, "acceleration": 1.0e4})
+    free = bench("g1", limits=FREE)
+    i = limited.model.joints.index(ELBOW)
+    column = limited.model.v_index[i]
+    limit = limited.model.velocity_limits[i]
+    v = np.zeros(limited.model.nv)
+    v[column] = limit - 0.02
+    state = limited.state(v=v)
+    after = {}
+    for name, robot in (("limited", limited), ("free", free)):
+        solution = robot.controller.solve(state, fling(robot, ELBOW, 300.0 + 15.0 * limit))
+        after[name] = v[column] + robot.controller.formulation.period * solution.v_dot[column]
+        assert not solution.relaxed
+        assert (f"motion:{ELBOW}:upper" in solution.binding) == (name == "limited")
+    assert after["free"] > limit + 0.01
+    assert after["limited"] <= limit + 1e-6
+
+
+def test_the_position_limit_matters(bench):
+    limited = bench("g1", limits={"position": True, "velocity": False})
+    free = bench("g1", limits=FREE)
+    model = limited.model
+    i = model.joints.index(ELBOW)
+    column = model.v_index[i]
+    limit = model.position_upper[i] - limited.settings.limits.position_margin
+    reached = {}
+    for name, robot in (("limited", limited), ("free", free)):
+        q, v = np.array(robot.stance), np.zeros(model.nv)
+        q[model.q_index[i]] = limit - 0.3
+        v[column] = 2.0
+        farthest, bound = -np.inf, False
+        for _ in range(150):  # the arm alone is moved: the rest stays in its stance
+            state = robot.state(q, v)
+            solution = robot.controller.solve(state, fling(robot, ELBOW, 60.0, state))
+            acceleration = solution.v_dot[column]
+            q[model.q_index[i]] += PERIOD * v[column] + 0.5 * PERIOD**2 * acceleration
+            v[column] += PERIOD * acceleration
+            farthest = max(farthest, q[model.q_index[i]])
+            bound |= f"motion:{ELBOW}:upper" in solution.binding
+            if name == "limited":
+                assert not solution.relaxed
+        reached[name] = farthest
+        assert bound == (name == "limited")
+    assert reached["free"] > limit + 0.1
+    assert limit - 0.02 < reached["limited"] <= limit + 1e-6
+
+
+# Viability: whatever is asked of it, a joint never comes into a state from which a bound cannot be met. ---------------
+
+MANY = 10_000
+ADVERSARIES = ("upper", "lower", "outwards", "random", "bang-bang")
+
+
+def fastest(room, acceleration, ahead):
+    """The largest viable speed towards a limit with this room left."""
+    reach = 0.5 * acceleration * ahead
+    return np.sqrt(reach**2 + 2.0 * acceleration * room) - reach
+
+
+def adversary(kind, rng):
+    """Picks an acceleration between the bounds."""
+    side = np.zeros(MANY, dtype=bool)
+
+    def pick(lower, upper, v):
+        nonlocal side
+        if kind == "random":
+            return rng.uniform(lower, upper)
+        if kind == "bang-bang":
+            side ^= rng.random(MANY) < 0.05
+        high = {"upper": True, "lower": False, "outwards": v > 0.0}.get(kind, side)
+        return np.where(high, upper, lower)
+
+    return pick
+
+
+def excess(q, v, a, period, low, high):
+    """How far a joint gets beyond its position limits within one period, turning points included."""
+    turn = np.clip(np.divide(-v, a, out=np.zeros_like(v), where=a != 0.0), 0.0, period)
+    passed = np.stack([q + t * v + 0.5 * t**2 * a for t in (turn, period)])
+    return max(np.max(passed - high), np.max(low - passed))
+
+
+@pytest.mark.parametrize("acceleration", [30.0, 500.0])
+@pytest.mark.parametrize("horizon", [0.0, 0.02])
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_from_viable_states_no_bound_is_ever_exceeded(period, horizon, acceleration):
+    rng = np.random.default_rng(1)
+    low, high = -rng.uniform(0.05, 3.0, MANY), rng.uniform(0.05, 3.0, MANY)
+    velocity = rng.uniform(0.2, 40.0, MANY)
+    limit = JointMotionLimit((low, high), velocity, acceleration=acceleration, horizon=horizon)
+    start = rng.uniform(low, high)
+    up = np.minimum(velocity, fastest(high - start, acceleration, max(period, horizon)))
+    down = np.minimum(velocity, fastest(start - low, acceleration, max(period, horizon)))
+    begin = np.where(rng.random(MANY) < 0.3, np.where(rng.random(MANY) < 0.5, up, -down), rng.uniform(-down, up))
+    assert np.mean(begin == up) > 0.1
+    for kind in ADVERSARIES:
+        q, v, pick = start, begin, adversary(kind, rng)
+        closest = np.inf
+        for _ in range(200):
+            lower, upper = limit.bounds(q, v, period)
+            assert (lower <= upper).all()
+            a = pick(lower, upper, v)
+            assert np.max(np.abs(a)) <= acceleration
+            assert excess(q, v, a, period, low, high) <= 1.0e-6
+            q = q + period * v + 0.5 * period**2 * a  # exact
+            v = v + period * a
+            assert np.max(np.abs(v) - velocity) <= 1.0e-6
+            closest = min(closest, np.min(np.minimum(high - q, q - low)))
+        assert closest < 5.0e-3  # it mattered
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_from_whatever_could_still_brake_in_continuous_time_the_position_holds(period):
+    rng = np.random.default_rng(2)
+    low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 5.0)
+    limit = JointMotionLimit((low, high), velocity, acceleration=200.0)
+    q = rng.uniform(low, high)
+    v = np.minimum(velocity, np.sqrt(400.0 * (high - q))) * (1.0 - 1.0e-12)
+    for _ in range(200):
+        _, upper = limit.bounds(q, v, period)
+        assert excess(q, v, upper, period, low, high) <= 1.0e-6
+        q, v = q + period * v + 0.5 * period**2 * upper, v + period * upper
+        assert np.max(np.abs(v) - velocity) <= 1.0e-6
+
+
+def hard_braking(q, v, period):
+    """What stops a joint just beyond its limit of 1, where 100 rad/s² do not; at most what stops it within a period."""
+    room = 1.0 + STOPPING - np.sign(v) * q
+    needed = np.where(room > 0.0, v**2 / (2.0 * np.maximum(room, 1e-300)), np.inf)
+    return np.maximum(100.0, np.minimum(needed, np.abs(v) / period))
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_what_is_not_viable_brakes_as_hard_as_it_may_and_comes_back(period):
+    rng = np.random.default_rng(3)
+    low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 4.0)
+    limit = JointMotionLimit((low, high), velocity, acceleration=100.0)
+    q, v = rng.uniform(-1.5, 1.5, MANY), rng.uniform(-15.0, 15.0, MANY)
+    beyond = np.sign(q) * np.maximum(np.abs(q) - 1.0, 0.0)
+    for i in range(int(3.0 / period)):
+        lower, upper = limit.bounds(q, v, period)
+        assert (lower <= upper).all()
+        hardest = hard_braking(q, v, period)
+        assert (np.abs([lower, upper]) <= hardest * (1.0 + 1e-12)).all()
+        if i == 0:
+            away = (beyond * v > 0.0) & (np.abs(v) > 100.0 * period)
+            fast = (np.abs(v) > 4.0 + 100.0 * period) & (beyond == 0.0)
+            assert away.sum() > 1000
+            assert fast.sum() > 1000
+            assert 1000 < (hardest > 100.0).sum() < MANY - 1000
+            for hard in (away, fast):
+                np.testing.assert_allclose(np.where(v > 0.0, upper, lower)[hard], -(hardest * np.sign(v))[hard])
+        a = np.where(q > 0.0, upper, lower)  # outwards as far as it may
+        q, v = q + period * v + 0.5 * period**2 * a, v + period * a
+    assert np.max(np.abs(q)) <= 1.0 + 1.0e-6
+    assert np.max(np.abs(v)) <= 4.0 + 1.0e-6
+
+
+def test_the_limits_do_not_stop_a_joint_before_it_has_to_stop():
+    """Pushed all the way, it goes from one end to the other nearly as fast as q̈_max allows."""
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 100.0), acceleration=100.0)
+    q, v, cycles = np.array([-1.0]), np.zeros(1), 0
+    while q[0] < 1.0 - 1.0e-4 and cycles < 10_000:
+        _, upper = limit.bounds(q, v, PERIOD)
+        q, v = q + PERIOD * v + 0.5 * PERIOD**2 * upper, v + PERIOD * upper
+        cycles += 1
+    shortest = 2.0 * np.sqrt(2.0 / 100.0)
+    assert cycles * PERIOD < shortest + 0.03
+
+
+def test_a_joint_starts_gently_from_beyond_its_limit():
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 10.0), acceleration=500.0)
+    _, upper = limit.bounds(np.array([1.02]), np.zeros(1), PERIOD)
+    assert upper[0] == pytest.approx(-8.0)
+
+
+def test_a_longer_horizon_is_softer_against_noise():
+    q, v, noise = np.array([0.999]), np.zeros(1), 1.0e-4
+    change = {}
+    for horizon in (0.0, 0.02):
+        limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 10.0), acceleration=200.0, horizon=horizon)
+        change[horizon] = limit.bounds(q - noise, v, PERIOD)[1] - limit.bounds(q + noise, v, PERIOD)[1]
+    assert 0.0 < change[0.02] < 0.1 * change[0.0]
+
+
+def test_contradicting_position_limits_are_refused():
+    tuning = Tuning(
+        {}, position_margin=0.2, position_horizon=0.0, velocity_scale=1.0, acceleration=1.0, torque_rate=1.0
+    )
+
+    def gripper(lower):
+        return SimpleNamespace(
+            joints=("wrist", "finger"),
+            units=("rad", "m"),
+            position_lower=np.array([-1.0, lower]),
+            position_upper=np.array([1.0, 0.3]),
+            velocity_limits=np.ones(2),
+        )
+
+    with pytest.raises(
+        ConfigurationError, match=r"position_margin = 0.2: it leaves 'finger' no room, whose limits are 0 and 0.3 m"
+    ):
+        JointMotionLimit.of(gripper(0.0), tuning)
+    with pytest.raises(ConfigurationError, match="finger"):
+        JointMotionLimit.of(gripper(np.nan), tuning)
+    assert JointMotionLimit.of(gripper(-0.3), tuning).position_upper == pytest.approx([0.8, 0.1])
+    assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position_upper is None
+
+
+def test_where_the_intervals_do_not_meet_position_goes_first():
+    position = JointMotionLimit((np.array([-1.0]), np.array([1.0])), None, acceleration=500.0)
+    velocity = JointMotionLimit(None, np.array([2.0]), acceleration=500.0)
+    both = JointMotionLimit((np.array([-1.0]), np.array([1.0])), np.array([2.0]), acceleration=500.0)
+    q, v = np.array([3.0]), np.array([-3.0])  # far beyond, and back faster than allowed
+    assert velocity.bounds(q, v, PERIOD)[0] > position.bounds(q, v, PERIOD)[1]  # they do not meet
+    lower, upper = both.bounds(q, v, PERIOD)
+    assert lower == upper
+    assert upper < velocity.bounds(q, v, PERIOD)[0]
+
+
+def test_where_the_intervals_meet_both_hold():
+    rng = np.random.default_rng(0)
+    position = JointMotionLimit((-np.ones(50), np.ones(50)), None, acceleration=500.0)
+    velocity = JointMotionLimit(None, np.full(50, 2.0), acceleration=500.0)
+    both = JointMotionLimit((-np.ones(50), np.ones(50)), np.full(50, 2.0), acceleration=500.0)
+    q, v = rng.uniform(-0.9, 0.9, 50), rng.uniform(-2.5, 2.5, 50)
+    bounds = [limit.bounds(q, v, 0.05) for limit in (position, velocity)]
+    lower, upper = np.max([b[0] for b in bounds], axis=0), np.min([b[1] for b in bounds], axis=0)
+    meet = lower <= upper
+    assert meet.sum() > 10
+    np.testing.assert_array_equal(both.bounds(q, v, 0.05)[0][meet], lower[meet])
+    np.testing.assert_array_equal(both.bounds(q, v, 0.05)[1][meet], upper[meet])
+
+
+def test_no_limit_asks_for_more_than_the_largest_acceleration():
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
+    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 7.0), (0.0, -7.0), (1.0, 0.05), (-0.9, 9.0), (-9.0, 9.0)):
+        lower, upper = limit.bounds(np.array([q]), np.array([v]), PERIOD)
+        assert -30.0 <= lower[0] <= upper[0] <= 30.0
+
+
+def test_but_for_what_would_run_into_its_stop():
+    """38 rad/s, half a radian before the limit: 30 rad/s² would let it arrive at 37.6 rad/s."""
+    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
+    for side in (1.0, -1.0):
+        q, v = np.array([side * 0.5]), np.array([side * 38.0])
+        lower, upper = limit.bounds(q, v, PERIOD)
+        np.testing.assert_allclose([lower[0], upper[0]], -side * 38.0**2 / (2.0 * (0.5 + STOPPING)))
+        for _ in range(200):
+            a = limit.bounds(q, v, PERIOD)[side > 0.0]
+            q, v = q + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
+            assert side * q[0] < 1.0 + STOPPING + 1e-3  # bounds change only once in a period
+        assert abs(v[0]) < 1.0
+
+
+def torque_bounds(limit, before, v, period):
+    """Of a robot of as many joints without mass, as the program has them."""
+    n, available = len(v), limit.available(v)
+    lower, upper, bias, each = np.empty(n), np.empty(n), np.empty(n), np.arange(n + 1)
+    share = -1.0 if before is None else limit.rate * period
+    bound = Bound(
+        n, 0, n, 0, n, 0, each, each[:-1], np.ones(n), np.zeros(0), np.zeros((n, n + 1)), lower, upper,
+        np.zeros((n, n)), np.ones(1), np.stack([*available, limit.effort_limits]), bias,
+    )  # fmt: skip
+    before = v if before is None else before
+    fill_dynamics(bound.table, np.zeros(n), v, before, share)
+    return lower, upper
+
+
+def test_torque_bounds():
+    limit, v = TorqueLimit(np.array([10.0, 20.0]), rate=5.0), np.array([3.0, -4.0])
+    np.testing.assert_array_equal(torque_bounds(limit, None, v, 0.01), ([-10.0, -20.0], [10.0, 20.0]))
+    lower, upper = torque_bounds(limit, np.array([0.0, 19.5]), v, 0.01)
+    np.testing.assert_allclose(lower, [-0.5, 18.5])
+    np.testing.assert_allclose(upper, [0.5, 20.0])
+    # A torque beyond its limit comes back at once: never an empty interval, never beyond the limit.
+    lower, upper = torque_bounds(limit, np.array([300.0, -300.0]), v, 0.01)
+    np.testing.assert_allclose(lower, [9.5, -20.0])
+    np.testing.assert_allclose(upper, [10.0, -19.0])
+
+
+# Torque-speed curve ---------------------------------------------------------------------------------------------------
+
+CURVE = TorqueSpeedCurve(np.full(3, 4.0), np.full(3, 10.0))
+EFFORT = np.array([10.0, 20.0, 30.0])
+
+
+@pytest.mark.parametrize(("speed", "share"), [(0.0, 1.0), (4.0, 1.0), (7.0, 0.5), (10.0, 0.0), (25.0, 0.0)])
+def test_the_torque_falls_along_a_line_in_the_direction_of_motion_alone(speed, share):
+    forwards, backwards = (CURVE.available(EFFORT, np.full(3, v)) for v in (speed, -speed))
+    np.testing.assert_allclose(forwards[1], share * EFFORT)
+    np.testing.assert_array_equal(forwards[0], -EFFORT)  # against the motion the motor brakes: all of it
+    np.testing.assert_allclose(backwards[0], -share * EFFORT)
+    np.testing.assert_array_equal(backwards[1], EFFORT)
+
+
+def test_a_speed_that_is_not_a_number_passes_through_the_curve_to_where_it_is_refused():
+    lower, upper = CURVE.available(EFFORT, np.array([np.nan, 0.0, 0.0]))
+    assert np.isnan([lower[0], upper[0]]).all()
+    assert np.isfinite([lower[1:], upper[1:]]).all()
+
+
+def test_the_curve_and_the_rate_never_contradict_each_other():
+    rng = np.random.default_rng(4)
+    for rate in (0.1, 5.0, 1.0e4):
+        limit = TorqueLimit(EFFORT, rate, CURVE)
+        for _ in range(500):
+            v, before = rng.uniform(-15.0, 15.0, 3), rng.uniform(-2.0, 2.0, 3) * EFFORT
+            available, (lower, upper) = limit.available(v), torque_bounds(limit, before, v, PERIOD)
+            assert (available[0] <= lower).all()
+            assert (lower <= upper).all()
+            assert (upper <= available[1]).all()
+            inside = np.clip(before, *available) == before
+            assert (np.maximum(upper - before, before - lower) <= rate * PERIOD * EFFORT + 1e-9)[inside].all()
+
+
+def test_the_torque_speed_curve_matters(bench):
+    """An elbow that is flung stays within what its motor has; without the curve it takes more."""
+    joint = {"enabled": True, "corner": 0.2, "no_load": 0.6}
+    limits = {**FREE, "torque_speed": TorqueSpeedSettings(**joint)}
+    sent = {}
+    for name, robot in (("held", bench("g1", limits=limits)), ("free", bench("g1", limits=FREE))):
+        model = robot.model
+        i = model.joints.index(ELBOW)
+        q, v, column = np.array(robot.stance), np.zeros(model.nv), model.v_index[i]
+        q[model.q_index[i]] = -0.8
+        sent[name] = []
+        while q[model.q_index[i]] < 1.5:
+            state = robot.state(q, v)
+            solution = robot.controller.solve(state, fling(robot, ELBOW, 400.0, state))
+            sent[name].append((v[column], solution.tau[i], f"torque:{ELBOW}:upper" in solution.binding))
+            q[model.q_index[i]] += PERIOD * v[column] + 0.5 * PERIOD**2 * solution.v_dot[column]
+            v[column] += PERIOD * solution.v_dot[column]
+    limit, fastest = model.effort_limits[i], model.velocity_limits[i]
+    speed, tau, binds = np.array(sent["held"]).T
+    assert (tau <= limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1e-5).all()
+    assert (binds.astype(bool) & (speed > 0.3 * fastest)).any()
+    speed, tau, _ = np.array(sent["free"]).T
+    assert (tau > limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1.0).any()
+
+
+def test_actuators_have_torque_speed_curves_of_their_own(bench):
+    own = ActuatorTorqueSpeed(corner=3.0, no_load=5.0)
+    g1 = bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={ELBOW: own})})
+    curve, i = g1.controller.formulation.torque_limit.curve, g1.model.joints.index(ELBOW)
+    assert (curve.corner[i], curve.no_load[i]) == (3.0, 5.0)
+    others = np.arange(g1.model.na) != i
+    np.testing.assert_allclose(curve.corner[others], 0.5 * g1.model.velocity_limits[others])
+    np.testing.assert_allclose(curve.no_load[others], g1.model.velocity_limits[others])
+    with pytest.raises(ConfigurationError, match=r"limits.torque_speed.actuators: 'elbow' is no actuator; "):
+        bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={"elbow": own})})
+
+
+def test_nan_passes_through_the_bounds_to_where_it_is_refused():
+    motion = JointMotionLimit((-np.ones(2), np.ones(2)), np.ones(2), acceleration=500.0)
+    for q, v in (([np.nan, 0.0], [0.0, 0.0]), ([0.0, 0.0], [np.nan, 0.0])):
+        lower, upper = motion.bounds(np.array(q), np.array(v), PERIOD)
+        assert np.isnan([lower[0], upper[0]]).all()
+        assert np.isfinite([lower[1], upper[1]]).all()
+    lower, upper = torque_bounds(TorqueLimit(np.ones(2), 1.0), np.array([np.nan, 0.0]), np.zeros(2), PERIOD)
+    assert np.isnan([lower[0], upper[0]]).all()
+
+
+@pytest.mark.parametrize("where", ["position", "velocity"])
+@pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp"])
+def test_a_state_that_is_not_finite_never_gives_torques(bench, solver, where):
+    go2 = bench("go2", solver={"name": solver})
+    good = go2.controller.solve(go2.state(), go2.references())
+    q, v = np.array(go2.stance), np.zeros(go2.model.nv)
+    if where == "position":
+        q[go2.model.q_index[3]] = np.nan
+    else:
+        v[go2.model.v_index[3]] = np.nan
+    with pytest.raises(NoSolution):
+        go2.controller.solve(go2.state(q, v), go2.references())
+    again = go2.controller.solve(go2.state(), go2.references())
+    np.testing.assert_allclose(again.tau, good.tau, atol=0.01)
+
+
+# What is asked of a joint that cannot meet its bounds -----------------------------------------------------------------
+
+
+LIMITS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+
+
+def stopping(limit, q, v, bounds=None):
+    """Bounds of the first of two joints; the other one is at rest in the middle."""
+    q, v = np.array([q, 0.0]), np.array([v, 0.0])
+    bounds = np.stack(limit.bounds(q, v, PERIOD)) if bounds is None else bounds
+    return limit.stopping_bounds(q, v, bounds, LIMITS)[:, 0]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("gap", "speed"), [(0.1, 3.0), (0.02, 2.0), (0.3, 8.0)])
+def test_a_joint_that_brakes_as_little_as_it_may_stops_a_little_beyond_its_limit(side, gap, speed):
+    limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), None, acceleration=200.0, horizon=0.02)
+    q, v = side * (1.0 - gap), side * speed
+    for _ in range(500):
+        if side * v <= 0.0:
+            break
+        bounds = stopping(limit, q, v)
+        a = bounds[1] if side > 0.0 else -bounds[0]
+        assert a < 0.0
+        q, v = q + PERIOD * v + 0.5 * PERIOD**2 * side * a, v + PERIOD * side * a
+    assert side * v <= 0.0
+    # A bound changes only once in a period, so that the last one may take it a little further.
+    assert 1.0 + 0.5 * STOPPING < side * q < 1.0 + STOPPING + 1e-3
+
+
+def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_limit():
+    limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), np.full(2, 5.0), acceleration=200.0)
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        q, v = rng.uniform(-1.05, 1.05), rng.uniform(-6.0, 6.0)
+        whole = np.stack(limit.bounds(np.array([q, 0.0]), np.array([v, 0.0]), PERIOD))
+        lower, upper = stopping(limit, q, v)
+        assert lower <= whole[0, 0]
+        assert upper >= whole[1, 0]
+        assert lower == -np.inf or v < 0.0
+        assert upper == np.inf or v > 0.0
+
+
+def test_beyond_reach_it_brakes_as_the_bounds_ask():
+    limit = JointMotionLimit((LIMITS[0], LIMITS[1]), None, acceleration=200.0)
+    assert stopping(limit, 1.0 + STOPPING + 0.01, 2.0)[1] == -2.0 / PERIOD
+    assert stopping(limit, -1.0 - STOPPING - 0.01, -2.0)[0] == 2.0 / PERIOD
+
+
+def test_without_position_limits_nothing_is_asked():
+    limit = JointMotionLimit(None, np.full(2, 5.0), acceleration=200.0)
+    np.testing.assert_array_equal(stopping(limit, 0.99, 4.0), [-np.inf, np.inf])

@@ -1,0 +1,589 @@
+"""Self-collision: the rows by finite differences, the barrier against adversaries, and arms through torso and arms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, product
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from changed_bounds import change_motion_bounds
+
+from wbc_controller.controller.build.collision_model import build_collision_model
+from wbc_controller.controller.build.limits import make_self_collision
+from wbc_controller.errors import NoSolution
+from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
+from wbc_controller.inverse_dynamics.limits.self_collision import _FASTER, INEXACT, RETURN_SPEED
+from wbc_controller.inverse_dynamics.limits.self_collision_kernels import DISTANCE, distance_rows
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
+from wbc_controller.inverse_dynamics.tasks import PostureTask
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Reference, References, RobotState
+from wbc_controller.settings import SelfCollisionSettings
+from wbc_controller.settings.resources import share_folder
+
+SRDF = {"g1": "", "talos": "package://example-robot-data/robots/talos_data/srdf/talos.srdf"}
+MARGIN = 0.02
+#: By how much the links may come nearer than the margin while they are flung at each other, m: not at all.
+TOLERANCE = 0.0
+
+
+def settings(robot, **changes):
+    return {"self_collision": SelfCollisionSettings(enabled=True, srdf=SRDF[robot], margin=MARGIN, **changes)}
+
+
+@pytest.fixture(scope="module")
+def limits(load):
+    """Of each robot: its model, and a limit with a row for every pair."""
+    found = {}
+    for robot in SRDF:
+        model, of_robot = load(robot)
+        changed = of_robot.limits.model_copy(update=settings(robot))
+        found[robot] = model, make_self_collision(of_robot.model_copy(update={"limits": changed}), model)
+    return found
+
+
+def random_motion(model, rng):
+    joints = np.clip(model.posture + 0.3 * rng.normal(size=model.na), model.position_lower, model.position_upper)
+    return model.configuration(joints, pin.SE3.Random()), rng.normal(size=model.nv)
+
+
+def near_of(limit, dynamics, ahead):
+    """The pairs whose distances were needed, and these."""
+    near = limit._near[: limit._find(dynamics, ahead)].copy()
+    return near, limit._results[near, DISTANCE]
+
+
+def rows_of(limit, dynamics, near):
+    """J_d and the drift of pairs whose distances have just been computed."""
+    J, rate, drift = np.empty((len(near), dynamics.model.nv)), np.empty(len(near)), np.empty(len(near))
+    distance_rows(limit._bound.table, np.array(near), J, rate, drift)
+    np.testing.assert_allclose(J @ dynamics.v, rate, rtol=1e-12, atol=1e-12)
+    return J, drift
+
+
+def another(model, limit):
+    """A limit like this one, that has seen nothing."""
+    how = {"margin": limit.margin, "acceleration": limit.acceleration, "horizon": limit.horizon}
+    return SelfCollisionLimit(model, limit._geometry, **how, max_pairs=len(limit.names))
+
+
+def along(model, limit, q, v, step, pairs):
+    """Distances of pairs before, at and after a state, in motion without acceleration; (3, k)."""
+    dynamics, found = Dynamics(model), []
+    for time in (-step, 0.0, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, time * v), v)
+        distances = limit.distances(dynamics)
+        found.append([distances[limit._pair_names[i]] for i in pairs])
+    return np.array(found)
+
+
+# The rows. ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_the_rate_of_every_distance_is_its_row_times_the_velocity(limits, robot):
+    model, limit = limits[robot]
+    rng, dynamics, checked = np.random.default_rng(0), Dynamics(model), 0
+    for _ in range(4):
+        q, v = random_motion(model, rng)
+        dynamics.update(q, v)
+        near, distance = near_of(limit, dynamics, 0.2)
+        rate = rows_of(limit, dynamics, near)[0] @ v
+        before, now, after = along(model, limit, q, v, 1.0e-4, near)
+        np.testing.assert_allclose(now, distance, atol=1e-9)
+        apart = now > 0.002  # where shapes touch, the normal changes within the step
+        error = np.abs((after - before) / 2.0e-4 - rate)[apart]
+        assert np.quantile(error, 0.9) < 2.0e-3
+        assert error.max() < 0.05  # an edge that was passed
+        assert np.abs(rate).max() > 0.2
+        checked += apart.sum()
+    assert checked > 200
+
+
+BALLS = """<robot name="balls"><link name="base"><inertial><mass value="5"/><inertia ixx="1" iyy="1" izz="1" ixy="0"
+ixz="0" iyz="0"/></inertial></link>{links}</robot>"""
+LINK = """<link name="{name}"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0"
+ixz="0" iyz="0"/></inertial><collision><origin xyz="0 0 -0.3"/><geometry><sphere radius="0.05"/></geometry>
+</collision></link>
+<joint name="{name}_joint" type="{kind}"><parent link="{parent}"/><child link="{name}"/><origin xyz="{at}"/>
+<axis xyz="{axis}"/><limit effort="{effort}" velocity="10" lower="-3" upper="3"/></joint>"""
+
+
+@pytest.fixture(scope="module")
+def balls():
+    """Two arms of three joints each, one of them sliding, with a ball at each link's end."""
+    links = [
+        LINK.format(
+            name=f"{side}{i}", kind=kind, parent="base" if i == 0 else f"{side}{i - 1}", at=at, axis=axis, effort=100
+        )
+        for side, y in (("l", 0.2), ("r", -0.2))
+        for i, (kind, at, axis) in enumerate(
+            [
+                ("revolute", f"0 {y} 0", "1 0 0"),
+                ("revolute", "0 0 -0.3", "0 1 0"),
+                ("prismatic", "0 0 -0.3", "0.6 0.8 0"),
+            ]
+        )
+    ]
+    joints = [f"{side}{i}_joint" for side in "lr" for i in range(3)]
+    model = build_model(BALLS.format(links="".join(links)), joints, [0.0] * 6)
+    collision = build_collision_model(model, margin=MARGIN)
+    return model, SelfCollisionLimit(
+        model, collision.geometry, margin=MARGIN, acceleration=10.0, horizon=0.02, max_pairs=20
+    )
+
+
+def test_of_balls_the_second_derivative_is_the_drift_and_what_parts_them(balls):
+    model, limit = balls
+    rng, dynamics = np.random.default_rng(1), Dynamics(model)
+    for _ in range(20):
+        q, v = model.configuration(rng.uniform(-1.0, 1.0, model.na), pin.SE3.Random()), rng.normal(size=model.nv)
+        dynamics.update(q, v)
+        near, _ = near_of(limit, dynamics, 50.0)  # any distance is near
+        assert len(near) == len(limit._pair_names)
+        J, drift = rows_of(limit, dynamics, near)
+        step = 1.0e-3
+        before, now, after = along(model, limit, q, v, step, near)
+        second = (after - 2.0 * now + before) / step**2
+        # Left out: (|ċ|² - ḋ²) / |c| of the vector c between the centres, the tangential velocity's share.
+        centres = np.array([limit._data.oMg[i].translation for i in range(6)])
+        dynamics.update(pin.integrate(model.pinocchio, q, step * v), v)
+        dynamics.place(limit._geometry, limit._data)
+        moved = np.array([limit._data.oMg[i].translation for i in range(6)])
+        dynamics.update(pin.integrate(model.pinocchio, q, -step * v), v)
+        dynamics.place(limit._geometry, limit._data)
+        moved = (moved - [limit._data.oMg[i].translation for i in range(6)]) / (2.0 * step)
+        dynamics.update(q, v)
+        dynamics.place(limit._geometry, limit._data)
+        centres = np.array([limit._data.oMg[i].translation for i in range(6)])
+        first, last = limit._pairs[near].T
+        c, c_dot = centres[last] - centres[first], moved[last] - moved[first]
+        parts = (np.sum(c_dot**2, axis=1) - (J @ v) ** 2) / np.linalg.norm(c, axis=1)
+        np.testing.assert_allclose(second, drift + parts, atol=2e-3 * (1.0 + np.abs(second).max()))
+        assert (parts >= -1e-6).all()
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_the_drift_promises_no_more_than_there_is(limits, robot):
+    """Of convex hulls: but for corners that are passed within the step, d̈ is at least the drift."""
+    model, limit = limits[robot]
+    rng, dynamics, surplus = np.random.default_rng(2), Dynamics(model), []
+    for _ in range(4):
+        q, v = random_motion(model, rng)
+        dynamics.update(q, v)
+        near, _ = near_of(limit, dynamics, 0.1)
+        drift = rows_of(limit, dynamics, near)[1]
+        before, now, after = along(model, limit, q, v, 2.0e-3, near)
+        surplus.append(((after - 2.0 * now + before) / 2.0e-3**2 - drift)[now > 0.005])
+    surplus = np.concatenate(surplus)
+    assert np.mean(surplus > -1.0) > 0.9
+    assert np.median(np.abs(surplus)) < 5.0  # nor is it far from it
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_no_motion_of_the_robot_as_a_whole_changes_a_distance(limits, robot):
+    model, limit = limits[robot]
+    dynamics = Dynamics(model)
+    dynamics.update(*random_motion(model, np.random.default_rng(3)))
+    near, _ = near_of(limit, dynamics, 0.1)
+    assert not rows_of(limit, dynamics, near)[0][:, :6].any()
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_what_was_computed_before_changes_no_row(limits, robot):
+    """The rows of a limit that has seen a motion are those of one that sees the state for the first time."""
+    model, limit = limits[robot]
+    rng, dynamics = np.random.default_rng(4), Dynamics(model)
+    k, used, skipped = 400, 0, 0
+    filled = [(np.empty((k, model.nv)), np.empty(k), np.empty(k)) for _ in range(2)]
+    q, v = model.configuration(model.posture), np.zeros(model.nv)
+    for i in range(120):
+        if i % 30 == 0:
+            v = rng.uniform(-2.0, 2.0, model.nv) * (rng.random(model.nv) < 0.5)
+        q = pin.integrate(model.pinocchio, q, 0.004 * v)
+        dynamics.update(q, v)
+        limit.fill(dynamics, 0.002, *filled[0])
+        names = limit.names
+        skipped += len(limit._pair_names) - limit.computed
+        if i % 10 == 9:
+            distances = limit.distances(dynamics)
+            assert (limit._least <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
+            new = another(model, limit)
+            new.fill(dynamics, 0.002, *filled[1])
+            assert new.computed > 0
+            assert new.names == names
+            for ours, fresh in zip(filled[0], filled[1], strict=True):
+                np.testing.assert_array_equal(ours, fresh)
+            used += np.isfinite(filled[0][1]).sum()
+    assert used > 5
+    assert skipped > 0.8 * 120 * len(limit._pair_names)  # it saved something
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limits, robot):
+    model, limit = limits[robot]
+    rng, dynamics, tight = np.random.default_rng(8), Dynamics(model), []
+    for joint in rng.choice(np.arange(6, model.nv), 12, replace=False):
+        q, _ = random_motion(model, rng)
+        v = np.zeros(model.nv)
+        v[joint] = 1.0
+        dynamics.update(q, v)
+        before, _, after = along(model, limit, q, v, 1.0e-3, range(len(limit._pair_names)))
+        limit._find(dynamics, 0.02)
+        rate, most = np.abs(after - before) / 2.0e-3, limit._sums[limit._ends, 0].sum(axis=1)
+        assert (rate <= most + 1.0e-6).all()
+        tight.append(np.max(rate / np.where(most > 0.0, most, 1.0)))
+    assert max(tight) > 0.4  # nor is it far more than it can be
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
+    """However fast the links move: against the distances and rates of all pairs, one by one."""
+    model, limit = limits[robot]
+    rng, dynamics, found, all_pairs = np.random.default_rng(9), Dynamics(model), 0, list(range(len(limit._pair_names)))
+    filled = np.empty((400, model.nv)), np.empty(400), np.empty(400)
+    for _ in range(12):
+        q, v = random_motion(model, rng)
+        v *= rng.uniform(0.2, 4.0)
+        dynamics.update(q, v)
+        new = another(model, limit)
+        new.fill(dynamics, 0.002, *filled)
+        assert new.computed < 0.7 * len(all_pairs)
+        distance = np.array(list(new.distances(dynamics).values()))
+        bound = limit.bound(distance, rows_of(new, dynamics, all_pairs)[0] @ v, limit.horizon)
+        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_FASTER / limit.horizon)}
+        assert set(new.names) - {"self_collision:unused"} == needed
+        found += len(needed)
+    assert found > 50
+
+
+# The barrier. ------------------------------------------------------------------------------------------------------
+
+
+def barrier(acceleration=10.0, horizon=0.02):
+    """A barrier at `MARGIN`, with what it keeps for inexact rows."""
+    limit = SelfCollisionLimit.__new__(SelfCollisionLimit)
+    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, MARGIN - INEXACT
+    return limit
+
+
+@pytest.mark.parametrize("acceleration", [3.0, 40.0])
+@pytest.mark.parametrize("horizon", [0.0, 0.02])
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+def test_from_viable_distances_the_margin_is_never_passed(period, horizon, acceleration):
+    limit, rng = barrier(acceleration, horizon), np.random.default_rng(5)
+    T = max(period, horizon)
+    room = rng.uniform(0.0, 0.5, 2000)
+    fastest = np.sqrt((acceleration * T) ** 2 + 2.0 * acceleration * room) - acceleration * T
+    d, rate = MARGIN + room, -fastest * rng.random(2000)
+    for i in range(int(1.5 / period)):
+        bound = limit.bound(d, rate, T)
+        assert (bound <= 1.5 * acceleration).all()  # about what was counted on is enough
+        a = np.maximum(bound, -30.0 if i % 50 < 40 else 5.0)  # closes as hard as it may, and now and then parts
+        d, rate = d + period * rate + 0.5 * period**2 * a, rate + period * a
+        assert d.min() >= MARGIN - 1.0e-6
+    assert np.median(d) < MARGIN + 0.01  # it mattered
+
+
+def test_links_that_start_too_near_part_gently():
+    limit = barrier()
+    d, rate, fastest, hardest = np.array([-0.05, 0.0, 0.015]), np.zeros(3), 0.0, 0.0
+    for _ in range(1500):
+        a = limit.bound(d, rate, 0.02)
+        d, rate = d + 0.002 * rate + 0.5 * 0.002**2 * a, rate + 0.002 * a
+        fastest, hardest = max(fastest, rate.max()), max(hardest, np.abs(a).max())
+    assert (d > MARGIN - 1.0e-4).all()
+    assert fastest <= RETURN_SPEED * (1.0 + 1e-9)
+    assert hardest <= RETURN_SPEED / 0.02 * (1.0 + 1e-9)
+
+
+def test_what_is_not_a_number_stays_so():
+    assert np.isnan(barrier().bound(np.array([np.nan, 0.1]), np.array([0.0, np.nan]), 0.02)).all()
+
+
+# Arms commanded through the torso and through each other. ------------------------------------------------------------
+
+
+class Original:
+    """Distances between the links of a robot with all its joints, by the hulls of the original meshes."""
+
+    def __init__(self, model, names):
+        self.model, self.reduced = pin.buildModelFromXML(model.urdf, pin.JointModelFreeFlyer()), model
+        self.data = self.model.createData()
+        folder = str(share_folder("example-robot-data").parent)
+        self.geometry = pin.buildGeomFromUrdfString(self.model, model.urdf, pin.COLLISION, None, [folder])
+        self.shapes, self.parts = [], {}
+        for i, part in enumerate(self.geometry.geometryObjects):
+            shape = part.geometry
+            if isinstance(shape, coal.BVHModelBase):
+                shape.buildConvexHull(True, "Qt")
+                shape = shape.convex
+            self.shapes.append(shape)
+            self.parts.setdefault(self.model.frames[part.parentFrame].name, []).append(i)
+        self.placements = self.geometry.createData()
+        self.pairs = [tuple(name.partition(":")[2].split("/")) for name in names]
+
+    def least(self, q):
+        full = pin.neutral(self.model)
+        full[:7] = q[:7]
+        for name, i in zip(self.reduced.joints, self.reduced.q_index, strict=True):
+            full[self.model.joints[self.model.getJointId(name)].idx_q] = q[i]
+        pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.placements, full)
+        request, least = coal.DistanceRequest(), (np.inf, "")
+        for a, b in self.pairs:
+            for i in self.parts[a]:
+                for j in self.parts[b]:
+                    at = [coal.Transform3s(self.placements.oMg[k].rotation, self.placements.oMg[k].translation)
+                          for k in (i, j)]  # fmt: skip
+                    distance = coal.distance(
+                        self.shapes[i], at[0], self.shapes[j], at[1], request, coal.DistanceResult()
+                    )
+                    least = min(least, (distance, f"{a}/{b}"))
+        return least
+
+
+ARM = {"g1": ("shoulder", "elbow", "wrist"), "talos": ("arm_", "gripper_", "wrist_")}
+
+
+def of_arms(robot, names):
+    return [name for name in names if any(part in name for part in ARM[robot])]
+
+
+def adversarial(kind, base, rng):
+    """Goals of the hands: (position, position)."""
+    (left, right) = base
+    if kind == "torso":
+        return np.array([0.0, -0.05, left[2] + 0.1]), np.array([0.0, 0.05, right[2] + 0.1])
+    if kind == "cross":
+        return np.array([left[0], right[1], left[2]]), np.array([right[0], left[1], right[2]])
+    return tuple(
+        np.array([rng.uniform(-0.2, 0.5), rng.uniform(-0.5, 0.5), left[2] + rng.uniform(-0.3, 0.5)]) for _ in range(2)
+    )
+
+
+def run(bench, kind, cycles, back=0):
+    """Command the hands, for some cycles to where they must not go, then back to where they were; the motion."""
+    model, controller = bench.model, bench.controller
+    rest = bench.references(left_hand=5.0, right_hand=5.0)
+    base = [rest.tasks[hand].position[:3] for hand in ("left_hand", "right_hand")]
+    rng, q, v = np.random.default_rng(6), np.array(bench.stance), np.zeros(model.nv)
+    period, visited = controller.formulation.period, []
+    for i in range(cycles + back):
+        if i % 150 == 0 and i < cycles:
+            goals = adversarial(kind, base, rng)
+        if i == cycles:
+            goals = base
+        tasks = dict(rest.tasks)
+        for hand, goal in zip(("left_hand", "right_hand"), goals, strict=True):
+            tasks[hand] = replace(tasks[hand], position=np.concatenate([goal, tasks[hand].position[3:]]))
+        solution = controller.solve(bench.state(q, v), replace(rest, tasks=tasks))
+        assert not solution.relaxed
+        q = pin.integrate(model.pinocchio, q, period * v + 0.5 * period**2 * solution.v_dot)
+        v = v + period * solution.v_dot
+        visited.append((q, v, solution))
+    return visited, [solution.task_errors[hand] for hand in ("left_hand", "right_hand")]
+
+
+@pytest.mark.parametrize(("robot", "kind"), [*product(SRDF, ["torso", "cross"]), ("g1", "random")])
+def test_arms_keep_their_distance_whatever_they_are_commanded(bench, robot, kind):
+    held, free = bench(robot, limits=settings(robot)), bench(robot)
+    names = of_arms(robot, held.controller.formulation.row_limits[0]._pair_names)
+    original = Original(held.model, names)
+    visited, _ = run(held, kind, 240 if kind == "random" else 150)
+    assert any(name.startswith("self_collision:") for _, _, solution in visited for name in solution.binding)
+    least = min(original.least(q) for q, _, _ in visited[::6])
+    assert least[0] > MARGIN - TOLERANCE, least
+    without, _ = run(free, kind, 100)
+    assert min(original.least(q) for q, _, _ in without[50::10])[0] < 0.0  # it mattered
+
+
+@pytest.mark.parametrize("robot", SRDF)
+def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench, robot):
+    visited, errors = run(bench(robot, limits=settings(robot)), "torso", 100, back=300)
+    assert max(errors) < 0.01
+    _, _, last = visited[-1]
+    assert not any(name.startswith("self_collision:") for name in last.binding)
+    blocked = visited[99][2].task_errors
+    assert min(blocked["left_hand"], blocked["right_hand"]) > 0.05
+
+
+def test_fewer_rows_than_pairs_go_to_those_that_ask_for_most(limits):
+    model, limit = limits["g1"]
+    few = SelfCollisionLimit(model, limit._geometry, margin=MARGIN, acceleration=20.0, horizon=0.02, max_pairs=3)
+    dynamics = Dynamics(model)
+    dynamics.update(*random_motion(model, np.random.default_rng(7)))
+    filled = {}
+    for each, k in ((limit, 400), (few, 3)):
+        rows, lower, upper = np.empty((k, model.nv)), np.empty(k), np.empty(k)
+        each.fill(dynamics, 0.002, rows, lower, upper)
+        filled[k] = dict(zip(each.names, lower, strict=True))
+    filled[400].pop("self_collision:unused")
+    assert filled[3] == dict(sorted(filled[400].items(), key=lambda item: -item[1])[:3])
+    assert len(filled[400]) > 3
+
+
+@pytest.mark.parametrize("where", ["position", "velocity"])
+def test_a_state_that_is_not_finite_is_refused_and_leaves_nothing_behind(bench, where):
+    g1 = bench("g1", limits=settings("g1"))
+    good = g1.controller.solve(g1.state(), g1.references())
+    names = g1.controller.formulation.row_limits[0].names
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    (q if where == "position" else v)[-3] = np.nan
+    with pytest.raises(NoSolution, match="not finite"):
+        g1.controller.solve(g1.state(q, v), g1.references())
+    again = g1.controller.solve(g1.state(), g1.references())
+    assert g1.controller.formulation.row_limits[0].names == names
+    np.testing.assert_allclose(again.tau, good.tau, atol=1e-6)
+
+
+def test_a_start_inside_of_each_other_is_recovered_from(bench):
+    """Hands that start nearer than the margin part without being thrown apart."""
+    g1 = bench("g1", limits=settings("g1", pairs=["left_wrist_yaw_link/torso_link"]))
+    limit = g1.controller.formulation.row_limits[0]
+    limit.margin = 0.25  # more than there is
+    dynamics, q, v = Dynamics(g1.model), np.array(g1.stance), np.zeros(g1.model.nv)
+    found, references = [], g1.references()
+    for _ in range(250):
+        dynamics.update(q, v)
+        (distance,) = limit.distances(dynamics).values()
+        solution = g1.controller.solve(g1.state(q, v), references)
+        assert not solution.relaxed
+        found.append((distance, np.abs(solution.v_dot).max()))
+        q = pin.integrate(g1.model.pinocchio, q, 0.002 * v + 0.5 * 0.002**2 * solution.v_dot)
+        v = v + 0.002 * solution.v_dot
+    distance, hardest = np.array(found).T
+    assert distance[0] < 0.24
+    assert distance[-1] > min(0.25 - 1e-3, distance[0] + 0.03)
+    assert np.max(np.diff(distance)) < 1.2 * RETURN_SPEED * 0.002
+    assert hardest.max() < 100.0
+
+
+def test_memory_that_coal_lays_out_in_another_way_is_refused(balls, monkeypatch):
+    model, limit = balls
+    monkeypatch.setattr("wbc_controller.inverse_dynamics.limits.self_collision.DISTANCE", DISTANCE + 1)
+    with pytest.raises(RuntimeError, match="does not keep what it finds of two shapes"):
+        another(model, limit)
+
+
+def test_pairs_are_all_that_can_move_relative_to_each_other(balls):
+    _, limit = balls
+    links = [f"{side}{i}" for side in "lr" for i in range(3)]
+    assert {name.partition(":")[2] for name in limit._pair_names} == {
+        f"{a}/{b}" for a, b in combinations(links, 2) if a[0] != b[0]
+    }
+
+
+# Conflicts: the guilty constraints, and no innocent one. ----------------------------------------------------------
+
+PAIR = "self_collision:l0/r0"
+
+
+class TwoArms:
+    """Two arms of one joint each on a fixed base, whose balls close at each other and must brake by 16 m/s²."""
+
+    def __init__(self):
+        links = "".join(
+            LINK.format(name=name, kind="revolute", parent="base", at=f"0 {y} 0", axis="1 0 0", effort=20)
+            for name, y in (("l0", 0.1), ("r0", -0.1))
+        )
+        joints = ["l0_joint", "r0_joint"]
+        self.model = build_model(BALLS.format(links=links), joints, [0.0, 0.0], floating_base=False)
+        geometry = build_collision_model(self.model, margin=MARGIN).geometry
+        limit = SelfCollisionLimit(self.model, geometry, margin=MARGIN, acceleration=10.0, horizon=0.02, max_pairs=4)
+        task = PostureTask("posture", self.model, (), stiffness=0.0, damping=0.0)
+        self.formulation = Formulation(
+            self.model, [task], [], TorqueLimit(self.model.effort_limits, 1.0e4),
+            JointMotionLimit(None, None, acceleration=500.0), [limit],
+            period=0.002, regularization_acceleration=1e-5, regularization_force=1e-6,
+        )  # fmt: skip
+        self.controller = WholeBodyQP(self.formulation)
+        self.state = RobotState(0, np.zeros(2), np.array([-2.0, 2.0]))
+        self.references = References(
+            {"posture": Reference(np.zeros(2), np.zeros(2), np.zeros(2))}, {"posture": 1.0}, {}
+        )
+
+    def weaken(self, joint, torque):
+        limits = np.array(self.formulation.torque_limit.effort_limits)
+        limits[joint] = torque
+        self.formulation.torque_limit = TorqueLimit(limits, 1.0e4)
+
+    def brake(self, *joints):
+        def braked(lower, upper):
+            lower[list(joints)] = upper[list(joints)] = 0.0
+
+        change_motion_bounds(self.formulation, braked)
+
+    def explain(self, before=None):
+        return self.controller.explain(self.state, self.references, before)
+
+
+def test_two_arms_that_can_brake_do():
+    arms = TwoArms()
+    assert arms.explain() is None
+    solution = arms.controller.solve(arms.state, arms.references)
+    assert list(solution.binding) == [PAIR]
+    assert solution.v_dot[0] > 10.0
+    assert not solution.relaxed
+
+
+def weak_and_braked(arms):
+    arms.weaken(0, 0.5)
+    arms.brake(1)
+    return arms.explain(), {PAIR, "torque:l0_joint", "motion:r0_joint"}
+
+
+def both_braked(arms):
+    arms.brake(0, 1)
+    return arms.explain(), {PAIR, "motion:l0_joint", "motion:r0_joint"}
+
+
+def both_weak(arms):
+    arms.weaken(0, 0.5)
+    arms.weaken(1, 0.5)
+    return arms.explain(), {PAIR, "torque:l0_joint", "torque:r0_joint"}
+
+
+def slow_torques(arms):
+    arms.formulation.torque_limit.rate = 1.0
+    return arms.explain(np.zeros(2)), {PAIR, "torque_rate:l0_joint", "torque_rate:r0_joint"}
+
+
+@pytest.mark.parametrize("case", [weak_and_braked, both_braked, both_weak, slow_torques])
+def test_the_guilty_are_named_and_no_innocent_one(case):
+    why, guilty = case(TwoArms())
+    assert set(why.conflict) == guilty
+    assert "distance of l0 and r0 (has to change by at least" in why.sentence
+    assert why.units[PAIR] == "m/s²"
+
+
+FEET = {"g1": ("left_ankle_roll_link", "right_ankle_roll_link"), "talos": ("leg_left_6_link", "leg_right_6_link")}
+
+
+@pytest.mark.parametrize("robot", FEET)
+def test_feet_that_should_part_but_stand_are_named(bench, robot):
+    pair = "/".join(FEET[robot])
+    stands = bench(robot, limits={"self_collision": SelfCollisionSettings(enabled=True, pairs=[pair], margin=0.01)})
+    (limit,) = stands.controller.formulation.row_limits
+    limit.margin = 0.3
+    why = stands.controller.explain(stands.state(), stands.references())
+    assert set(why.conflict) == {
+        f"self_collision:{pair}",
+        *(f"contact_motion:{foot}" for foot in stands.controller.contacts),
+    }
+
+
+def test_a_conflict_is_relaxed_to_what_can_be_had():
+    """Arms too weak to stop in time: the limit gives, and they still brake as hard as they can."""
+    arms = TwoArms()
+    arms.weaken(0, 0.5)
+    arms.weaken(1, 0.5)
+    solution = arms.controller.solve(arms.state, arms.references)
+    assert solution.relaxed == ("self_collision",)
+    np.testing.assert_allclose(np.abs(solution.tau), 0.5, atol=1e-4)
+    assert solution.v_dot[0] > 0.5
+    assert solution.v_dot[1] < -0.5

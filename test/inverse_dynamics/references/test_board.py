@@ -1,0 +1,385 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.references.board import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
+from wbc_controller.inverse_dynamics.references.changes import (
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.inverse_dynamics.references.trajectories import Knot
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import ComTask, FramePoseTask, PostureTask
+from wbc_controller.records import Tuning
+
+START, DURATION, WEIGHT_RAMP, CONTACT_RAMP = 10.0, 1.0, 0.5, 0.2
+GOAL = np.array([0.1, -0.2, 0.5])
+JUST = 1.0e-7
+
+
+@pytest.fixture(scope="module")
+def dynamics(load, random_state):
+    model, _ = load("go2")
+    snapshot = Dynamics(model)
+    snapshot.update(*random_state(model, np.random.default_rng(0)))
+    return snapshot
+
+
+@pytest.fixture
+def board(load, dynamics):
+    model, _ = load("go2")
+    plans = {
+        "com": TaskPlan(ComTask("com", [True] * 3), 50.0, True, DURATION),
+        "foot": TaskPlan(FramePoseTask("foot", model, "FL_foot"), 5.0, False, DURATION),
+        "posture": TaskPlan(PostureTask("posture", model), 0.1, True, 0.0),
+    }
+    contacts = {"left": ContactPlan(True, CONTACT_RAMP), "right": ContactPlan(False, CONTACT_RAMP)}
+    contacts |= {"stiff": ContactPlan(True, 0.0)}
+    tuning = Tuning({name: plan.task.gains for name, plan in plans.items()}, 0.02, 0.02, 1.0, 200.0, 100.0)
+    result = ReferenceBoard(BoardPlan(plans, contacts, WEIGHT_RAMP, tuning))
+    result.reset(dynamics, START)
+    return result
+
+
+def still(size, time, position):
+    return Knot(time, np.asarray(position), np.zeros(size), np.zeros(size))
+
+
+def trajectory(task, *times, start=None, size=3, offset=0.0):
+    return SetTrajectory(task, start, tuple(still(size, t, np.full(size, offset + t)) for t in times))
+
+
+def assert_no_jump(board, task, time, before):
+    """The reference just after a change is the one just before it, in all three of its parts."""
+    after = board.sample(time).tasks[task]
+    np.testing.assert_allclose(after.position, before.position, atol=1e-9)
+    np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-7)
+    np.testing.assert_allclose(after.acceleration, before.acceleration, atol=1e-6)
+    later = board.sample(time + JUST).tasks[task]
+    np.testing.assert_allclose(later.acceleration, before.acceleration, atol=1e-3)
+
+
+def test_after_a_reset_everything_stays_where_the_robot_is(board, dynamics):
+    for time in (START, START + 100.0):
+        references = board.sample(time)
+        for name, plan in board.plans.items():
+            np.testing.assert_array_equal(references.tasks[name].position, plan.task.position(dynamics))
+            assert not references.tasks[name].velocity.any()
+        assert references.weights == {"com": 50.0, "foot": 0.0, "posture": 0.1}
+        assert references.contacts == {"left": 1.0, "right": 0.0, "stiff": 1.0}
+        assert not references.external_wrenches
+
+
+def test_a_setpoint_is_reached_in_its_duration_and_kept(board, dynamics):
+    before = board.sample(START).tasks["com"]
+    board.apply([SetSetpoint("com", GOAL)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
+    middle = board.sample(START + 0.5 * DURATION).tasks["com"]
+    np.testing.assert_allclose(middle.position, 0.5 * (before.position + GOAL), atol=1e-9)
+    for time in (START + DURATION, START + 100.0):
+        reference = board.sample(time).tasks["com"]
+        np.testing.assert_array_equal(reference.position, GOAL)
+        assert not reference.velocity.any()
+    np.testing.assert_allclose(board.sample(START + DURATION - JUST).tasks["com"].velocity, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("replaced_at", [0.2, 0.5, 0.99])
+def test_a_setpoint_replaced_in_mid_flight_makes_no_jump(board, dynamics, replaced_at):
+    board.apply([SetSetpoint("com", GOAL)], dynamics, START)
+    now = START + replaced_at
+    before = board.sample(now).tasks["com"]
+    assert np.linalg.norm(before.velocity) > 1e-4
+    board.apply([SetSetpoint("com", -GOAL)], dynamics, now)
+    assert_no_jump(board, "com", now, before)
+    np.testing.assert_array_equal(board.sample(now + DURATION).tasks["com"].position, -GOAL)
+
+
+def test_a_pose_replaced_in_mid_flight_makes_no_jump_in_its_turn(board, dynamics):
+    board.apply([EnableTask("foot", True)], dynamics, START)
+    goals = [
+        np.concatenate([GOAL, pin.Quaternion(pin.exp3(np.array(turn))).coeffs()])
+        for turn in ([1.0, 0.5, -0.3], [-0.4, 0.2, 1.0], [0.3, 0.3, 0.3])
+    ]
+    for i, goal in enumerate(goals):
+        now = START + 0.4 * i
+        before = board.sample(now).tasks["foot"]
+        board.apply([SetSetpoint("foot", goal)], dynamics, now)
+        assert_no_jump(board, "foot", now, before)
+    last = board.sample(now + DURATION).tasks["foot"]
+    np.testing.assert_array_equal(last.position, goals[-1])
+
+
+def test_a_trajectory_joins_the_present_reference_without_a_jump(board, dynamics):
+    board.apply([SetSetpoint("com", GOAL)], dynamics, START)
+    now = START + 0.3
+    before = board.sample(now).tasks["com"]
+    board.apply([trajectory("com", 1.0, 2.0)], dynamics, now)
+    assert_no_jump(board, "com", now, before)
+    np.testing.assert_allclose(board.sample(now + 1.0).tasks["com"].position, 1.0)
+    np.testing.assert_allclose(board.sample(now + 2.0).tasks["com"].position, 2.0)
+
+
+def test_a_trajectory_may_start_later(board, dynamics):
+    before = board.sample(START).tasks["com"]
+    board.apply([trajectory("com", 0.5, 1.0, start=START + 5.0)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
+    np.testing.assert_allclose(board.sample(START + 5.5).tasks["com"].position, 0.5)
+
+
+def test_a_trajectory_under_way_is_joined_at_its_next_point(board, dynamics):
+    before = board.sample(START).tasks["com"]
+    board.apply([trajectory("com", 0.0, 1.0, 2.0, start=START - 1.5)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
+    np.testing.assert_allclose(board.sample(START + 0.5).tasks["com"].position, 2.0)
+
+
+def test_a_trajectory_that_is_followed_already_goes_on_when_it_is_sent_again(board, dynamics):
+    again = trajectory("com", 0.5, 1.0, 2.0, start=START)
+    board.apply([again], dynamics, START)
+    times = [START + 1.3, START + 1.35, START + 1.6, START + 1.9]
+    expected = [board.sample(time).tasks["com"] for time in times]
+    board.apply([again], dynamics, times[0])
+    for time, reference in zip(times, expected, strict=True):
+        np.testing.assert_allclose(board.sample(time).tasks["com"].position, reference.position, atol=1e-9)
+        np.testing.assert_allclose(board.sample(time).tasks["com"].velocity, reference.velocity, atol=1e-8)
+
+
+def test_a_first_point_at_time_zero_is_not_jumped_to(board, dynamics):
+    before = board.sample(START).tasks["com"]
+    board.apply([trajectory("com", 0.0, 1.0)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
+    board.apply([trajectory("com", 0.0)], dynamics, START)
+    assert_no_jump(board, "com", START, before)
+
+
+def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, dynamics):
+    before = board.sample(START)
+    changes = [SetWeight("com", 1.0), SetSetpoint("com", GOAL), EnableContact("left", False), EnableTask("foot", True)]
+    late = trajectory("com", 1.0, 2.0, start=START - 2.5)
+    with pytest.raises(InputRefused, match=r"task 'com' ended 0\.500 s ago"):
+        board.apply([*changes, late], dynamics, START)
+    after = board.sample(START + 10.0)
+    assert after.weights == before.weights
+    assert after.contacts == before.contacts
+    np.testing.assert_array_equal(after.tasks["com"].position, before.tasks["com"].position)
+    board.apply(changes, dynamics, START)  # without it they are applied
+    assert board.sample(START + 10.0).weights["com"] == 1.0
+
+
+# Tasks that are off --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def elsewhere(load, random_state):
+    """The robot has moved since the controller started."""
+    model, _ = load("go2")
+    snapshot = Dynamics(model)
+    snapshot.update(*random_state(model, np.random.default_rng(1)))
+    return snapshot
+
+
+POSE = np.concatenate([GOAL, pin.Quaternion(pin.exp3(np.array([0.2, -0.3, 0.4]))).coeffs()])
+SETPOINT = SetSetpoint("foot", POSE)
+ENABLE = EnableTask("foot", True)
+
+
+def assert_starts_here_and_reaches(board, elsewhere, now, reached):
+    here = board.plans["foot"].task.rest(elsewhere)
+    assert_no_jump(board, "foot", now, here)
+    assert board.sample(now).weights["foot"] == 0.0
+    assert board.sample(now + WEIGHT_RAMP).weights["foot"] == 5.0
+    end = board.sample(reached).tasks["foot"]
+    np.testing.assert_allclose(end.position, POSE, atol=1e-9)
+    np.testing.assert_allclose(end.velocity, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("changes", [(SETPOINT, ENABLE), (ENABLE, SETPOINT)])
+@pytest.mark.parametrize("together", [True, False])
+def test_a_task_enabled_with_a_setpoint_starts_where_the_robot_is(board, elsewhere, changes, together):
+    now = START + 3.0
+    for group in [changes] if together else [[change] for change in changes]:
+        board.apply(group, elsewhere, now)
+    assert_starts_here_and_reaches(board, elsewhere, now, now + DURATION)
+
+
+def test_a_setpoint_waits_for_its_task(board, dynamics, elsewhere):
+    board.apply([SETPOINT], dynamics, START + 1.0)
+    assert board.sample(START + 2.9).weights["foot"] == 0.0
+    board.apply([ENABLE], elsewhere, START + 3.0)
+    assert_starts_here_and_reaches(board, elsewhere, START + 3.0, START + 3.0 + DURATION)
+
+
+def test_a_setpoint_that_comes_while_its_task_fades_out_is_not_forgotten(board, dynamics, elsewhere):
+    board.apply([ENABLE], dynamics, START)
+    board.apply([EnableTask("foot", False)], dynamics, START + 2.0)
+    board.apply([SETPOINT], dynamics, START + 2.0 + 0.5 * WEIGHT_RAMP)
+    board.apply([ENABLE], elsewhere, START + 5.0)
+    assert_starts_here_and_reaches(board, elsewhere, START + 5.0, START + 5.0 + DURATION)
+
+
+def test_a_task_enabled_again_while_it_fades_out_goes_on(board, dynamics):
+    board.apply([ENABLE, SETPOINT], dynamics, START)
+    board.apply([EnableTask("foot", False)], dynamics, START + 0.6)
+    now = START + 0.8
+    before = board.sample(now)
+    board.apply([ENABLE], dynamics, now)
+    assert_no_jump(board, "foot", now, before.tasks["foot"])
+    assert board.sample(now).weights["foot"] == pytest.approx(before.weights["foot"])
+    assert 0.0 < before.weights["foot"] < 5.0
+    np.testing.assert_array_equal(board.sample(START + DURATION).tasks["foot"].position, POSE)
+
+
+def test_a_goal_that_was_used_is_not_used_again(board, dynamics, elsewhere):
+    board.apply([SETPOINT], dynamics, START)
+    board.apply([ENABLE], dynamics, START)
+    board.apply([EnableTask("foot", False)], dynamics, START + 2.0)
+    board.apply([ENABLE], elsewhere, START + 5.0)
+    here = board.plans["foot"].task.position(elsewhere)
+    np.testing.assert_array_equal(board.sample(START + 9.0).tasks["foot"].position, here)
+
+
+@pytest.mark.parametrize("enabled_after", [0.0, 1.2, 5.0])
+def test_a_trajectory_for_a_task_that_is_off_is_joined_when_it_is_enabled(board, dynamics, elsewhere, enabled_after):
+    points = tuple(still(6, time, POSE) for time in (1.0, 2.0))
+    board.apply([SetTrajectory("foot", None, points)], dynamics, START)
+    now = START + enabled_after
+    board.apply([ENABLE], elsewhere, now)
+    assert_starts_here_and_reaches(board, elsewhere, now, max(START + 2.0, now + DURATION))
+
+
+def test_a_reset_forgets_goals_wrenches_and_weights(board, dynamics, elsewhere):
+    board.apply([SETPOINT, SetExternalWrench("base", np.ones(6)), SetWeight("com", 1.0)], dynamics, START)
+    board.reset(elsewhere, START + 1.0)
+    references = board.sample(START + 1.0)
+    assert not references.external_wrenches
+    assert references.weights["com"] == 50.0
+    board.apply([ENABLE], elsewhere, START + 1.0)
+    here = board.plans["foot"].task.position(elsewhere)
+    np.testing.assert_array_equal(board.sample(START + 9.0).tasks["foot"].position, here)
+
+
+# Durations of zero, weights and contacts -----------------------------------------------------------------------------
+
+
+def test_a_setpoint_without_duration_holds_at_once(board, dynamics):
+    goal = np.linspace(-1.0, 1.0, 12)
+    board.apply([SetSetpoint("posture", goal)], dynamics, START + 1.0)
+    reference = board.sample(START + 1.0).tasks["posture"]
+    np.testing.assert_array_equal(reference.position, goal)
+    assert not reference.velocity.any()
+    assert not reference.acceleration.any()
+
+
+def test_a_weight_is_ramped_and_survives_being_switched_off(board, dynamics):
+    board.apply([SetWeight("com", 150.0)], dynamics, START)
+    weights = [board.sample(START + share * WEIGHT_RAMP).weights["com"] for share in (0.0, 0.25, 1.0, 5.0)]
+    quarter = (0.75 * 50.0 ** (1 / 3) + 0.25 * 150.0 ** (1 / 3)) ** 3
+    assert weights == pytest.approx([50.0, quarter, 150.0, 150.0])
+    board.apply([EnableTask("com", False)], dynamics, START + 1.0)
+    board.apply([SetWeight("com", 20.0)], dynamics, START + 1.0 + 0.5 * WEIGHT_RAMP)  # off: it stays on its way to 0
+    assert board.sample(START + 1.0 + 0.5 * WEIGHT_RAMP).weights["com"] == pytest.approx(150.0 / 8)
+    assert board.sample(START + 3.0).weights["com"] == 0.0
+    board.apply([EnableTask("com", True)], dynamics, START + 3.0)
+    assert board.sample(START + 4.0).weights["com"] == 20.0
+
+
+def test_a_contact_is_loaded_and_unloaded_by_a_ramp(board, dynamics):
+    board.apply([EnableContact("left", False), EnableContact("right", True)], dynamics, START)
+    half = board.sample(START + 0.5 * CONTACT_RAMP).contacts
+    assert half["left"] == pytest.approx(0.125)
+    assert half["right"] == pytest.approx(0.125)
+    back = START + 0.5 * CONTACT_RAMP
+    board.apply([EnableContact("left", True)], dynamics, back)
+    assert board.sample(back).contacts["left"] == pytest.approx(0.125)
+    assert board.sample(START + 1.0).contacts == {"left": 1.0, "right": 1.0, "stiff": 1.0}
+
+
+def test_a_contact_without_ramp_breaks_at_once(board, dynamics):
+    board.apply([EnableContact("stiff", False)], dynamics, START)
+    assert board.sample(START).contacts["stiff"] == 0.0
+
+
+def test_external_wrenches_last_until_they_are_replaced(board, dynamics):
+    wrench = np.arange(6.0)
+    board.apply([SetExternalWrench("base", np.ones(6))], dynamics, START)
+    board.apply([SetExternalWrench("base", wrench), SetExternalWrench("FL_foot", -wrench)], dynamics, START)
+    wrenches = board.sample(START + 50.0).external_wrenches
+    assert set(wrenches) == {"base", "FL_foot"}
+    np.testing.assert_array_equal(wrenches["base"], wrench)
+
+
+def relative(board, dynamics, task, position, frame, time=START):
+    """Where a setpoint in another frame leads to."""
+    board.apply([SetSetpoint(task, np.asarray(position, dtype=float), frame=frame)], dynamics, time)
+    return board.sample(time + 100.0).tasks[task].position
+
+
+def test_two_steps_add_up_however_soon_the_second_one_comes(board, dynamics):
+    start = board.sample(START).tasks["com"].position
+    relative(board, dynamics, "com", [0.02, 0.0, 0.0], "com/reference")
+    reached = relative(board, dynamics, "com", [0.02, 0.0, -0.01], "com/reference", START + 0.1 * DURATION)
+    np.testing.assert_allclose(reached - start, [0.04, 0.0, -0.01], atol=1e-12)
+
+
+def test_a_step_by_the_heading_is_level_and_goes_where_the_base_looks(board, dynamics):
+    start = board.sample(START).tasks["com"].position
+    step = relative(board, dynamics, "com", [0.03, 0.0, 0.01], "com/heading") - start
+    ahead = pin.XYZQUATToSE3(dynamics.q[:7]).rotation[:, 0]
+    assert step[2] == pytest.approx(0.01)
+    np.testing.assert_allclose(step[:2], 0.03 * ahead[:2] / np.linalg.norm(ahead[:2]), atol=1e-12)
+
+
+def test_a_pose_in_a_frame_of_the_robot_and_a_turn_from_the_own_reference(board, dynamics):
+    board.apply([EnableTask("foot", True)], dynamics, START)
+    base = dynamics.placement(dynamics.model.frame_id("base", "frame"))
+    at = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.2, 0.0, -0.3]))
+    reached = pin.XYZQUATToSE3(relative(board, dynamics, "foot", pin.SE3ToXYZQUAT(at), "base"))
+    assert reached.isApprox(base * at, 1e-9)
+    turn = pin.exp3(np.array([0.0, 0.0, 0.5]))
+    quaternion = pin.Quaternion(turn).coeffs()
+    turned = relative(board, dynamics, "foot", [0, 0, 0.1, *quaternion], "foot/reference", START + 200.0)
+    np.testing.assert_allclose(turned[:3], reached.translation + [0, 0, 0.1], atol=1e-9)
+    np.testing.assert_allclose(pin.XYZQUATToSE3(turned).rotation, turn @ reached.rotation, atol=1e-9)
+
+
+def test_a_task_that_is_off_counts_from_its_own_place_and_from_what_waits_for_it(board, dynamics):
+    start = board.plans["foot"].task.position(dynamics)
+    for _ in range(2):
+        relative(board, dynamics, "foot", [0, 0, 0.1, 0, 0, 0, 1], "foot/reference")
+    board.apply([EnableTask("foot", True)], dynamics, START)
+    np.testing.assert_allclose(board.sample(START + 100.0).tasks["foot"].position[:3], start[:3] + [0, 0, 0.2])
+
+
+def test_joints_are_displaced(board, dynamics):
+    start = board.sample(START).tasks["posture"].position
+    step = np.linspace(-0.1, 0.1, len(start))
+    np.testing.assert_allclose(relative(board, dynamics, "posture", step, "posture/reference"), start + step)
+
+
+def test_what_rests_is_given_again_as_the_same_objects(board, dynamics):
+    board.apply([SetWeight("com", 20.0)], dynamics, START)
+    ramping = board.sample(START + 0.1)
+    assert board.sample(START + 0.1).weights is not ramping.weights
+    end = START + WEIGHT_RAMP
+    rested = board.sample(end)
+    assert board.sample(end + 1.0) is rested
+    assert board.sample(START + 0.1).weights == ramping.weights  # a clock that goes back
+    board.apply([SetSetpoint("com", GOAL)], dynamics, end + 1.0)
+    moving = board.sample(end + 1.5)
+    assert moving.tasks["com"].velocity.any()
+    assert moving.weights is board.sample(end + 1.6).weights
+    assert board.sample(end + 1.0 + DURATION) is board.sample(end + 9.0)
+    for change in (SetExternalWrench("base", GOAL), EnableContact("left", False), EnableTask("posture", False)):
+        before = board.sample(end + 9.0)
+        board.apply([change], dynamics, end + 9.0)
+        assert board.sample(end + 9.0) is not before
+    late = board.sample(end + 99.0)
+    assert (late.contacts["left"], late.weights["posture"]) == (0.0, 0.0)
+    assert late.external_wrenches["base"] is GOAL
+    board.reset(dynamics, end + 100.0)
+    assert board.sample(end + 100.0).weights == {"com": 50.0, "foot": 0.0, "posture": 0.1}

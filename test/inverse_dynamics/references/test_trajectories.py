@@ -1,0 +1,152 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory, rest
+
+SIZES = {"vector": 3, "joints": 9, "orientation": 3, "pose": 6}
+KINDS = tuple(SIZES)
+some = hypothesis_settings(deadline=None, max_examples=25, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+JUST = 1.0e-9
+
+
+def quaternion(rng):
+    return np.array(pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs())
+
+
+def knot(kind, rng, time, speed=1.0):
+    size = SIZES[kind]
+    position = {
+        "orientation": lambda: quaternion(rng),
+        "pose": lambda: np.concatenate([rng.normal(size=3), quaternion(rng)]),
+    }.get(kind, lambda: rng.normal(size=size))()
+    return Knot(time, position, speed * rng.normal(size=size), speed * rng.normal(size=size))
+
+
+def displacement(kind, start, end):
+    """From one position to another, rotations as vectors in world axes."""
+    if kind in ("vector", "joints"):
+        return end - start
+    turn = [pin.Quaternion(q[-4:]).toRotationMatrix() for q in (start, end)]
+    return np.concatenate([end[:-4] - start[:-4], pin.log3(turn[1] @ turn[0].T)])
+
+
+def journey(kind, seed):
+    """Three knots that move: their turns are not along one axis."""
+    rng = np.random.default_rng(seed)
+    return [knot(kind, rng, time) for time in (2.0, 2.7, 3.9)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@some
+@given(seed=seeds)
+def test_a_trajectory_passes_its_knots_with_their_velocity_and_acceleration(kind, seed):
+    knots = journey(kind, seed)
+    trajectory = Trajectory(knots)
+    for point, time in ((0, 2.0), (1, 2.7 - JUST), (1, 2.7), (1, 2.7 + JUST), (2, 3.9 - JUST)):
+        reference = trajectory.sample(time)
+        np.testing.assert_allclose(displacement(kind, reference.position, knots[point].position), 0.0, atol=1e-6)
+        np.testing.assert_allclose(reference.velocity, knots[point].velocity, atol=1e-5)
+        np.testing.assert_allclose(reference.acceleration, knots[point].acceleration, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@some
+@given(seed=seeds)
+def test_velocity_and_acceleration_are_derivatives(kind, seed):
+    trajectory, step = Trajectory(journey(kind, seed)), 1.0e-5
+    for time in np.linspace(2.01, 3.89, 15):
+        before, here, after = (trajectory.sample(t) for t in (time - step, time, time + step))
+        velocity = displacement(kind, before.position, after.position) / (2.0 * step)
+        acceleration = (after.velocity - before.velocity) / (2.0 * step)
+        np.testing.assert_allclose(here.velocity, velocity, atol=1e-6 * (1.0 + np.abs(acceleration).max()))
+        if abs(time - 2.7) > step:
+            scale = 1.0 + np.abs(here.acceleration).max()
+            np.testing.assert_allclose(here.acceleration, acceleration, atol=1e-4 * scale)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_before_and_after_it_rests_at_its_ends(kind):
+    knots = journey(kind, 0)
+    trajectory = Trajectory(knots)
+    for time, end in ((0.0, knots[0]), (1.999, knots[0]), (3.9, knots[2]), (100.0, knots[2]), (np.nan, knots[0])):
+        reference = trajectory.sample(time)
+        np.testing.assert_array_equal(reference.position, end.position)
+        assert not reference.velocity.any()
+        assert not reference.acceleration.any()
+        assert reference.velocity.shape == (SIZES[kind],)
+
+
+def test_a_turn_between_knots_at_rest_is_a_geodesic():
+    rng = np.random.default_rng(1)
+    a, b = (knot("orientation", rng, time, speed=0.0) for time in (0.0, 1.0))
+    trajectory = Trajectory([a, b])
+    whole = displacement("orientation", a.position, b.position)
+    for time in np.linspace(0.0, 1.0, 11):
+        share = 10 * time**3 - 15 * time**4 + 6 * time**5
+        turned = displacement("orientation", a.position, trajectory.sample(time).position)
+        np.testing.assert_allclose(turned, share * whole, atol=1e-9)
+
+
+def test_orientations_stay_unit_quaternions():
+    trajectory = Trajectory(journey("orientation", 3))
+    for time in np.linspace(2.0, 3.9, 20):
+        assert np.linalg.norm(trajectory.sample(time).position) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_sign_of_a_quaternion_does_not_matter():
+    a, b, c = journey("orientation", 4)
+    flipped = Trajectory([a, Knot(b.time, -b.position, b.velocity, b.acceleration), c])
+    for time in (2.3, 3.1):
+        here, there = Trajectory([a, b, c]).sample(time), flipped.sample(time)
+        np.testing.assert_allclose(displacement("orientation", here.position, there.position), 0.0, atol=1e-9)
+        np.testing.assert_allclose(here.acceleration, there.acceleration, atol=1e-6)
+
+
+def test_one_knot_is_a_place_to_stay():
+    only = knot("pose", np.random.default_rng(5), 1.0)
+    for time in (0.0, 1.0, 2.0):
+        reference = Trajectory([only]).sample(time)
+        np.testing.assert_array_equal(reference.position, only.position)
+        assert not reference.velocity.any()
+
+
+def test_a_resting_reference_has_zero_derivatives_of_the_given_size():
+    reference = rest(np.array([0.0, 0.0, 0.0, 1.0]), 3)
+    assert reference.velocity.shape == reference.acceleration.shape == (3,)
+    assert not reference.velocity.any()
+
+
+def test_a_ramp_goes_straight_from_one_value_to_the_other():
+    ramp = Ramp(start=1.0, duration=2.0, before=4.0, after=8.0)
+    assert [ramp.sample(t) for t in (0.0, 1.0, 1.5, 2.0, 3.0, 9.0)] == [4.0, 4.0, 5.0, 6.0, 8.0, 8.0]
+
+
+def test_a_soft_ramp_comes_to_zero_without_a_last_step():
+    """However small what it is compared with: from 5 down to 0, the last step of 250 is below 1e-6."""
+    ramp = SoftRamp(0.0, 0.5, 5.0, 0.0)
+    steps = -np.diff([ramp.sample(0.002 * i) for i in range(252)])
+    assert steps.min() >= 0.0
+    assert steps[249] < 1e-6
+    assert ramp.sample(0.5) == 0.0
+    back = ramp.towards(5.0, 0.25, 0.5)
+    assert isinstance(back, SoftRamp)
+    assert back.sample(0.25) == pytest.approx(ramp.sample(0.25))
+    assert SoftRamp(0.0, 0.0, 5.0, 2.0).sample(0.0) == 2.0
+
+
+def test_a_ramp_without_duration_is_a_step():
+    ramp = Ramp(start=1.0, duration=0.0, before=4.0, after=8.0)
+    assert ramp.sample(1.0) == 8.0
+
+
+def test_a_ramp_turned_back_in_mid_flight_does_not_jump():
+    ramp = Ramp(0.0, 2.0, 0.0, 1.0)
+    back = ramp.towards(0.0, 0.5, 1.0)
+    assert back.sample(0.5) == pytest.approx(ramp.sample(0.5)) == pytest.approx(0.25)
+    assert back.sample(1.0) == pytest.approx(0.125)
+    assert back.sample(1.5) == 0.0

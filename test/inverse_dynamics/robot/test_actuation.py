@@ -1,0 +1,358 @@
+"""What drives the joints: transmissions, passive joints, joints that follow others or are locked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from chains import MENAGERIE, MENAGERIE_JOINTS, TENDON, joint, link, menagerie, mimic, robot
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import check
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.urdf import parse_urdf
+from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings import Settings
+
+
+def random_state(model: RobotModel, rng: np.random.Generator) -> RobotState:
+    """Any state that the robot can be in: followers where they belong."""
+    base = (pin.SE3ToXYZQUAT(pin.SE3.Random()), rng.normal(size=6)) if model.floating_base else ()
+    q, v = model.state(rng.uniform(-0.4, 0.4, model.nj), rng.normal(size=model.nj), *base)
+    return RobotState(0, frozen(q), frozen(v))
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Settings, RobotModel]:
+    settings = menagerie()
+    return settings, make_model(settings, MENAGERIE)
+
+
+def solve(settings: Settings, model: RobotModel, state: RobotState):
+    controller = make_qp(settings, model)
+    controller.dynamics.update(model.configuration(model.posture), np.zeros(model.nv))
+    board = make_board(settings, controller)
+    board.reset(controller.dynamics, 0.0)
+    return controller, controller.solve(state, board.sample(0.0))
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
+def test_the_shipped_robots_have_one_motor_at_each_joint(load, name):
+    model, _ = load(name)
+    rng = np.random.default_rng(0)
+    force, torques = rng.normal(size=(model.nv, 3)), rng.normal(size=model.nj)
+    assert model.actuation.direct
+    assert model.actuators == model.joints
+    np.testing.assert_array_equal(model.actuation.torques(force), force[model.v_index])
+    np.testing.assert_array_equal(model.actuation.split(force)[:6], force[:6])
+    assert model.actuation.at_joints(torques) is torques
+    np.testing.assert_array_equal(model.actuation.from_joints(torques), torques)
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+@pytest.mark.parametrize(("changes", "left"), [({}, 1), (TENDON, 2)], ids=["motors", "tendon"])
+def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not(base, changes, left):
+    model = make_model(menagerie(base=base, **changes), MENAGERIE)
+    actuation, rng = model.actuation, np.random.default_rng(1)
+    tau, coupling = rng.normal(size=model.na), rng.normal(size=1) @ actuation.C
+    force = actuation.generalized_force(tau) + coupling
+    np.testing.assert_allclose(actuation.torques(force), tau, atol=1e-13)
+    np.testing.assert_allclose(actuation.split(force)[: actuation.free], 0.0, atol=1e-13)
+    # Left are as many rows as the base and what no motor decides have coordinates, and they are independent.
+    rows = left + (6 if base == "floating" else 0)
+    assert np.linalg.matrix_rank(actuation.split(np.eye(model.nv))[: actuation.free]) == actuation.free == rows
+    np.testing.assert_allclose(actuation.from_joints(actuation.at_joints(tau)), tau, atol=1e-13)
+    v = random_state(model, rng).v
+    assert actuation.C @ v == pytest.approx(0.0, abs=1e-14)
+    # Equation (20): the power is the same in all coordinates.
+    assert tau @ actuation.speeds(v) == pytest.approx(force @ v)
+    assert tau @ actuation.speeds(v) == pytest.approx(actuation.at_joints(tau) @ v[model.v_index])
+    np.testing.assert_allclose(actuation.speeds(v), actuation.rates(v[model.v_index]), atol=1e-13)
+    np.testing.assert_allclose(model.joint_forces(force), actuation.at_joints(tau), atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["g1", "go2"])
+def test_a_transmission_changes_torques_and_nothing_else(load, name):
+    """Square R: the accelerations, contact forces and joint torques are those of motors at the joints."""
+    _, settings = load(name)
+    # Without rotors: those of transmissions would couple joints.
+    settings = settings.model_copy(update={"robot": settings.robot.model_copy(update={"armature": 0.0})})
+    model = make_model(settings)
+    rng = np.random.default_rng(2)
+    pairs = {model.joints[i]: model.joints[i + 1] for i in range(4, 8, 2)}
+    transmission = {}
+    for i, (first, second) in enumerate(pairs.items()):
+        transmission[f"front_{i}"] = {"ratios": {first: 3.0, second: -2.0}, "effort_limit": 1e4}
+        transmission[f"back_{i}"] = {"ratios": {first: -1.0, second: 4.0}, "effort_limit": 1e4}
+    transmission["geared"] = {"ratios": {model.joints[8]: 50.0}, "effort_limit": 1e4}
+    rest = [joint for joint in model.joints if joint not in (*pairs, *pairs.values(), model.joints[8])]
+    changes = {"actuators": [*rest[:3], *transmission, *rest[3:]], "transmission": transmission}
+    geared_settings = Settings.model_validate(settings.model_dump() | {"robot": settings.robot.model_dump() | changes})
+    geared = make_model(geared_settings)
+    assert not geared.actuation.direct
+    controllers = make_qp(settings, model), make_qp(geared_settings, geared)
+    boards = [make_board(settings, controller) for controller in controllers]
+    worst = 0.0
+    for _ in range(5):
+        q = pin.integrate(model.pinocchio, model.configuration(model.posture), 0.03 * rng.normal(size=model.nv))
+        state = RobotState(0, frozen(q), frozen(0.1 * rng.normal(size=model.nv)))
+        answers = []
+        for controller, board in zip(controllers, boards, strict=True):
+            controller.dynamics.update(state.q, state.v)
+            board.reset(controller.dynamics, 0.0)
+            answers.append(controller.solve(state, board.sample(0.0)))
+        motors, gears = answers
+        assert motors.relaxed == gears.relaxed == ()
+        forces = [np.concatenate(list(answer.forces.values())) for answer in answers]
+        pairs_of = [
+            (motors.v_dot, gears.v_dot), (motors.tau, geared.actuation.at_joints(gears.tau)), (forces[0], forces[1]),
+        ]  # fmt: skip
+        assert not np.allclose(motors.tau, gears.tau)
+        assert gears.residuals["equations_of_motion"] < 1e-8
+        for expected, found in pairs_of:
+            worst = max(worst, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
+    print(f"{name}: largest relative difference {worst:.1e}")
+    assert worst < 1e-8
+
+
+def test_a_torque_task_is_on_the_torques_at_the_joints(small):
+    settings, model = small
+    tasks = {"effort": {"type": "torque", "joints": ["knee", "hip"], "target": [3.0, -2.0], "weight": 1e4}}
+    tasks["posture"] = {"type": "posture", "weight": 1e-4}
+    limits = {"acceleration": 1e4}  # or they would have their way before the torques
+    settings = Settings.model_validate(settings.model_dump() | {"tasks": tasks, "limits": limits})
+    state = random_state(model, np.random.default_rng(6))
+    _, solution = solve(settings, model, state)
+    at_joints = dict(zip(model.joints, model.actuation.at_joints(solution.tau), strict=True))
+    assert (at_joints["knee"], at_joints["hip"]) == pytest.approx((3.0, -2.0), abs=1e-3)
+    assert solution.task_errors["effort"] < 1e-3
+    tasks["effort"] = {"type": "torque", "joints": ["ankle"]}
+    settings = Settings.model_validate(settings.model_dump() | {"tasks": tasks})
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.joints: no actuator drives 'ankle'"):
+        make_qp(settings, model)
+
+
+def test_rotors_add_the_energy_of_their_own_speeds(small):
+    _, model = small
+    state = random_state(model, np.random.default_rng(7))
+    dynamics = Dynamics(model)
+    dynamics.update(state.q, state.v)
+    links = pin.crba(model.pinocchio, model.pinocchio.createData(), np.array(state.q))
+    both = model.actuation.speeds(state.v)[model.actuators.index("both")]
+    energy = 0.5 * state.v @ (dynamics.M - links) @ state.v
+    assert energy == pytest.approx(0.5 * 0.1 * both**2)
+    # The armature is the rotors' of joints with a motor of their own: not of hip and knee, nor of the ankle.
+    armature = make_model(menagerie(armature=0.5), MENAGERIE).pinocchio.armature[model.v_index]
+    np.testing.assert_array_equal(armature, [0.0, 0.5, 0.5, 0.0, 0.0, 0.5])
+
+
+def test_the_limit_of_an_actuator_binds_on_its_own_torque(small):
+    settings, _ = small
+    state = random_state(make_model(settings, MENAGERIE), np.random.default_rng(3))
+    _, free = solve(settings, make_model(settings, MENAGERIE), state)
+    actuators = settings.robot.actuators
+    most = 0.5 * abs(free.tau[actuators.index("knee_motor")])
+    tight = settings.robot.model_dump()
+    tight["transmission"]["knee_motor"]["effort_limit"] = most
+    settings = Settings.model_validate(settings.model_dump() | {"robot": tight})
+    _, bound = solve(settings, make_model(settings, MENAGERIE), state)
+    assert abs(bound.tau[actuators.index("knee_motor")]) == pytest.approx(most, rel=1e-5)
+    assert any(name.startswith("torque:knee_motor:") for name in bound.binding)
+
+
+def test_a_passive_joint_has_the_torque_of_its_spring_and_nothing_else(small):
+    settings, model = small
+    rng = np.random.default_rng(4)
+    data = model.pinocchio.createData()
+    ankle = model.v_index[model.joints.index("ankle")]
+    for _ in range(5):
+        state = random_state(model, rng)
+        _, solution = solve(settings, model, state)
+        force = pin.rnea(model.pinocchio, data, np.array(state.q), np.array(state.v), np.array(solution.v_dot))
+        spring = 15.0 * (0.25 - state.q[model.q_index][4]) - 0.3 * state.v[ankle]
+        assert force[ankle] == pytest.approx(spring, abs=1e-9)
+        assert solution.residuals["equations_of_motion"] < 1e-9
+        assert len(solution.tau) == model.na == model.nj - 1
+
+
+def test_a_joint_that_mimics_moves_as_a_robot_without_it_would(small):
+    """The reduced coordinates of the note's 4.2.1: v = G y, and the equations of motion premultiplied by Gᵀ."""
+    settings, model = small
+    state = random_state(model, np.random.default_rng(5))
+    controller, solution = solve(settings, model, state)
+    dynamics = controller.dynamics
+    q, v = state.q, state.v
+    elbow, wrist = (model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_v for name in ("elbow", "wrist"))
+    assert q[wrist] == pytest.approx(-0.5 * q[elbow] + 0.2)
+    assert v[wrist] == pytest.approx(-0.5 * v[elbow])
+    assert solution.v_dot[wrist] == pytest.approx(-0.5 * solution.v_dot[elbow], abs=1e-9)
+    G = np.delete(np.eye(model.nv), wrist, axis=1)
+    y = np.delete(np.arange(model.nv), wrist).tolist()
+    G[wrist, y.index(elbow)] = -0.5
+    force = model.actuation.generalized_force(solution.tau)
+    y_dot = np.linalg.solve(G.T @ dynamics.M @ G, G.T @ (force - dynamics.h))
+    np.testing.assert_allclose(G @ y_dot, solution.v_dot, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("solver", "robot_changes"), [("daqp", {}), ("daqp", TENDON), ("proxqp", {}), ("osqp", {})])
+def test_the_equations_of_motion_close_with_everything_at_once(solver, robot_changes):
+    """A floating base on two points, a transmission, a spring, a follower; what is left over is C's."""
+    ball = {"type": "point", "max_normal_force": 500.0}
+    changes = {
+        "contacts": {"foot": ball | {"frame": "foot"}, "stump": ball | {"frame": "carriage"}},
+        "solver": {"name": solver},
+    }
+    settings = menagerie(base="floating", **robot_changes)
+    settings = Settings.model_validate(settings.model_dump() | changes)
+    model = make_model(settings, MENAGERIE)
+    q, v = model.state(model.posture, 0.1 * np.ones(model.nj), np.array([0, 0, 1.0, 0, 0, 0, 1.0]), np.zeros(6))
+    controller, solution = solve(settings, model, RobotState(0, frozen(q), frozen(v)))
+    dynamics = controller.dynamics
+    left = dynamics.M @ solution.v_dot + dynamics.h - model.actuation.generalized_force(solution.tau)
+    for name, force in solution.forces.items():
+        left -= controller.contacts[name].jacobian(dynamics).T @ force
+    assert max(np.linalg.norm(force) for force in solution.forces.values()) > 1.0
+    C = model.actuation.C
+    coupling = np.linalg.lstsq(C.T, left, rcond=None)[0]
+    exact = 1e-9 if solver == "daqp" else 1e-3
+    np.testing.assert_allclose(left, coupling @ C, atol=exact)
+    np.testing.assert_allclose(C @ solution.v_dot, 0.0, atol=exact)
+    assert solution.residuals["equations_of_motion"] <= exact
+
+
+def test_limits_of_a_follower_hold_its_leader():
+    followed = [link("a"), link("b"), link("c"), joint("first", "a", "b", lower=-2.0, upper=2.0, velocity=10.0)]
+    second = joint("second", "b", "c", lower=-0.5, upper=1.0, velocity=4.0, more=mimic("first", -2.0, 0.2))
+    settings = menagerie(
+        joints=["first"], posture=[0.0], actuators=[], transmission={}, passive_joints={}, locked_joints={}
+    )
+    model = make_model(settings, robot(*followed, second))
+    np.testing.assert_allclose([model.position_lower, model.position_upper], [[-0.4], [0.35]])
+    np.testing.assert_allclose(model.velocity_limits, [2.0])
+    assert make_model(settings, robot(*followed, second.replace("-2.0", "0"))).position_upper == [2.0]
+
+
+def test_a_follower_of_a_follower_follows_the_first():
+    parts = [link(name) for name in "abcd"] + [joint("one", "a", "b")]
+    parts += [
+        joint("two", "b", "c", more=mimic("one", 2.0, 0.1)),
+        joint("three", "c", "d", more=mimic("two", 3.0, 0.5)),
+    ]
+    three = read_mimics(parse_urdf(robot(*parts)))["three"]
+    assert (three.leader, three.ratio, three.offset) == ("one", 6.0, pytest.approx(0.8))
+
+
+def test_a_joint_is_locked_where_it_is_told_and_its_follower_with_it():
+    full = pin.buildModelFromXML(MENAGERIE)
+    settings = menagerie(
+        joints=["hip", "knee"], posture=[0.3, -0.2], actuators=[], transmission={}, passive_joints={},
+        locked_joints={"tail": 0.7, "slide": -0.2, "elbow": 0.6},
+    )  # fmt: skip
+    model = make_model(settings, MENAGERIE)
+    assert model.moving_joints == ("hip", "knee")
+    q = np.zeros(full.nq)
+    places = {"hip": 0.3, "knee": -0.2, "tail": 0.7, "slide": -0.2, "elbow": 0.6, "wrist": -0.5 * 0.6 + 0.2}
+    for name, position in places.items():
+        q[full.joints[full.getJointId(name)].idx_q] = position
+    data = full.createData()
+    pin.framesForwardKinematics(full, data, q)
+    dynamics = Dynamics(model)
+    for frame in ("hand", "foot", "brush"):
+        found = dynamics.placement(model.frame_id(frame, "test"))
+        np.testing.assert_allclose(found.homogeneous, data.oMf[full.getFrameId(frame)].homogeneous, atol=1e-12)
+
+
+CASES = {
+    "unknown passive joint": ({"passive_joints": {"ankel": {}}}, ["robot.passive_joints: 'ankel'", "'ankle'"]),
+    "actuator that is passive": (
+        {"actuators": ["rail", "both", "shoulder", "knee_motor", "elbow", "ankle"]},
+        ["robot.actuators: 'ankle' is neither in robot.transmission nor a joint", "Valid: "],
+    ),
+    "actuator that is unknown": (
+        {"actuators": ["rail", "both", "shoulder", "knee_moter", "knee_motor", "elbow"]},
+        ["robot.actuators: 'knee_moter'", "did you mean 'knee_motor'"],
+    ),
+    "order missing": ({"actuators": []}, ["robot.actuators: needed with robot.transmission", "both, knee_motor"]),
+    "transmission not in the order": (
+        {"actuators": ["rail", "both", "shoulder", "elbow"]}, ["robot.actuators: 'knee_motor'", "missing"],
+    ),
+    "joint without a motor": (
+        {"actuators": ["both", "shoulder", "knee_motor", "elbow"]},
+        ["joint 'rail' is driven by none of them", "robot.passive_joints"],
+    ),
+    "unknown joint of a transmission": (
+        {"transmission": {"both": {"ratios": {"hipp": 1.0}, "effort_limit": 1.0}}, "actuators": ["both"]},
+        ["robot.transmission.both.ratios: 'hipp'", "'hip'"],
+    ),
+    "too many actuators": (
+        {"actuators": ["hip", "rail", "both", "shoulder", "knee_motor", "elbow"]},
+        ["the actuator 'knee_motor' moves only with hip, both", "full row rank"],
+    ),
+    "ratios of zero": (
+        {"transmission": {"none": {"ratios": {"hip": 0.0}, "effort_limit": 1.0}},
+         "actuators": ["none", "hip", "shoulder", "elbow", "knee", "rail"]},
+        ["robot.transmission.none.ratios", "zero"],
+    ),
+    "nothing drives": (
+        {"joints": ["ankle"], "posture": [0.0], "transmission": {}, "actuators": []},
+        ["robot.actuators: there is none"],
+    ),
+    "follower among the joints": (
+        {"joints": [*MENAGERIE_JOINTS, "wrist"], "posture": [0.0] * 7}, ["robot.joints: 'wrist' mimics 'elbow'"],
+    ),
+    "follower locked": ({"locked_joints": {"wrist": 0.1}}, ["robot.locked_joints: 'wrist' mimics 'elbow'"]),
+    "locked joint that moves": ({"locked_joints": {"hip": 0.1}}, ["robot.locked_joints: 'hip' is one of robot.joints"]),
+    "unknown locked joint": ({"locked_joints": {"tale": 0.1}}, ["robot.locked_joints: 'tale'", "'tail'"]),
+    "locked out of reach": (
+        {"locked_joints": {"slide": 2.0}}, ["robot.locked_joints: 2 rad for 'slide'", "[-0.5, 0.5]"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_cannot_be_driven_is_refused_by_name(case):
+    changes, parts = CASES[case]
+    with pytest.raises(ConfigurationError) as refusal:
+        make_model(menagerie(**changes), MENAGERIE)
+    for part in parts:
+        assert part in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (mimic("nobody", 1.0), "joint 'two' mimics 'nobody', which is no joint; Valid: one, two"),
+        (mimic("two", 1.0), "the joints two mimic each other in a circle"),
+        (mimic("one", 1.0).replace("1.0", "much"), "joint 'two': <mimic multiplier='much'> is not a number"),
+    ],
+)
+def test_a_mimic_that_makes_no_sense_is_refused(more, said):
+    with pytest.raises(ConfigurationError, match=said):
+        read_mimics(
+            parse_urdf(
+                robot(link("a"), link("b"), link("c"), joint("one", "a", "b"), joint("two", "b", "c", more=more))
+            )
+        )
+
+
+def test_an_actuator_that_is_too_weak_is_named():
+    settings = menagerie(
+        passive_joints={}, actuators=["rail", "both", "shoulder", "knee_motor", "elbow", "ankle"],
+        transmission={
+            "both": {"ratios": {"hip": 2.0, "knee": 2.0}, "effort_limit": 0.01},
+            "knee_motor": {"ratios": {"knee": -3.0}, "effort_limit": 50.0},
+        },
+    )  # fmt: skip
+    with pytest.raises(ConfigurationError, match=r"both .* of 0.01 N·m; conflict: .*torque of both \(limit 0.01 N·m"):
+        check(settings, MENAGERIE)
+
+
+def test_a_passive_joint_that_does_not_rest_in_the_posture_is_named():
+    found = {finding.subject: finding.text for finding in check(menagerie(), MENAGERIE)}
+    assert found["joints"].startswith("6, 5 actuators, 1 passive, 1 that follow others, base fixed")
+    assert found["passive joints"].startswith("not in balance in the posture: ankle by ")

@@ -1,0 +1,134 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+from chains import joint, link, robot
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.settings.config import Config
+from wbc_controller.settings.files import parse_settings
+
+ROBOTS = ("g1", "talos", "go2")
+FRAMES = {"g1": "left_rubber_hand", "talos": "left_sole_link", "go2": "RR_foot"}
+some = hypothesis_settings(deadline=None, max_examples=15, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def close(a, b, tolerance=1e-9):
+    np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * max(1.0, np.abs(b).max()))
+
+
+@pytest.fixture(scope="module")
+def snapshots(load):
+    """One snapshot per robot, used again for every state: nothing of the state before may be left."""
+    return {robot: Dynamics(load(robot)[0]) for robot in ROBOTS}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@some
+@given(seed=seeds)
+def test_the_snapshot_is_what_pinocchio_computes_term_by_term(snapshots, random_state, robot, seed):
+    dynamics = snapshots[robot]
+    model = dynamics.model.pinocchio
+    q, v = random_state(dynamics.model, np.random.default_rng(seed))
+    dynamics.update(q, v)
+    upper = np.triu(pin.crba(model, model.createData(), q))
+    M = upper + np.triu(upper, 1).T
+    close(dynamics.M, M)
+    np.testing.assert_array_equal(dynamics.M, dynamics.M.T)
+    assert np.linalg.eigvalsh(dynamics.M).min() > 0.0
+    close(dynamics.h, pin.nonLinearEffects(model, model.createData(), q, v))
+    close(dynamics.h, pin.rnea(model, model.createData(), q, v, np.zeros(model.nv)))
+    data = model.createData()
+    close(dynamics.com, pin.centerOfMass(model, data, q, v, np.zeros(model.nv)))
+    close(dynamics.com_velocity, data.vcom[0])
+    close(dynamics.com_drift, data.acom[0])
+    momentum = pin.computeCentroidalMomentum(model, model.createData(), q, v).vector
+    close(dynamics.centroidal_matrix @ v, momentum)
+    rate = pin.computeCentroidalMomentumTimeVariation(model, model.createData(), q, v, np.zeros(model.nv)).vector
+    close(dynamics.centroidal_drift, rate)
+    close(dynamics.com_jacobian, pin.jacobianCenterOfMass(model, model.createData(), q))
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@some
+@given(seed=seeds)
+def test_frames_are_where_pinocchio_puts_them(snapshots, random_state, robot, seed):
+    dynamics = snapshots[robot]
+    model = dynamics.model.pinocchio
+    q, v = random_state(dynamics.model, np.random.default_rng(seed))
+    dynamics.update(q, v)
+    frame = model.getFrameId(FRAMES[robot])
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
+    pin.updateFramePlacements(model, data)
+    pin.computeJointJacobiansTimeVariation(model, data, q, v)
+    close(dynamics.placement(frame).homogeneous, data.oMf[frame].homogeneous)
+    for axes in (pin.LOCAL, pin.LOCAL_WORLD_ALIGNED):
+        J = pin.computeFrameJacobian(model, model.createData(), q, frame, axes)
+        close(dynamics.jacobian(frame, axes), J)
+        close(dynamics.velocity(frame, axes), J @ v)
+    # Spatial, in the frame's own axes: its drift is J̇ v with the Jacobian's own rate.
+    rate = pin.getFrameJacobianTimeVariation(model, data, frame, pin.LOCAL)
+    close(dynamics.drift_local(frame), rate @ v, 1e-8)
+    twist = dynamics.velocity(frame, pin.LOCAL_WORLD_ALIGNED)
+    rotation = data.oMf[frame].rotation
+    spatial = dynamics.drift_local(frame)
+    classical = np.concatenate([rotation @ spatial[:3] + np.cross(twist[3:], twist[:3]), rotation @ spatial[3:]])
+    close(dynamics.drift_world(frame), classical, 1e-8)
+
+
+def test_the_reflected_inertia_of_the_rotors_is_in_the_inertia_matrix(load):
+    model, settings = load("g1")
+    armature = settings.robot.armature
+    assert armature > 0.0
+    dynamics = Dynamics(model)
+    bare = model.pinocchio.copy()
+    bare.armature = np.zeros(model.nv)
+    without = pin.crba(bare, bare.createData(), dynamics.q)
+    np.testing.assert_allclose((dynamics.M - without)[model.v_index, model.v_index], armature, atol=1e-9)
+    np.testing.assert_allclose(np.triu(dynamics.M - without)[:6, :6], 0.0, atol=1e-9)
+
+
+def test_an_external_wrench_acts_with_its_power(snapshots, random_state):
+    dynamics = snapshots["g1"]
+    rng = np.random.default_rng(3)
+    dynamics.update(*random_state(dynamics.model, rng))
+    wrench = rng.normal(size=6)
+    frame = dynamics.model.pinocchio.getFrameId("torso_link")
+    twist = dynamics.velocity(frame, pin.LOCAL_WORLD_ALIGNED)
+    assert dynamics.external_force("torso_link", wrench) @ dynamics.v == pytest.approx(wrench @ twist)
+
+
+def test_a_new_snapshot_stands_in_the_nominal_posture(load):
+    model, _ = load("talos")
+    dynamics = Dynamics(model)
+    np.testing.assert_array_equal(dynamics.q[model.q_index], model.posture)
+    assert not dynamics.v.any()
+
+
+def test_a_robot_of_one_joint_has_matrices_of_one_column():
+    """Pinocchio gives those of (6, nv) as (6,) where nv is 1."""
+    urdf = robot(link("base"), link("arm"), joint("shoulder", "base", "arm"))
+    own = {"base": "fixed", "joints": ["shoulder"], "posture": [0.3]}
+    pose = {"type": "frame_pose", "frame": "arm", "weight": 1.0}
+    momentum = {"type": "angular_momentum"}
+    settings = parse_settings(
+        {"robot": own, "tasks": {"posture": {"type": "posture"}, "pose": pose, "momentum": momentum}}, "a test"
+    )
+    dynamics = Dynamics(make_model(settings, urdf))
+    dynamics.update(np.array([0.5]), np.array([2.0]))
+    frame = dynamics.model.pinocchio.getFrameId("arm")
+    matrices = dynamics.centroidal_matrix, dynamics.joint_jacobians, dynamics.jacobian(frame, pin.LOCAL)
+    assert {J.shape for J in matrices} == {(6, 1)}
+    close(dynamics.jacobian(frame, pin.LOCAL) @ dynamics.v, dynamics.velocity(frame, pin.LOCAL))
+    close(dynamics.com_jacobian @ dynamics.v, dynamics.com_velocity)
+    controller = Controller(Config(settings, "", urdf))
+    controller.reset([0.3], [0.0])
+    for i in range(1, 700):
+        result = controller.step([0.3], [0.0], i * controller.period)
+    close(result.tau, controller.dynamics.h, 1e-3)  # it carries the arm

@@ -1,0 +1,219 @@
+"""Held against Pinocchio's own functions, and against the same equations in NumPy."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.compiled import Bound
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.contacts import PointContact
+from wbc_controller.inverse_dynamics.contacts.mount import Mount
+from wbc_controller.inverse_dynamics.formulation.rows import Rows
+from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import (
+    ComTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+)
+from wbc_controller.records import Reference, frozen
+from wbc_controller.settings.files import find_configuration, load_settings
+
+AXES = pin.LOCAL_WORLD_ALIGNED
+ROBOTS = {name: Dynamics(make_model(load_settings(find_configuration(name)))) for name in ("g1", "talos", "go2")}
+FRAMES = {"g1": ("left_rubber_hand", "pelvis", "left_ankle_roll_link", "universe"),
+          "talos": ("left_sole_link", "base_link", "torso_2_link", "universe"),
+          "go2": ("FL_foot", "base", "RR_calf", "universe")}  # fmt: skip
+seeds = st.integers(0, 2**32 - 1)
+
+
+def moved(robot, seed):
+    """A robot's terms at a state far from rest."""
+    dynamics, rng = ROBOTS[robot], np.random.default_rng(seed)
+    model = dynamics.model.pinocchio
+    q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
+    dynamics.update(q, 3.0 * rng.normal(size=model.nv))
+    return dynamics, rng
+
+
+def fill(block, dynamics, wanted):
+    """Fill rows; gives the cost that no acceleration avoids, and the errors."""
+    block.tune()
+    errors = block.follow(wanted)
+    return kernel.fill_rows(block.bound.table, dynamics.q, dynamics.v, errors), errors
+
+
+def filled(dynamics, contacts=(), tasks=()):
+    """J and right-hand sides of some contacts or tasks, as compiled code fills them, and the errors."""
+    steps = [*contacts, *(task.instruction() for task, _ in tasks)]
+    out = np.full((sum(len(step.rows) for step in steps), dynamics.model.nv + 1), np.nan)
+    placed = [(task, step, 0) for (task, _), step in zip(tasks, steps, strict=False)]
+    block = Rows(dynamics, out, np.zeros(out.shape[1]), [(step, 0) for step in contacts], placed)
+    _, errors = fill(block, dynamics, {task.name: wanted for task, wanted in tasks})
+    return (out[:, :-1], out[:, -1]), errors
+
+
+def near(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * max(1.0, float(np.abs(expected).max(initial=0))))
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds)
+def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
+    dynamics, rng = moved(robot, seed)
+    mask = rng.random(6) < 0.7
+    for frame in FRAMES[robot]:
+        for kind in (FramePositionTask, FrameOrientationTask, FramePoseTask):
+            size = kind.size
+            chosen = mask[:size] if mask[:size].any() else np.ones(size, dtype=bool)
+            gains = rng.uniform(1.0, 100.0, (2, size))
+            task = kind("task", dynamics.model, frame, chosen, stiffness=gains[0], damping=gains[1])
+            there = pin.SE3.Random() if rng.random() < 0.8 else dynamics.placement(task._frame_id)
+            pose = pin.SE3ToXYZQUAT(there)
+            wanted = Reference(
+                {0: pose[:3], 3: pose[3:]}[kind.part.start] if size == 3 else pose, *rng.normal(size=(2, size))
+            )
+            (rows, right), error = filled(dynamics, tasks=[(task, wanted)])
+            plain = task.equation(dynamics, wanted)
+            displaced = task.error(dynamics, wanted.position)
+            asked = gains[0] * displaced + gains[1] * (wanted.velocity - task.velocity(dynamics))
+            asked += wanted.acceleration - task.drift(dynamics)
+            near(rows, task.jacobian(dynamics)[chosen])
+            if np.pi - np.linalg.norm(displaced[-3:]) > 1e-6:  # else the axis may point either way
+                near(error, displaced[chosen])
+                near(right, asked[chosen])
+                near(rows, plain[0])
+                near(right, plain[1])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds)
+def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(robot, seed):
+    dynamics, rng = moved(robot, seed)
+    model, mask = dynamics.model, [True, seed % 2 == 0, True]
+    com = ComTask("com", mask, stiffness=rng.uniform(1.0, 100.0, 3), damping=rng.uniform(1.0, 20.0, 3))
+    joints = rng.permutation(model.joints)[:5].tolist()
+    posture = PostureTask("posture", model, joints, stiffness=rng.uniform(1.0, 100.0, 5))
+    wanted = Reference(*rng.normal(size=(3, 3)))
+    (rows, right), error = filled(dynamics, tasks=[(com, wanted)])
+    for found, plain in zip((rows, right, error), com.equation(dynamics, wanted), strict=True):
+        near(found, plain)
+    wanted = Reference(*rng.normal(size=(3, 5)))
+    targets = np.zeros(model.nv + 1)
+    shares, rests = rng.uniform(-1.0, 0.0, 5), rng.uniform(0.0, 1.0, 5)
+    block = Rows(dynamics, np.zeros((0, model.nv + 1)), targets, tasks=[(posture, posture.instruction(), 0)])
+    block.shares["posture"][:] = np.concatenate([shares, rests])
+    rest, errors = fill(block, dynamics, {"posture": wanted})
+    asked, error = posture.right(dynamics, wanted)
+    expected = np.zeros(model.nv + 1)
+    expected[posture.columns] = shares * asked
+    near(targets, expected)
+    near(errors, error)
+    near(rest, 0.5 * rests @ asked**2)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None, max_examples=20)
+@given(seed=seeds)
+def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
+    dynamics, _ = moved(robot, seed)
+    out = np.full((8, dynamics.model.nv + 3), 7.0)
+    fill(Rows(dynamics, out, np.zeros(out.shape[1]), momentum=1), dynamics, {})
+    near(out[1:7, :-3], dynamics.centroidal_matrix)
+    near(out[1:7, -1], -dynamics.centroidal_drift)
+    assert (out[[0, 7]] == 7.0).all()
+    assert (out[:, -3:-1] == 7.0).all()
+
+
+def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
+    dynamics, _ = moved("g1", 5)
+    task, position = ComTask("com", [True] * 3), np.zeros(3)
+    for fixed in (False, True):
+        wanted = Reference(*(frozen(part) if fixed else part for part in (position, np.zeros(3), np.zeros(3))))
+        out = np.zeros((3, dynamics.model.nv + 1))
+        block = Rows(dynamics, out, np.zeros(out.shape[1]), tasks=[(task, task.instruction(), 0)])
+        fill(block, dynamics, {"com": wanted})
+        before = out[:, -1].copy()
+        position += 1.0
+        fill(block, dynamics, {"com": wanted})
+        near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
+        task.stiffness = 2.0 * task.stiffness  # gains are those of the task in every cycle
+        fill(block, dynamics, {"com": wanted})
+        near(out[:, -1], task.equation(dynamics, wanted)[1])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds, between_links=st.booleans())
+def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links):
+    dynamics, _ = moved(robot, seed)
+    model, mount = dynamics.model, pin.SE3.Random()
+    frame, other = FRAMES[robot][0], FRAMES[robot][2]
+    contact = Mount(model, "contact", frame, mount, other if between_links else None)
+    here, X = model.frame_id(frame, ""), mount.inverse().toActionMatrix()
+    J, nu = X @ dynamics.jacobian(here, pin.LOCAL), X @ dynamics.velocity(here, pin.LOCAL)
+    drift = X @ dynamics.drift_local(here)
+    if between_links:
+        there = model.frame_id(other, "")
+        X = (dynamics.placement(here) * mount).actInv(dynamics.placement(there)).toActionMatrix()
+        carried = X @ dynamics.velocity(there, pin.LOCAL)
+        J, drift = J - X @ dynamics.jacobian(there, pin.LOCAL), drift - X @ dynamics.drift_local(there)
+        drift += pin.Motion(nu - carried).cross(pin.Motion(carried)).vector
+    near(contact.jacobian(dynamics), J)
+    near(contact.drift(dynamics), drift)
+    for rows in (np.arange(6), np.array([1, 2, 5])):
+        (found, acceleration), _ = filled(dynamics, [contact.instruction(rows)])
+        near(found, J[rows])
+        near(acceleration, -drift[rows])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds, radius=st.floats(0.0, 0.2))
+def test_balls_have_the_rows_that_pinocchio_gives(robot, seed, radius):
+    dynamics, rng = moved(robot, seed)
+    normal, centre = rng.normal(size=3), rng.normal(size=3)
+    for frame in FRAMES[robot]:
+        contact = PointContact("contact", dynamics.model, frame, centre, radius, normal=normal)
+        (J, acceleration), _ = filled(dynamics, [contact.instruction()])
+        near(J, contact.jacobian(dynamics))
+        near(acceleration, -contact.drift(dynamics))
+
+
+@settings(deadline=None)
+@given(seed=seeds, angle=st.one_of(st.floats(0.0, 3.141592), st.floats(0.0, 1e-6), st.floats(3.1415, 3.14159265)))
+def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    present = pin.SE3.Random()
+    wanted = pin.Quaternion(pin.exp3(angle * axis) @ present.rotation).coeffs() * rng.choice([1.0, -1.0, 0.995])
+    placement = np.concatenate([present.rotation.T.ravel(), present.translation])
+    mount, gains, still = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.ones(6), np.zeros(6)
+    instruction = np.array([[kernel.FRAME, 0, 3, 0, 0, 3, 3, 0, 0, 0]])
+    numbers = np.concatenate([mount, gains, wanted, still])
+    nothing, point, matrix, error = np.zeros((1, 1), dtype=np.int8), np.zeros(3), np.zeros((1, 6)), np.empty(3)
+    bound = Bound(
+        1, 3, len(numbers), 1, 3, 2, instruction, np.arange(3), numbers, placement[None], np.zeros((1, 12)), matrix,
+        nothing, point, point, point, matrix, matrix, still, np.empty((3, 2)), np.zeros(2),
+    )  # fmt: skip
+    kernel.fill_rows(bound.table, np.zeros(1), np.zeros(1), error)
+    np.testing.assert_allclose(error, angle * axis, atol=1e-9 if angle < 3.1 else 1e-7)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_tables_are_pinocchios_own_memory(robot):
+    dynamics, _ = moved(robot, 1)
+    data = dynamics._data
+    for number, placement in enumerate(data.oMi):
+        np.testing.assert_array_equal(dynamics.joints[number], [*placement.rotation.T.ravel(), *placement.translation])
+    for parts, rows in zip((data.v, data.a_gf, data.f), dynamics.bound._arrays[1:4], strict=True):
+        for part, row in zip(parts, rows, strict=True):
+            np.testing.assert_array_equal(part.vector, row)
+    assert not dynamics.joints.flags.writeable

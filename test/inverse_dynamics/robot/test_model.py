@@ -1,0 +1,199 @@
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
+from wbc_controller.inverse_dynamics.robot.urdf import JointLimits
+from wbc_controller.settings.resources import locate, share_folder
+
+LEG = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
+POSTURE = (0.1, 0.8, -1.5)
+
+
+@pytest.fixture(scope="module")
+def urdf(load):
+    return load("go2")[0].urdf
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"joints": ["FL_hp_joint"], "posture": [0.0]}, ["robot.joints: 'FL_hp_joint'", "did you mean 'FL_hip_joint'"]),
+        ({"posture": [0.1, 9.0, -1.5]}, ["robot.posture: 9.0 rad for 'FL_thigh_joint'", "[-1.5708, 3.4907]"]),
+        ({"posture": [0.1, np.nan, -1.5]}, ["robot.posture: nan rad for 'FL_thigh_joint'"]),
+        ({"urdf": "<robot"}, ["robot.urdf: not a usable URDF"]),
+        ({"urdf": ""}, ["robot.urdf: not a usable URDF"]),
+    ],
+)
+def test_what_cannot_be_built_is_refused_by_name(urdf, changes, parts):
+    arguments = {"urdf": urdf, "joints": LEG, "posture": POSTURE} | changes
+    with pytest.raises(ConfigurationError) as refusal:
+        build_model(arguments["urdf"], arguments["joints"], arguments["posture"])
+    for part in parts:
+        assert part in str(refusal.value)
+
+
+@pytest.mark.parametrize(("kind", "limit"), [("effort", "0"), ("velocity", "0")])
+def test_a_joint_needs_a_positive_limit(urdf, kind, limit):
+    joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
+    broken = urdf.replace(joint, re.sub(rf'{kind}="[^"]*"', f'{kind}="{limit}"', joint))
+    assert broken != urdf
+    with pytest.raises(ConfigurationError, match=f"joint 'FL_thigh_joint' has the {kind} limit .*must be positive"):
+        build_model(broken, LEG, POSTURE)
+
+
+def test_a_joint_may_have_the_name_of_a_link_and_that_of_pinocchios_own_root(urdf):
+    """Then a frame is that of the link."""
+    renamed = urdf.replace('"FL_foot_joint"', '"FL_foot"').replace('"FR_foot_joint"', '"root_joint"')
+    assert renamed.count('"root_joint"') == 1
+    model = build_model(renamed, LEG, POSTURE)
+    assert model.joints == LEG
+    for name in ("FL_foot", "FR_foot"):
+        frame = model.pinocchio.frames[model.frame_id(name, "here")]
+        assert (frame.name, frame.type) == (name, pin.BODY)
+    with pytest.raises(ConfigurationError, match="here = 'FX_foot': the robot has no such frame"):
+        model.frame_id("FX_foot", "here")
+
+
+def test_a_joint_that_turns_without_end_has_one_coordinate_that_counts_its_turns(urdf):
+    joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
+    broken = urdf.replace(joint, joint.replace('type="revolute"', 'type="continuous"'))
+    assert broken != urdf
+    model, plain = build_model(broken, LEG, POSTURE), build_model(urdf, LEG, POSTURE)
+    assert (model.nq, model.nv) == (plain.nq, plain.nv)
+    i = LEG.index("FL_thigh_joint")
+    assert model.position_upper[i] == -model.position_lower[i] == 1.0e6
+    q = model.configuration(model.posture)
+    assert pin.crba(model.pinocchio, model.pinocchio.createData(), q) == pytest.approx(
+        pin.crba(plain.pinocchio, plain.pinocchio.createData(), q)
+    )
+    assert 'type="continuous"' not in model.urdf
+
+
+def test_single_limits_take_the_place_of_those_of_the_urdf(urdf):
+    given = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5),
+             "FL_calf_joint": JointLimits(effort=12.0)}  # fmt: skip
+    model, plain = build_model(urdf, LEG, POSTURE, joint_limits=given), build_model(urdf, LEG, POSTURE)
+    i, j = LEG.index("FL_thigh_joint"), LEG.index("FL_calf_joint")
+    assert (model.effort_limits[i], model.velocity_limits[i]) == (11.0, 5.0)
+    assert (model.position_lower[i], model.position_upper[i]) == (-0.5, 1.5)
+    assert model.effort_limits[j] == 12.0
+    assert model.velocity_limits[j] == plain.velocity_limits[j]
+    assert model.position_upper[j] == plain.position_upper[j]
+    # What reads the text of the model, as the mock robot does, sees the same limits.
+    again = build_model(model.urdf, LEG, POSTURE)
+    assert again.effort_limits.tolist() == model.effort_limits.tolist()
+    assert plain.urdf == urdf
+    with pytest.raises(ConfigurationError, match=r"joint_limits: 'FL_tigh_joint' is not .* did you mean 'FL_thigh_j"):
+        build_model(urdf, LEG, POSTURE, joint_limits={"FL_tigh_joint": JointLimits(effort=1.0)})
+
+
+def test_a_joint_without_limits_is_named(urdf):
+    joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
+    bare = urdf.replace(joint, re.sub(r"<limit.*?/>", "", joint, flags=re.DOTALL))
+    with pytest.raises(ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or robot"):
+        build_model(bare, LEG, POSTURE)
+    whole = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
+    assert build_model(bare, LEG, POSTURE, joint_limits=whole).effort_limits[LEG.index("FL_thigh_joint")] == 11.0
+    crossed = {"FL_thigh_joint": JointLimits(lower=9.0)}
+    with pytest.raises(ConfigurationError, match="'FL_thigh_joint' has the lower position limit 9 above the upper"):
+        build_model(urdf, LEG, POSTURE, joint_limits=crossed)
+
+
+def test_the_order_of_the_joints_is_the_one_that_was_asked_for(load, urdf):
+    full, _ = load("go2")
+    order = np.random.default_rng(0).permutation(full.na)
+    shuffled = build_model(urdf, [full.joints[i] for i in order], full.posture[order], armature=0.01)
+    assert shuffled.joints == tuple(full.joints[i] for i in order)
+    for name in ("effort_limits", "velocity_limits", "position_lower", "position_upper", "posture"):
+        np.testing.assert_array_equal(getattr(shuffled, name), getattr(full, name)[order])
+    joints = np.linspace(-0.3, 0.3, full.na)
+    np.testing.assert_array_equal(shuffled.configuration(joints[order]), full.configuration(joints))
+    for i, name in enumerate(shuffled.joints):
+        joint = shuffled.pinocchio.joints[shuffled.pinocchio.getJointId(name)]
+        assert (joint.idx_q, joint.idx_v) == (shuffled.q_index[i], shuffled.v_index[i])
+
+
+def test_joints_that_are_not_named_are_locked_at_zero_and_keep_their_mass(load, urdf):
+    full, _ = load("go2")
+    leg = build_model(urdf, LEG, POSTURE)
+    assert (leg.na, leg.nv, leg.nq) == (3, 9, 10)
+    assert leg.mass == pytest.approx(full.mass)
+    q_leg, q_full = leg.configuration(POSTURE), full.configuration(np.zeros(full.na))
+    q_full[full.q_index[full.joint_columns(LEG, "")]] = POSTURE
+    com = [pin.centerOfMass(m.pinocchio, m.pinocchio.createData(), q) for m, q in ((leg, q_leg), (full, q_full))]
+    np.testing.assert_allclose(com[0], com[1], atol=1e-12)
+
+
+def test_a_fixed_base_has_no_free_joint(urdf):
+    model = build_model(urdf, LEG, POSTURE, floating_base=False)
+    assert (model.nq, model.nv, model.na) == (3, 3, 3)
+    assert model.base_link == "base"
+    np.testing.assert_array_equal(model.configuration(POSTURE, pin.SE3.Random()), POSTURE)
+
+
+def test_limits_and_armature_are_those_that_were_asked_for(urdf):
+    whole, half = (build_model(urdf, LEG, POSTURE, effort_limit_scale=s, armature=0.03) for s in (1.0, 0.5))
+    np.testing.assert_allclose(whole.effort_limits, [23.7, 23.7, 45.43])
+    np.testing.assert_allclose(half.effort_limits, 0.5 * whole.effort_limits)
+    np.testing.assert_array_equal(whole.pinocchio.armature[whole.v_index], [0.03] * 3)
+    assert not whole.pinocchio.armature[:6].any()
+    for name in ("effort_limits", "velocity_limits", "position_lower", "position_upper", "posture"):
+        assert not getattr(whole, name).flags.writeable
+
+
+def test_a_base_placement_goes_into_the_configuration(load):
+    model, _ = load("g1")
+    base = pin.SE3.Random()
+    q = model.configuration(model.posture, base)
+    np.testing.assert_allclose(pin.XYZQUATToSE3(q[:7]).homogeneous, base.homogeneous, atol=1e-12)
+    np.testing.assert_array_equal(q[model.q_index], model.posture)
+    np.testing.assert_array_equal(model.configuration(model.posture)[:7], [0, 0, 0, 0, 0, 0, 1])
+
+
+@pytest.mark.parametrize(("robot", "base"), [("g1", "pelvis"), ("talos", "base_link"), ("go2", "base")])
+def test_the_base_link_is_named(load, robot, base):
+    assert load(robot)[0].base_link == base
+
+
+def test_unknown_names_are_refused_with_the_nearest_one(load):
+    model, _ = load("g1")
+    with pytest.raises(ConfigurationError, match=r"tasks\.x\.frame = 'pelvs': .*did you mean 'pelvis'\? Valid: "):
+        model.frame_id("pelvs", "tasks.x.frame")
+    with pytest.raises(ConfigurationError, match=r"tasks\.x\.joints: 'left_knee' .*did you mean 'left_knee_joint'"):
+        model.joint_columns(["left_knee"], "tasks.x.joints")
+    np.testing.assert_array_equal(model.joint_columns([], "x"), np.arange(model.na))
+    np.testing.assert_array_equal(model.joint_columns(["waist_yaw_joint"], "x"), [12])
+
+
+def test_files_are_located_by_path_and_by_package(tmp_path, monkeypatch):
+    file = tmp_path / "share" / "my_robot" / "robot.urdf"
+    file.parent.mkdir(parents=True)
+    file.write_text("<robot/>", encoding="utf-8")
+    assert locate(str(file)) == file
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f":/nowhere:{tmp_path}")
+    assert share_folder("my_robot") == file.parent
+    assert locate("package://my_robot/robot.urdf") == file
+    assert locate("package://example-robot-data/robots/go2_description/urdf/go2.urdf").is_file()
+
+
+@pytest.mark.parametrize(
+    ("uri", "parts"),
+    [
+        ("/nowhere/robot.urdf", ["'/nowhere/robot.urdf'", "no file"]),
+        (
+            "package://no-such-package/robot.urdf",
+            ["'no-such-package' is not installed", "AMENT_PREFIX_PATH", "pip install"],
+        ),
+        ("package://example-robot-data/robots/none.urdf", ["none.urdf", "no file"]),
+        ("package://numpy/robot.urdf", ["'numpy' has no folder share/numpy"]),
+    ],
+)
+def test_a_file_that_is_not_there_is_named(uri, parts):
+    with pytest.raises(ConfigurationError) as refusal:
+        locate(uri)
+    for part in parts:
+        assert part in str(refusal.value)

@@ -1,0 +1,379 @@
+"""Strict priorities: 1,000 random problems, and robots."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from quadratic_programs import squares_problem
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE
+from wbc_controller.inverse_dynamics.formulation.problem import Level, Quadratic, QuadraticProgram
+from wbc_controller.inverse_dynamics.solvers import hierarchy as module
+from wbc_controller.inverse_dynamics.solvers import make_solver
+from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
+from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
+
+EPSILON = 1.0e-5  # of the size of the controller's own
+PROBLEMS = 1000
+
+
+def hierarchy(solver="daqp"):
+    return Hierarchy(partial(make_solver, solver), lambda: 0.0)
+
+
+def level(name, rows, right, n, band=None):
+    """min ½ ‖rows x - right‖² + ½ ε ‖x‖², or ‖s‖² within a band."""
+    exact, banded = (rows, right) if band is None else (rows[:0], right[:0]), (rows, right)
+    G, middle = banded if band is not None else (rows[:0], right[:0])
+    half = np.zeros(0) if band is None else band
+    A, b = exact
+    cost = Quadratic(A.T @ A + EPSILON * np.eye(n), -A.T @ b, 0.5 * b @ b)
+    return Level((name,), cost, A, G, middle - half, middle + half)
+
+
+def constraints(rng, n):
+    """Equalities, some of them dependent, and inequalities, around a feasible point."""
+    inside = rng.normal(size=n)
+    problem = QuadraticProgram.empty(n, 4, 6)
+    problem.A[:3] = rng.normal(size=(3, n))
+    problem.A[3] = problem.A[0] - 2.0 * problem.A[1]
+    problem.b[:] = problem.A @ inside
+    problem.C[:] = rng.normal(size=(6, n))
+    problem.lower[:] = problem.C @ inside - rng.uniform(0.1, 2.0, 6)
+    problem.upper[:4] = (problem.C @ inside + rng.uniform(0.1, 2.0, 6))[:4]
+    problem.x_lower[::2] = inside[::2] - rng.uniform(0.5, 3.0, len(inside[::2]))
+    problem.x_upper[::3] = inside[::3] + rng.uniform(0.5, 3.0, len(inside[::3]))
+    return problem
+
+
+def independent(problem):
+    """The same without the last equality, which depends on others."""
+    return QuadraticProgram(problem.cost, problem.bounds, np.delete(problem.memory, 3, axis=0), 0)
+
+
+def random_levels(rng, n):
+    """Two to four levels that conflict; some of deficient rank, some with a tolerance."""
+    levels = []
+    for i in range(rng.integers(2, 5)):
+        k = int(rng.integers(1, 5))
+        rows = rng.normal(size=(k, n))
+        if rng.random() < 0.3 and levels and len(levels[-1].kept):
+            rows[0] = levels[-1].kept[0]  # what the level above has decided already
+        band = rng.uniform(0.0, 1.0, k) if rng.random() < 0.3 else None
+        levels.append(level(str(i), rows, 3.0 * rng.normal(size=k), n, band))
+    return levels
+
+
+def off(of, x):
+    """What a level has not reached: the residual of its rows, and how far x is outside its band."""
+    value = of.G @ x
+    outside = np.maximum(value - of.upper, 0.0) - np.maximum(of.lower - value, 0.0)
+    return np.concatenate([of.kept @ x, outside])
+
+
+def worsening(of, before, after):
+    """By how much a level's residual changes: of a band, only to the worse counts."""
+    k = len(of.kept)
+    change = np.abs(off(of, after)) - np.abs(off(of, before))
+    change[:k] = np.abs(off(of, after) - off(of, before))[:k]
+    return change.max()
+
+
+def test_lower_levels_change_no_higher_one_in_1000_random_problems():
+    rng = np.random.default_rng(11)
+    worst, moved, limited, unsolved = 0.0, 0, 0, 0
+    for _ in range(PROBLEMS):
+        n = int(rng.integers(10, 16))
+        problem, levels = constraints(rng, n), random_levels(rng, n)
+        answers = []
+        for count in range(1, len(levels) + 1):
+            solving = hierarchy()
+            answer = solving.solve(problem, levels[:count])
+            assert answer.x is not None
+            assert problem.violation(answer.x) < 1e-6
+            if answer.relaxed:
+                unsolved += 1
+                break
+            # Against the answer in which the level was the last.
+            worst = max([worst, *(worsening(*parts, answer.x) for parts in zip(levels, answers, strict=False))])
+            moved += bool(answers) and np.abs(answer.x - answers[-1]).max() > 1e-3
+            answers.append(answer.x)
+        limited += np.abs(answer.multipliers).max() > 1e-3
+    print(
+        f"largest change of a higher level's residual: {worst:.1e}; no answer for a lower level in {unsolved} problems"
+    )
+    assert worst < 1e-6
+    assert moved > PROBLEMS / 2  # the lower levels did something
+    assert limited > PROBLEMS / 2  # and inequalities mattered
+    assert unsolved <= PROBLEMS / 500  # in corners, DAQP gives up now and then; the levels above it count
+
+
+def test_one_level_is_one_quadratic_program():
+    rng = np.random.default_rng(12)
+    for _ in range(50):
+        problem = constraints(rng, 12)
+        (only,) = [level("0", rng.normal(size=(5, 12)), rng.normal(size=5), 12)]
+        x = hierarchy().solve(problem, [only]).x
+        problem = independent(problem)
+        problem.H[:], problem.g[:] = only.cost.H, only.cost.g
+        np.testing.assert_allclose(x, make_solver("daqp", problem).solve(problem).x, atol=1e-5)
+
+
+def test_levels_that_do_not_conflict_are_all_reached_as_by_weights():
+    rng = np.random.default_rng(13)
+    for _ in range(50):
+        n = 14
+        problem = QuadraticProgram.empty(n, 3, 1)
+        problem.A[:], problem.b[:] = rng.normal(size=(3, n)), rng.normal(size=3)
+        levels = [level(str(i), rng.normal(size=(3, n)), rng.normal(size=3), n) for i in range(3)]
+        strict = hierarchy().solve(problem, levels).x
+        problem.H[:] = sum(one.cost.H for one in levels)
+        problem.g[:] = sum(one.cost.g for one in levels)
+        weighted = make_solver("daqp", problem).solve(problem).x
+        for one in levels:
+            np.testing.assert_allclose(one.kept @ strict, one.kept @ weighted, atol=1e-3)
+            assert 0.5 * np.sum((one.kept @ strict) ** 2) + one.cost.g @ strict + one.cost.constant < 1e-4
+
+
+def test_weights_far_apart_come_to_the_strict_answer():
+    rng = np.random.default_rng(14)
+    for _ in range(50):
+        n = 12
+        problem = constraints(rng, n)
+        problem = independent(problem)
+        first = level("0", rng.normal(size=(4, n)), rng.normal(size=4), n)
+        second = level("1", rng.normal(size=(n, n)), rng.normal(size=n), n)
+        strict = hierarchy().solve(problem, [first, second]).x
+        distance = []
+        for ratio in (1e1, 1e6):
+            problem.H[:] = ratio * first.kept.T @ first.kept + second.cost.H
+            problem.g[:] = ratio * first.cost.g + second.cost.g
+            distance.append(np.abs(make_solver("daqp", problem).solve(problem).x - strict).max())
+        assert distance[1] < 1e-2
+        assert distance[0] > 10.0 * distance[1]
+
+
+def test_back_ends_agree_on_every_level():
+    rng = np.random.default_rng(15)
+    for _ in range(60):
+        problem, levels = constraints(rng, 12), random_levels(rng, 12)
+        by_daqp, by_quadprog = hierarchy(), hierarchy("quadprog")
+        one, other = by_daqp.solve(problem, levels), by_quadprog.solve(problem, levels)
+        assert one.relaxed == other.relaxed == ()
+        for of in levels:
+            np.testing.assert_allclose(off(of, other.x), off(of, one.x), atol=1e-5)
+
+
+@pytest.mark.parametrize("solver", ["osqp", "proxqp"])
+def test_back_ends_that_fail_on_levels_are_refused(bench, solver):
+    robot = bench("g1", solver={"name": solver})
+    tasks = dict(robot.settings.tasks)
+    tasks["posture"] = tasks["posture"].model_copy(update={"level": 1})
+    with pytest.raises(ConfigurationError, match=rf"solver.name = '{solver}'.*level.*tolerance.*daqp"):
+        robot.rebuilt(tasks)
+
+
+def test_a_tolerance_is_kept_and_used():
+    n = 4
+    problem = QuadraticProgram.empty(n, 0, 1)
+    band = level("band", np.eye(n)[:1], np.array([1.0]), n, np.array([0.25]))
+    wish = level("wish", np.eye(n)[:1], np.array([5.0]), n)
+    assert hierarchy().solve(problem, [band, wish]).x[0] == pytest.approx(1.25)
+    near = level("wish", np.eye(n)[:1], np.array([1.1]), n)
+    assert hierarchy().solve(problem, [band, near]).x[0] == pytest.approx(1.1, abs=1e-4)
+    problem.x_upper[0] = 0.5  # the band cannot be reached: as near as can be
+    assert hierarchy().solve(problem, [band, wish]).x[0] == pytest.approx(0.5)
+
+
+def test_equalities_that_contradict_each_other_have_no_solution():
+    problem = QuadraticProgram.empty(3, 2, 1)
+    problem.A[:, 0], problem.b[:] = 1.0, [0.0, 1.0]
+    answer = hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)])
+    assert answer.x is None
+    assert "contradict" in answer.status
+
+
+def test_the_first_level_without_a_solution_is_one_of_the_problem():
+    problem = QuadraticProgram.empty(3, 0, 1)
+    problem.C[0, 0], problem.lower[0], problem.x_upper[0] = 1.0, 1.0, 0.0
+    assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
+
+
+@pytest.fixture
+def robot_with(bench):
+    def build(**levels):
+        robot = bench("g1")
+        tasks = {
+            name: task.model_copy(update={"level": levels.get(name, 0)}) for name, task in robot.settings.tasks.items()
+        }
+        return robot.rebuilt(tasks)
+
+    return build
+
+
+def test_a_strict_task_gives_nothing_for_one_below(robot_with):
+    """The com wants to stay, a hand wants to be two metres away; strictly, the com does not notice."""
+    results = {}
+    for name, levels in {"weighted": {}, "strict": {"left_hand": 1, "posture": 2}}.items():
+        robot = robot_with(**levels)
+        references = robot.references(left_hand=100.0)
+        far = references.tasks["left_hand"].position + np.array([0.5, 0.5, 0.5, 0, 0, 0, 0])
+        hand = replace(references.tasks["left_hand"], position=far)
+        wanted = replace(references, tasks={**references.tasks, "left_hand": hand})
+        alone = robot.controller.solve(
+            robot.state(), replace(wanted, weights={**wanted.weights, "left_hand": 0.0, "posture": 0.0})
+        )
+        solution = robot.controller.solve(robot.state(), wanted)
+        assert not solution.relaxed
+        assert max(solution.residuals.values()) < 1e-6
+        dynamics = robot.controller.dynamics
+        results[name] = np.linalg.norm(dynamics.com_jacobian @ (solution.v_dot - alone.v_dot))
+        if name == "strict":
+            assert [report.tasks for report in solution.levels] == [
+                ("com", "pelvis", "torso"), ("left_hand",), ("posture",)
+            ]  # fmt: skip
+            assert all(report.iterations > 0 for report in solution.levels)
+    assert results["strict"] < 1e-8
+    assert results["weighted"] > 0.1
+
+
+def without_squares(level):
+    """The same level, whose cost is known by H and g alone: it is solved in the null space of those above."""
+    cost = level.cost
+    return replace(level, cost=Quadratic(cost.H.copy(), cost.g.copy(), cost.constant))
+
+
+def on_levels(robot, rng):
+    """The robot with its tasks on two to four levels by chance, mostly with the posture on the last one."""
+    count = int(rng.integers(2, 5))
+    level = {name: int(rng.integers(0, count)) for name in robot.settings.tasks}
+    if rng.random() < 0.7:
+        level["posture"] = max(level.values())
+    tasks = {name: task.model_copy(update={"level": level[name]}) for name, task in robot.settings.tasks.items()}
+    return robot.rebuilt(tasks)
+
+
+def both_ways(robot, rng, *, limited):
+    """Answers for a random state, with the active sets of the same problem and in null spaces."""
+    robot = on_levels(robot, rng)
+    hands = {name: 1.0 for name in ("left_hand", "right_hand") if rng.random() < 0.5}
+    given = robot.near_stance(rng), robot.references(**hands)
+    if limited:
+        given = robot.random_problem(int(rng.integers(0, 1000)))
+    layout = robot.controller.formulation.build(*given)
+    if not limited:
+        layout.problem.bounds[:] = [[-np.inf], [np.inf]]
+    plain, fast = hierarchy(), hierarchy()
+    expected = plain.solve(layout.problem, [without_squares(each) for each in layout.levels])
+    for _ in range(2):  # the first time the active sets may have to be learnt
+        found = fast.solve(layout.problem, layout.levels)
+    return expected, found
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_without_limits_the_active_sets_give_the_answer_of_the_null_spaces_at_once(bench, robot):
+    rng, missed = np.random.default_rng(16), 0
+    for _ in range(40):
+        expected, found = both_ways(bench(robot), rng, limited=False)
+        if found.residuals is None:
+            missed += 1
+            continue
+        np.testing.assert_allclose(found.x, expected.x, atol=1e-7 * np.abs(expected.x).max())
+        assert not found.multipliers.any()
+        assert [level.tasks for level in found.levels] == [level.tasks for level in expected.levels]
+        for one, other in zip(found.levels, expected.levels, strict=True):
+            assert one.cost == pytest.approx(other.cost, rel=1e-6, abs=1e-9)
+    assert missed <= 1  # where a posture that is kept leaves only forces free
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_with_limits_the_active_sets_give_the_answer_of_the_null_spaces(bench, robot, monkeypatch):
+    monkeypatch.setattr(module, "_ROOM", 1.0e-11)  # by which the other way misses a limit, and its answer with it
+    rng, same = np.random.default_rng(17), 0
+    for _ in range(60):
+        expected, found = both_ways(bench(robot), rng, limited=True)
+        if found.x is None or expected.relaxed or found.residuals is None:
+            continue
+        same += 1
+        assert expected.multipliers.any()
+        size = np.abs(expected.multipliers).max()
+        np.testing.assert_allclose(found.x, expected.x, atol=1e-6 * np.abs(expected.x).max())
+        np.testing.assert_allclose(found.multipliers, expected.multipliers, atol=1e-5 * size)
+        assert [level.tasks for level in found.levels] == [level.tasks for level in expected.levels]
+        for one, other in zip(found.levels, expected.levels, strict=True):
+            assert one.cost == pytest.approx(other.cost, rel=1e-5, abs=1e-7)
+    assert same >= 25
+
+
+def moving(robot, count):
+    """A robot that is asked for more and more, on three levels, until limits bind and do not any more."""
+    references = robot.references(left_hand=10.0)
+    hand = references.tasks["left_hand"]
+    for i in range(count):
+        asked = hand.position + np.array([0.6 * np.sin(0.1 * i), 0.0, 0.1 * np.cos(0.1 * i), 0.0, 0.0, 0.0, 0.0])
+        yield replace(references, tasks={**references.tasks, "left_hand": replace(hand, position=asked)})
+
+
+def test_what_a_hierarchy_remembers_gives_the_same_bits(robot_with):
+    """From every cycle on: of active sets that are right, that are followed, that are wrong, and that are not tried."""
+    robot, other = (robot_with(left_hand=1, posture=2) for _ in range(2))
+    met = set()
+    for references in moving(robot, 60):
+        memory = robot.controller.memory()
+        solution = robot.controller.solve(robot.state(), references)
+        other.controller.recall(memory)
+        again = other.controller.solve(robot.state(), references)
+        assert again.v_dot.tobytes() == solution.v_dot.tobytes()
+        assert again.levels == solution.levels
+        assert again.binding == solution.binding
+        after = dict(robot.controller.memory()["hierarchies"])[tuple(robot.controller.contacts)]
+        for was in (before for _, before in memory["hierarchies"]):
+            right = "at once" if solution.iterations == len(solution.levels) else "followed"
+            met.add("not tried" if was["rest"] else "wrong" if after["misses"] else right)
+    assert met == {"at once", "followed", "wrong", "not tried"}
+
+
+def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeypatch):
+    rng = np.random.default_rng(18)
+    problem = squares_problem(rng)
+    only = Level(("0",), problem.cost, np.zeros((0, problem.n)), np.zeros((0, problem.n)), np.zeros(0), np.zeros(0))
+    solving, tried = hierarchy(), []
+    monkeypatch.setattr(ActiveSet, "condensed", lambda *_: (tried.append(len(memories)), (0, 1, 0.0, 0.0, 0.0))[1])
+    memories = []
+    for _ in range(60):
+        assert solving.solve(problem, [only]).x is not None
+        memories.append(solving.memory())
+    assert tried == [0, 1, 3, 7, 15, 31, 47]
+    monkeypatch.undo()
+    assert [solving.solve(problem, [only]).residuals is not None for _ in range(5)] == [False] * 3 + [True] * 2
+    assert solving.memory()["misses"] == 0
+
+
+@pytest.mark.parametrize("spoilt", ["constraints", "bounds"])
+def test_values_that_are_not_finite_are_named(robot_with, spoilt):
+    robot = robot_with(posture=1)
+    layout = robot.controller.formulation.build(robot.state(), robot.references())
+    solving = hierarchy()
+    assert solving.solve(layout.problem, layout.levels).residuals is not None
+    getattr(layout.problem, spoilt)[0, 3] = np.nan
+    answer = solving.solve(layout.problem, layout.levels)
+    assert (answer.x, answer.status, answer.levels) == (None, NOT_FINITE, ())
+
+
+def test_what_has_only_one_level_is_solved_once(bench):
+    robot = bench("g1")
+    solution = robot.controller.solve(robot.state(), robot.references())
+    (only,) = solution.levels
+    assert only.tasks == ("com", "pelvis", "torso", "posture")
+    assert only.cost >= 0.0
+    assert only.iterations == solution.iterations
+
+
+def test_a_tolerance_of_another_length_is_refused(bench):
+    robot = bench("g1")
+    tasks = dict(robot.settings.tasks)
+    tasks["posture"] = tasks["posture"].model_copy(update={"tolerance": [0.1, 0.2]})
+    with pytest.raises(ConfigurationError, match=r"posture.tolerance has 2 values; .* the task's 29 axes"):
+        robot.rebuilt(tasks)

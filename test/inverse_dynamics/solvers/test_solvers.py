@@ -1,0 +1,378 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import qpsolvers
+from quadratic_programs import squares_problem
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Soft
+from wbc_controller.inverse_dynamics.solvers import available_solvers, make_solver
+from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
+from wbc_controller.inverse_dynamics.solvers.daqp import solve_carefully
+from wbc_controller.inverse_dynamics.solvers.factory import require_solver
+from wbc_controller.validation.fuzz.problems import room
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*Clarabel:UserWarning"),
+    pytest.mark.filterwarnings("ignore:Converted matrix"),
+]
+SOLVERS = available_solvers()
+PERSISTENT = ("daqp", "osqp", "proxqp")
+FIELDS = ("H", "g", "A", "b", "C", "bounds", "lower", "upper", "x_lower", "x_upper")
+
+
+def random_problem(rng, n=20, equalities=5, inequalities=15):
+    """A strictly convex problem around a feasible point, some of whose bounds are infinite, and some of which bind."""
+    root = rng.normal(size=(n, n))
+    A, C, inside = rng.normal(size=(equalities, n)), rng.normal(size=(inequalities, n)), rng.normal(size=n)
+    problem = QuadraticProgram.empty(n, equalities, inequalities)
+    problem.H[:] = root @ root.T + 0.1 * np.eye(n)
+    problem.g[:] = 10.0 * rng.normal(size=n)
+    problem.A[:], problem.b[:], problem.C[:] = A, A @ inside, C
+    problem.lower[:], problem.upper[:] = C @ inside - rng.uniform(0, 2, inequalities), C @ inside + 0.5
+    problem.lower[::3] = -np.inf
+    problem.upper[1::3] = np.inf
+    problem.x_lower[:], problem.x_upper[:] = inside - rng.uniform(0, 1, n), inside + rng.uniform(0, 1, n)
+    problem.x_lower[::2] = -np.inf
+    problem.x_upper[::3] = np.inf
+    return problem
+
+
+def drift(problem, rng, size=0.01):
+    """The next cycle's problem: every finite number is a little different; equalities stay feasible."""
+    moved = problem.copy()
+    n = len(problem.g)
+    change = size * rng.normal(size=(n, n))
+    moved.H[:] += change @ change.T
+    for name in ("g", "b", "lower", "upper"):
+        getattr(moved, name)[:] += size * rng.uniform(0.0, 1.0, getattr(moved, name).shape)
+    moved.A[:] += size * rng.normal(size=moved.A.shape)
+    return moved
+
+
+def reference_answer(problem, tolerance=1.0e-7):
+    """The minimizer by quadprog, checked against the optimality conditions, so that it needs no trust."""
+    upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
+    G = np.vstack([problem.C[upper], -problem.C[lower]])
+    h = np.concatenate([problem.upper[upper], -problem.lower[lower]])
+    qp = qpsolvers.Problem(problem.H, problem.g, G, h, problem.A, problem.b, problem.x_lower, problem.x_upper)
+    solution = qpsolvers.solve_problem(qp, solver="quadprog")
+    assert solution.found
+    assert solution.is_optimal(tolerance)
+    return solution.x
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_multipliers_make_the_answer_stationary(name):
+    """Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0 for some y, with the sign that each bound allows."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        problem = random_problem(rng)
+        answer = make_solver(name, problem).solve(problem)
+        n = len(problem.g)
+        bounds, rows = answer.multipliers[:n], answer.multipliers[n:]
+        slope = problem.H @ answer.x + problem.g + bounds + problem.C.T @ rows
+        y = np.linalg.lstsq(problem.A.T, -slope, rcond=None)[0]
+        scale = max(1.0, np.abs(answer.multipliers).max())
+        assert np.abs(slope + problem.A.T @ y).max() < 1e-3 * scale
+        value, tolerance = np.concatenate([answer.x, problem.C @ answer.x]), 1e-3 * scale
+        lower, upper = np.append(problem.x_lower, problem.lower), np.append(problem.x_upper, problem.upper)
+        assert (answer.multipliers[value < upper - 1e-3] <= tolerance).all()
+        assert (answer.multipliers[value > lower + 1e-3] >= -tolerance).all()
+        assert np.abs(answer.multipliers).max() > 0.1
+
+
+def assert_agrees(solver, problem, answer, expected):
+    """Feasible within the stated tolerance, and no worse than the best within what that tolerance is worth."""
+    assert answer.x is not None, answer.status
+    tolerance = solver.tolerance
+    assert problem.violation(answer.x) <= tolerance
+    assert np.linalg.norm(answer.x - expected, np.inf) <= 10.0 * tolerance * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_cold_solver_finds_the_minimizer(name):
+    for seed in range(10):
+        problem = random_problem(np.random.default_rng(seed))
+        solver = make_solver(name, problem)
+        assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_warm_solver_follows_drifting_problems(name):
+    rng = np.random.default_rng(7)
+    problem = random_problem(rng)
+    solver = make_solver(name, problem)
+    for _ in range(25):
+        assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
+        problem = drift(problem, rng)
+
+
+def test_the_random_problems_have_constraints_that_bind():
+    binding = np.zeros(4, dtype=int)
+    for seed in range(10):
+        problem = random_problem(np.random.default_rng(seed))
+        x = reference_answer(problem)
+        pairs = ((problem.C @ x, problem.lower), (problem.C @ x, problem.upper), (x, problem.x_lower))
+        binding += [int((np.abs(a - b) < 1e-6).sum()) for a, b in (*pairs, (x, problem.x_upper))]
+    assert (binding >= 5).all(), binding
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_solver_keeps_its_hands_off_the_problem(name):
+    problem = random_problem(np.random.default_rng(1))
+    before = {field: np.array(getattr(problem, field)) for field in FIELDS}
+    solver = make_solver(name, problem)
+    first = np.array(solver.solve(problem).x)
+    for field, values in before.items():
+        np.testing.assert_array_equal(getattr(problem, field), values)
+    answer = solver.solve(problem)
+    problem.g[:] = 1.0e3  # the arrays are filled anew: an answer must not live in them, nor in the solver's workspace
+    kept = np.array(answer.x)
+    solver.solve(problem)
+    np.testing.assert_array_equal(answer.x, kept)
+    np.testing.assert_allclose(kept, first, atol=10.0 * solver.tolerance)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("what", ["bounds", "rows", "equalities"])
+def test_an_infeasible_problem_has_no_answer_and_leaves_no_trace(name, what):
+    rng = np.random.default_rng(2)
+    good = random_problem(rng)
+    bad = drift(good, rng)
+    if what == "bounds":
+        bad.C[0] = np.eye(20)[1]
+        bad.lower[0], bad.upper[0], bad.x_upper[1] = 5.0, 6.0, 4.0
+    elif what == "rows":
+        bad.C[1] = bad.C[0]
+        bad.lower[:2], bad.upper[:2] = [-3.0, 1.0], [-2.0, 2.0]
+    else:
+        bad.A[1] = bad.A[0]
+        bad.b[:2] = [0.0, 1.0]
+    solver = make_solver(name, good)
+    for problem in (good, bad, bad):
+        answer = solver.solve(problem)
+        if problem is bad:
+            assert answer.x is None or not problem.violation(answer.x) <= 0.01
+            if what == "rows":
+                assert answer.x is None
+            assert answer.status
+    for problem in (good, drift(good, rng)):
+        assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
+
+
+@pytest.mark.parametrize("name", [name for name in SOLVERS if name != "proxqp"])  # which spins on it for seconds:
+@pytest.mark.parametrize("field", ["H", "g", "A", "b", "C", "upper", "x_lower"])  # the controller keeps it from it
+def test_nan_never_comes_out_as_an_answer(name, field):
+    good = random_problem(np.random.default_rng(3))
+    bad = drift(good, np.random.default_rng(3))
+    getattr(bad, field).flat[1] = np.nan
+    assert good.is_finite
+    assert not bad.is_finite
+    solver = make_solver(name, good)
+    solver.solve(good)
+    for _ in range(2):  # warm, and from what the failure left
+        answer = solver.solve(bad)
+        assert answer.x is None or not bad.violation(answer.x) <= 0.01
+    assert_agrees(solver, good, solver.solve(good), reference_answer(good))
+
+
+def test_violation_says_by_how_much_each_constraint_is_broken():
+    problem = QuadraticProgram.empty(2, 1, 1)
+    problem.A[:], problem.b[:] = [[1.0, 0.0]], [1.0]
+    problem.C[:], problem.lower[:], problem.upper[:] = [[0.0, 1.0]], [-1.0], [2.0]
+    problem.x_lower[:], problem.x_upper[:] = [0.0, -1.5], [3.0, np.inf]
+    for x, expected in (
+        ([1.0, 0.0], 0.0),
+        ([1.5, 0.0], 0.5),
+        ([1.0, 2.5], 0.5),
+        ([1.0, -1.25], 0.25),
+        ([1.0, -2.0], 1.0),
+        ([4.5, 0.0], 3.5),
+    ):
+        assert problem.violation(np.array(x)) == pytest.approx(expected)
+    assert np.isnan(problem.violation(np.array([1.0, np.nan])))
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_problem_with_nan_is_not_finite(field):
+    problem = random_problem(np.random.default_rng(4))
+    assert problem.is_finite
+    getattr(problem, field).flat[0] = np.nan
+    assert not problem.is_finite
+
+
+def test_the_objective_is_what_is_minimized():
+    problem = random_problem(np.random.default_rng(5))
+    x = reference_answer(problem)
+    assert problem.cost.value(x) == pytest.approx(0.5 * x @ problem.H @ x + problem.g @ x)
+    solver = make_solver("daqp", problem)
+    assert problem.cost.value(solver.solve(problem).x) == pytest.approx(problem.cost.value(x), rel=1e-8)
+
+
+def test_an_unknown_solver_is_refused_with_the_nearest_one():
+    problem = random_problem(np.random.default_rng(6))
+    for call in (lambda: make_solver("dapq", problem), lambda: require_solver("dapq")):
+        with pytest.raises(ConfigurationError, match=r"solver\.name = 'dapq'.*did you mean 'daqp'.*osqp, .*proxqp"):
+            call()
+
+
+def test_the_persistent_solvers_are_among_those_available():
+    assert set(PERSISTENT) <= set(SOLVERS)
+    for name in SOLVERS:
+        require_solver(name)
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_all_solvers_agree_on_the_standing_robot(bench, robot, name):
+    reference = bench(robot)
+    other = bench(robot, solver={"name": name})
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        state = reference.near_stance(rng, position=0.05, velocity=0.1)
+        references = reference.references()
+        expected = reference.controller.solve(state, references)
+        answer = other.controller.solve(state, references)
+        solver = make_solver(name, other.controller.formulation.build(state, references).problem)
+        assert max(answer.residuals.values()) <= max(1.0e-2, solver.tolerance)
+        scale = max(1.0, np.abs(expected.v_dot).max())
+        # Of OSQP, with its tolerance of 1e-3, the worst of 30 such states are 11 to 13 times as far off.
+        assert np.abs(answer.v_dot - expected.v_dot).max() <= 15.0 * max(solver.tolerance, 1.0e-5) * scale
+        # Forces that press the feet against each other hardly cost anything: only exact solvers agree on them.
+        if name in ("daqp", "proxqp", "quadprog"):
+            assert np.abs(answer.tau - expected.tau).max() <= 1.0e-2
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
+    """The right one does; none, all of them, or the wrong sides do only if they are the right one."""
+    problem = random_problem(np.random.default_rng(seed))
+    expected = reference_answer(problem)
+    answer = make_solver("daqp", problem).solve(problem)
+    active_set = active_set_of(problem)
+    active_set.learn(answer.multipliers)
+    guessed = active_set.solve(problem)
+    assert guessed.iterations == 1
+    np.testing.assert_allclose(guessed.x, expected, atol=1e-7)
+    np.testing.assert_allclose(guessed.multipliers, answer.multipliers, atol=1e-6)
+    assert guessed.multipliers.any()
+    for wrong in (0.0 * guessed.multipliers, -guessed.multipliers, np.where(guessed.multipliers == 0.0, 0.0, 1.0)):
+        if (np.sign(wrong) != np.sign(guessed.multipliers)).any():
+            active_set.learn(wrong)
+            assert active_set.solve(problem) is None
+
+
+def active_set_of(problem):
+    return ActiveSet(problem.n, len(problem.b), len(problem.upper))
+
+
+@pytest.mark.parametrize("rows", [7, 24, 30])
+@pytest.mark.parametrize("seed", range(10))
+def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
+    """Without active inequalities and with them, bounds and rows; with few rows of the cost, and more than unknowns."""
+    problem = squares_problem(np.random.default_rng(seed), rows=rows)
+    squares = problem.cost.squares
+    rows = squares.stack[: len(squares.slack)]
+    x = np.random.default_rng(seed).normal(size=problem.n)
+    cost = 0.5 * np.sum((rows[:, :-1] @ x - rows[:, -1]) ** 2 / squares.slack) + squares.constant
+    cost += 0.5 * squares.diagonal @ (x + squares.minus_target[:-1])[squares.first :] ** 2
+    assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
+    multipliers = make_solver("daqp", problem).solve(problem).multipliers
+    unbounded = problem.copy()  # which knows H and g alone
+    unbounded.bounds[0], unbounded.bounds[1] = -np.inf, np.inf
+    assert multipliers[: problem.n].any()
+    assert multipliers[problem.n :].any()
+    for posed, learnt in ((problem.copy(), multipliers), (unbounded, 0.0 * multipliers)):
+        active_set = active_set_of(posed)
+        active_set.learn(learnt)
+        whole = active_set.solve(posed)
+        posed.cost.pose(squares)
+        smaller = active_set.solve(posed)
+        assert not posed.cost.formed
+        size = max(1.0, np.abs(whole.x).max())
+        np.testing.assert_allclose(smaller.x, whole.x, atol=1e-9 * size)
+        np.testing.assert_allclose(smaller.multipliers, whole.multipliers, atol=1e-8 * max(1.0, np.abs(learnt).max()))
+        assert smaller.cost == pytest.approx(posed.cost.value(whole.x), rel=1e-9)
+        assert whole.cost == pytest.approx(smaller.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize("apart", [1e4, 1e8])
+def test_weights_that_are_far_apart_cost_no_digits(bench, apart):
+    talos = bench("talos")
+    references = talos.references()
+    weights = {
+        name: weight / apart if name == "posture" else apart * weight for name, weight in references.weights.items()
+    }
+    state = talos.near_stance(np.random.default_rng(0), position=0.05, velocity=0.1)
+    problem = talos.controller.formulation.build(state, replace(references, weights=weights)).problem
+    problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
+    assert active_set_of(problem).solve(problem).residuals.violation <= 1e-10
+    assert not problem.cost.formed  # the condensed system was enough
+
+
+def test_the_active_set_is_followed_without_a_search():
+    rng = np.random.default_rng(7)
+    problem = random_problem(rng)
+    active_set = active_set_of(problem)
+    active_set.learn(make_solver("daqp", problem).solve(problem).multipliers)
+    found = [active_set.solve(problem := drift(problem, rng, size=0.001)) for _ in range(25)]
+    assert sum(answer is not None for answer in found) >= 23
+
+
+def test_an_active_set_beyond_what_determines_x_is_given_up():
+    problem = random_problem(np.random.default_rng(0))
+    active_set = active_set_of(problem)
+    active_set.learn(np.ones(len(problem.g) + len(problem.upper)))
+    assert active_set.solve(problem) is None
+    problem.A[1] = problem.A[0]  # a singular system
+    active_set.learn(np.zeros(len(problem.g) + len(problem.upper)))
+    assert active_set.solve(problem) is None
+
+
+#: Seeds of feasible problems that DAQP, as it is set up for every cycle, calls infeasible or cycles on.
+CORNERS = {"g1": (607, 1210, 1855, 3011, 3335, 3791, 5018, 6347), "talos": (9195,), "go2": (6507, 7419, 7559, 11695)}
+
+
+@pytest.mark.parametrize(("robot", "seed"), [(robot, seed) for robot, seeds in CORNERS.items() for seed in seeds])
+def test_a_feasible_problem_is_not_called_infeasible(bench, robot, seed):
+    """Joints near their limits, and weights that differ: the solution lies in a corner. quadprog finds one as good."""
+    robot = bench(robot)
+    problem = robot.controller.formulation.build(*robot.random_problem(seed)).problem
+    assert room(problem) > 1.0e-5
+    solver = make_solver("daqp", problem)
+    answer = solver.solve(problem)
+    assert answer.x is not None, answer.status
+    assert problem.violation(answer.x) <= solver.tolerance
+    least = problem.cost.value(reference_answer(problem, tolerance=1.0e-7 * np.abs(problem.g).max()))
+    assert problem.cost.value(answer.x) - least <= 1.0e-4 * least
+    np.testing.assert_array_equal(make_solver("daqp", problem).solve(problem).x, answer.x)  # to the last digit
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_soft_constraints_are_missed_at_their_weights(seed):
+    """Against the program with slacks as variables."""
+    rng = np.random.default_rng(seed)
+    problem, k = random_problem(rng), 6
+    n, places = problem.n, np.sort(rng.choice(problem.n + len(problem.upper), k, replace=False))
+    soft = Soft(places, np.array([[2.0], [3.0]]) + rng.normal(size=k), 10.0 ** rng.uniform(-1, 3, k))
+    problem.bounds[:, places] = [[-np.inf], [np.inf]]
+    answer = solve_carefully(problem, soft)
+    whole = QuadraticProgram.empty(n + k, len(problem.b), len(problem.upper) + k)
+    whole.H[:n, :n], whole.H[n:, n:], whole.g[:n] = problem.H, np.diag(soft.weights), problem.g
+    whole.A[:, :n], whole.b[:] = problem.A, problem.b
+    whole.C[:-k, :n], whole.C[-k:, :n], whole.C[-k:, n:] = problem.C, problem.rows(places), np.eye(k)
+    whole.bounds[:, :n], whole.bounds[:, n + k : -k] = problem.bounds[:, :n], problem.bounds[:, n:]
+    whole.bounds[:, -k:] = soft.bounds
+    expected = reference_answer(whole)
+    np.testing.assert_allclose(answer.x, expected[:n], atol=1e-6)
+    np.testing.assert_allclose(np.abs(answer.multipliers[places]), soft.weights * np.abs(expected[n:]), atol=1e-4)
+    assert (np.abs(expected[n:]) > 1e-3).any()
+
+
+def test_soft_constraints_do_not_make_an_infeasible_problem_feasible():
+    problem = random_problem(np.random.default_rng(0))
+    problem.x_lower[0], problem.x_upper[0] = 1.0, -1.0
+    answer = solve_carefully(problem, Soft(np.array([1]), np.zeros((2, 1)), np.ones(1)))
+    assert (answer.x, answer.status) == (None, "infeasible")

@@ -1,0 +1,507 @@
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import (
+    AngularMomentumTask,
+    AxisAlignmentTask,
+    CapturePointTask,
+    ComTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    GazeTask,
+    LinearMomentumTask,
+    PostureTask,
+    RelativePoseTask,
+)
+from wbc_controller.records import Reference, frozen
+
+ROBOTS = ("g1", "talos", "go2")
+FRAMES = {"g1": "left_rubber_hand", "talos": "gripper_right_base_link", "go2": "FL_foot"}
+REFERENCE_FRAMES = {"g1": "right_rubber_hand", "talos": "torso_2_link", "go2": "RR_calf"}
+KINDS = ("posture", "com", "frame_position", "frame_orientation", "frame_pose", "relative_pose")
+POSES = ("frame_pose", "relative_pose")
+some_states = hypothesis_settings(deadline=None, max_examples=8, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def make(kind, model, robot, **options):
+    if kind == "posture":
+        return PostureTask(kind, model, model.joints[7:2:-2], **options)
+    if kind == "com":
+        return ComTask(kind, options.pop("mask", [True] * 3), **options)
+    if kind == "relative_pose":
+        return RelativePoseTask(kind, model, FRAMES[robot], REFERENCE_FRAMES[robot], **options)
+    kinds = {"position": FramePositionTask, "orientation": FrameOrientationTask, "pose": FramePoseTask}
+    return kinds[kind.removeprefix("frame_")](kind, model, FRAMES[robot], **options)
+
+
+def snapshot(model, q, v):
+    dynamics = Dynamics(model)
+    dynamics.update(q, v)
+    return dynamics
+
+
+def rotation(quaternion):
+    return pin.Quaternion(quaternion).toRotationMatrix()
+
+
+def displacement(kind, start, end):
+    """From one position to another, rotations in the outer axes; computed apart from the task's own error."""
+    if kind == "frame_orientation":
+        return pin.log3(rotation(end) @ rotation(start).T)
+    if kind in POSES:
+        return np.concatenate([end[:3] - start[:3], pin.log3(rotation(end[3:]) @ rotation(start[3:]).T)])
+    return end - start
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_jacobian_is_the_derivative_of_the_position(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(seed))
+    task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-6
+    columns = []
+    for direction in np.eye(model.nv):
+        ends = []
+        for sign in (-step, step):
+            dynamics.update(pin.integrate(model.pinocchio, q, sign * direction), v)
+            ends.append(np.array(task.position(dynamics)))
+        columns.append(displacement(kind, *ends) / (2.0 * step))
+    dynamics.update(q, v)
+    J = task.jacobian(dynamics)
+    assert J.shape == (task.size, model.nv)
+    assert np.abs(J - np.array(columns).T).max() < 1.0e-7
+    np.testing.assert_allclose(task.velocity(dynamics), J @ v, atol=1.0e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_drift_is_the_acceleration_of_the_position_at_rest_of_v(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(seed))
+    task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-5
+    ends = []
+    for sign in (-step, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
+        ends.append(np.array(task.velocity(dynamics)))
+    dynamics.update(q, v)
+    drift = task.drift(dynamics)
+    assert np.linalg.norm((ends[1] - ends[0]) / (2.0 * step) - drift) < 1.0e-6 * max(1.0, np.linalg.norm(drift))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_error_leads_from_the_position_to_the_reference(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    rng = np.random.default_rng(seed)
+    task = make(kind, model, robot)
+    here, there = (snapshot(model, *random_state(model, rng)) for _ in range(2))
+    assert np.abs(task.error(here, task.position(here))).max() < 1.0e-9
+    goal = np.array(task.position(there))
+    error = task.error(here, goal)
+    expected = displacement(kind, task.position(here), goal)
+    np.testing.assert_allclose(error, expected, atol=1.0e-8)
+    if kind in ("frame_orientation", *POSES):
+        assert np.linalg.norm(error[-3:]) <= np.pi + 1.0e-9
+        reached = pin.exp3(error[-3:]) @ rotation(task.position(here)[-4:])
+        np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
+
+
+def test_position_of_a_frame_is_where_pinocchio_puts_it(load, random_state):
+    model, _ = load("g1")
+    q, v = random_state(model, np.random.default_rng(1))
+    dynamics, data = snapshot(model, q, v), model.pinocchio.createData()
+    pin.framesForwardKinematics(model.pinocchio, data, q)
+    placement = data.oMf[model.pinocchio.getFrameId(FRAMES["g1"])]
+    np.testing.assert_allclose(make("frame_pose", model, "g1").position(dynamics), pin.SE3ToXYZQUAT(placement))
+    np.testing.assert_allclose(make("frame_position", model, "g1").position(dynamics), placement.translation)
+    np.testing.assert_allclose(
+        rotation(make("frame_orientation", model, "g1").position(dynamics)), placement.rotation, atol=1e-12
+    )
+
+
+def test_a_relative_pose_is_that_of_one_frame_in_the_other(load, random_state):
+    model, _ = load("g1")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(1)))
+    ids = [model.pinocchio.getFrameId(frames["g1"]) for frames in (REFERENCE_FRAMES, FRAMES)]
+    a, b = (dynamics.placement(i).homogeneous for i in ids)
+    expected = pin.SE3ToXYZQUAT(pin.SE3(np.linalg.inv(a) @ b))
+    np.testing.assert_allclose(make("relative_pose", model, "g1").position(dynamics), expected, atol=1e-12)
+
+
+def test_the_motion_of_the_whole_robot_changes_no_relative_pose(load, random_state):
+    model, _ = load("g1")
+    q, v = random_state(model, np.random.default_rng(1))
+    dynamics = snapshot(model, q, v)
+    J = make("relative_pose", model, "g1").jacobian(dynamics)
+    assert np.abs(J[:, :6]).max() < 1.0e-12
+    assert np.abs(J[:, 6:]).max() > 0.1
+
+
+@pytest.mark.parametrize("length", [0.5, 2.0])
+def test_a_reference_orientation_need_not_be_normalized(load, random_state, length):
+    model, _ = load("go2")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(2)))
+    task = make("frame_orientation", model, "go2")
+    reference = pin.Quaternion(pin.exp3(np.array([0.1, 0.2, -0.3]))).coeffs()
+    expected = task.error(dynamics, reference)
+    np.testing.assert_allclose(task.error(dynamics, length * reference), expected, atol=1e-12)
+    np.testing.assert_allclose(task.error(dynamics, -reference), expected, atol=1e-12)  # q and -q are one orientation
+
+
+@pytest.mark.parametrize(
+    ("kind", "mask"),
+    [
+        ("com", [True, False, True]),
+        ("frame_position", [False, True, False]),
+        ("frame_orientation", [True, True, False]),
+        ("frame_pose", [True, False, True, False, False, True]),
+        ("frame_pose", [False] * 6),
+        ("relative_pose", [True, False, True, False, False, True]),
+    ],
+)
+def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind, mask):
+    model, _ = load("talos")
+    rng = np.random.default_rng(3)
+    dynamics = snapshot(model, *random_state(model, rng))
+    goal = np.array(make(kind, model, "talos").position(snapshot(model, *random_state(model, rng))))
+    task = make(kind, model, "talos", mask=mask, stiffness=70.0, damping=3.0)
+    reference = Reference(goal, rng.normal(size=task.size), rng.normal(size=task.size))
+    J, right, error = task.equation(dynamics, reference)
+    assert task.dimension == sum(mask)
+    # The acceleration that the task gets, were it alone, is its law's.
+    full_error = displacement(kind, task.position(dynamics), goal)
+    acceleration = reference.acceleration + 70.0 * full_error
+    acceleration += 3.0 * (reference.velocity - task.jacobian(dynamics) @ dynamics.v)
+    np.testing.assert_allclose(right + task.drift(dynamics)[mask], acceleration[mask], atol=1e-8)
+    np.testing.assert_array_equal(J, task.jacobian(dynamics)[mask])
+    np.testing.assert_allclose(error, full_error[mask], atol=1e-9)
+
+
+def test_what_is_known_of_a_reference_follows_the_gains_and_what_can_change(load, random_state):
+    model, _ = load("go2")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(5)))
+    moving = Reference(*(frozen(np.full(3, value)) for value in (0.1, 0.2, 0.3)))
+    task = ComTask("com", [True] * 3, stiffness=10.0, damping=2.0)
+    task.right(dynamics, moving)
+    task.damping = np.array(5.0)
+    expected, _ = ComTask("com", [True] * 3, stiffness=10.0, damping=5.0).right(dynamics, moving)
+    np.testing.assert_array_equal(task.right(dynamics, moving)[0], expected)
+    writable = Reference(np.zeros(3), np.zeros(3), np.zeros(3))
+    still, _ = task.right(dynamics, writable)
+    writable.acceleration[:] = 7.0
+    np.testing.assert_allclose(task.right(dynamics, writable)[0], still + 7.0)
+
+
+def test_the_posture_task_takes_its_own_joints_in_its_own_order(load, random_state):
+    model, _ = load("go2")
+    q, v = random_state(model, np.random.default_rng(4))
+    dynamics = snapshot(model, q, v)
+    task = PostureTask("legs", model, ["RR_calf_joint", "FL_hip_joint"], stiffness=10.0, damping=1.0)
+    indices = [model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_v for name in task.joints]
+    np.testing.assert_array_equal(task.velocity(dynamics), v[indices])
+    np.testing.assert_array_equal(task.jacobian(dynamics), np.eye(model.nv)[indices])
+    _, right, _ = task.equation(dynamics, Reference(np.array([0.1, 0.2]), np.zeros(2), np.array([7.0, 8.0])))
+    q_indices = [model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_q for name in task.joints]
+    np.testing.assert_allclose(right, [7.0, 8.0] + 10.0 * ([0.1, 0.2] - q[q_indices]) - v[indices])
+    assert PostureTask("all", model).joints == model.joints
+    with pytest.raises(ConfigurationError, match=r"tasks\.legs\.joints: 'FL_hip_jont'.*did you mean 'FL_hip_joint'"):
+        PostureTask("legs", model, ["FL_hip_jont"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damping_is_critical_where_it_is_not_given(load, kind):
+    model, _ = load("g1")
+    assert make(kind, model, "g1", stiffness=64.0).damping == pytest.approx(2.0 * math.sqrt(64.0))
+    assert make(kind, model, "g1", stiffness=64.0, damping=0.0).damping == 0.0
+
+
+def test_rest_is_a_reference_that_asks_for_no_acceleration(load, random_state):
+    model, _ = load("g1")
+    q, _ = random_state(model, np.random.default_rng(5))
+    dynamics = snapshot(model, q, np.zeros(model.nv))
+    for kind in KINDS:
+        task = make(kind, model, "g1")
+        _, right, error = task.equation(dynamics, task.rest(dynamics))
+        assert np.abs(right).max() < 1.0e-6
+        assert np.abs(error).max() < 1.0e-8
+
+
+def test_a_resting_reference_outlives_the_snapshot(load, random_state):
+    model, _ = load("g1")
+    rng = np.random.default_rng(6)
+    dynamics = snapshot(model, *random_state(model, rng))
+    references = {kind: make(kind, model, "g1").rest(dynamics) for kind in KINDS}
+    before = {kind: np.array(reference.position) for kind, reference in references.items()}
+    dynamics.update(*random_state(model, rng))
+    for kind, reference in references.items():
+        np.testing.assert_array_equal(reference.position, before[kind])
+
+
+def test_an_unknown_reference_frame_is_refused_with_the_nearest_one(load):
+    model, _ = load("go2")
+    with pytest.raises(ConfigurationError, match=r"tasks\.paw\.reference_frame = 'bse'.*did you mean 'base'"):
+        RelativePoseTask("paw", model, "FL_foot", "bse")
+
+
+@pytest.mark.parametrize("kind", ["frame_position", "frame_orientation", "frame_pose"])
+def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
+    model, _ = load("go2")
+    kinds = {"frame_position": FramePositionTask, "frame_orientation": FrameOrientationTask}
+    with pytest.raises(ConfigurationError, match=r"tasks\.paw\.frame = 'FL_fot'.*did you mean 'FL_foot'"):
+        kinds.get(kind, FramePoseTask)("paw", model, "FL_fot")
+
+
+# Gains ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gains_of_each_axis_are_those_of_as_many_tasks_with_one_axis_each(load, random_state, kind):
+    model, _ = load("g1")
+    rng = np.random.default_rng(7)
+    dynamics = snapshot(model, *random_state(model, rng))
+    goal = np.array(make(kind, model, "g1").position(snapshot(model, *random_state(model, rng))))
+    size = make(kind, model, "g1").size
+    stiffness, damping = rng.uniform(0.0, 200.0, size), rng.uniform(0.0, 30.0, size)
+    reference = Reference(goal, rng.normal(size=size), rng.normal(size=size))
+    _, right, _ = make(kind, model, "g1", stiffness=list(stiffness), damping=list(damping)).equation(
+        dynamics, reference
+    )
+    for i in range(size):
+        task = make(kind, model, "g1", stiffness=stiffness[i], damping=damping[i])
+        assert right[i] == task.equation(dynamics, reference)[1][i]
+
+
+def test_damping_is_critical_on_each_axis(load):
+    model, _ = load("g1")
+    task = make("com", model, "g1", stiffness=[4.0, 9.0, 0.0])
+    np.testing.assert_allclose(task.damping, [4.0, 6.0, 0.0])
+
+
+def test_a_mask_leaves_the_gains_of_its_axes(load, random_state):
+    model, _ = load("g1")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(8)))
+    task = make("com", model, "g1", mask=[False, True, True], stiffness=[1.0, 2.0, 3.0], damping=0.0)
+    _, right, _ = task.equation(dynamics, Reference(dynamics.com + 1.0, np.zeros(3), np.zeros(3)))
+    np.testing.assert_allclose(right + dynamics.com_drift[1:], [2.0, 3.0])
+
+
+@pytest.mark.parametrize("key", ["stiffness", "damping"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, kind, key):
+    model, _ = load("g1")
+    size = make(kind, model, "g1").size
+    said = rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
+    with pytest.raises(ConfigurationError, match=said):
+        make(kind, model, "g1", **{key: [1.0] * (size + 1)})
+
+
+# Axes that point somewhere -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_jacobian_and_drift_of_an_axis_are_the_turning_of_the_axis(load, random_state, robot, kind):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(9))
+    task, dynamics, step = kind("aim", model, FRAMES[robot], [2.0, 0.0, 0.0]), Dynamics(model), 1.0e-6
+    frame = model.pinocchio.getFrameId(FRAMES[robot])
+    columns = []
+    for direction in np.eye(model.nv):
+        ends = []
+        for sign in (-step, step):
+            dynamics.update(pin.integrate(model.pinocchio, q, sign * direction), v)
+            ends.append(task.direction(dynamics))
+        columns.append((ends[1] - ends[0]) / (2.0 * step))
+    ends = []
+    for sign in (-step, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
+        ends.append(task.velocity(dynamics))
+    dynamics.update(q, v)
+    n, (_, b1, b2) = task.direction(dynamics), dynamics.placement(frame).rotation.T
+    np.testing.assert_allclose(n, dynamics.placement(frame).rotation[:, 0], atol=1e-12)
+    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, less the spin about n
+    np.testing.assert_allclose(task.jacobian(dynamics), [turning @ b1, turning @ b2], atol=1e-7)
+    np.testing.assert_allclose(task.velocity(dynamics), task.jacobian(dynamics) @ v, atol=1e-10)
+    np.testing.assert_allclose(task.drift(dynamics), (ends[1] - ends[0]) / (2.0 * step), rtol=1e-6, atol=1e-6)
+    assert np.linalg.matrix_rank(task.jacobian(dynamics)) == task.dimension == 2
+
+
+@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    rng = np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    dynamics = snapshot(model, q, v)
+    task = kind("aim", model, FRAMES[robot], rng.normal(size=3), stiffness=50.0, damping=[5.0, 9.0])
+    ahead = rng.uniform(0.5, 2.0) * task.direction(dynamics)
+    r = ahead if kind is AxisAlignmentTask else task.position(dynamics) - task.direction(dynamics) + ahead
+    r_dot, r_ddot = rng.normal(size=3), rng.normal(size=3)
+    J, right, error = task.equation(dynamics, Reference(r, r_dot, r_ddot))
+    assert np.abs(error).max() < 1.0e-9  # on target, and moving away from it
+    v_dot = np.linalg.lstsq(J, right, rcond=None)[0]
+    frame = model.pinocchio.getFrameId(FRAMES[robot])
+    to_sides = task._sides @ dynamics.placement(frame).rotation.T
+    h, errors = 2.0e-5, []
+    for t in (-h, 0.0, h):
+        dynamics.update(pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot), v + t * v_dot)
+        target = r + t * r_dot + 0.5 * t**2 * r_ddot
+        if kind is GazeTask:
+            target = target - dynamics.placement(frame).translation
+        # In axes that do not spin, and by another formula: for small angles the sine will do.
+        errors.append(to_sides @ np.cross(task.direction(dynamics), target / np.linalg.norm(target)))
+    rate, acceleration = (errors[2] - errors[0]) / (2.0 * h), (errors[2] - 2.0 * errors[1] + errors[0]) / h**2
+    assert np.linalg.norm(rate) > 0.01
+    scale = 1.0 + np.linalg.norm(v) ** 2
+    np.testing.assert_allclose(acceleration, -np.array([5.0, 9.0]) * rate, atol=1e-4 * scale)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-10, 1e-5, 0.3, 1.5, 3.0, np.pi - 1e-10, np.pi])
+def test_the_error_of_an_axis_is_the_angle_and_leads_there(load, random_state, angle):
+    model, _ = load("g1")
+    dynamics = snapshot(model, *random_state(model, np.random.default_rng(10)))
+    task = AxisAlignmentTask("aim", model, FRAMES["g1"], [1.0, 0.0, 0.0])
+    R = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).rotation
+    goal = 3.0 * R @ pin.exp3(angle * np.array([0.0, 0.6, 0.8])) @ [1.0, 0.0, 0.0]
+    error = task.error(dynamics, goal)
+    assert np.linalg.norm(error) == pytest.approx(angle, abs=1e-9)
+    np.testing.assert_allclose(R @ pin.exp3(np.array([0.0, *error])) @ [3.0, 0.0, 0.0], goal, atol=1e-8)
+
+
+def test_a_target_without_direction_asks_for_nothing(load, random_state):
+    model, _ = load("g1")
+    dynamics = snapshot(model, random_state(model, np.random.default_rng(11))[0], np.zeros(model.nv))
+    here = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).translation
+    for kind, target in ((AxisAlignmentTask, np.zeros(3)), (GazeTask, np.array(here))):
+        _, right, error = kind("aim", model, FRAMES["g1"], [1, 0, 0]).equation(
+            dynamics, Reference(target, np.ones(3), np.ones(3))
+        )
+        assert not error.any()
+        np.testing.assert_allclose(right, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
+def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, random_state, kind):
+    model, _ = load("g1")
+    dynamics = snapshot(model, random_state(model, np.random.default_rng(12))[0], np.zeros(model.nv))
+    task = kind("aim", model, FRAMES["g1"], [0.0, 1.0, 1.0])
+    reference = task.rest(dynamics)
+    assert len(reference.position) == len(reference.velocity) == len(reference.acceleration) == 3
+    _, right, error = task.equation(dynamics, reference)
+    assert np.abs(error).max() < 1e-9
+    np.testing.assert_allclose(right, 0.0, atol=1e-6)
+    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: has no direction"):
+        kind("aim", model, FRAMES["g1"], [0, 0, 0])
+    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.stiffness has 3 values; .* 2 axes"):
+        kind("aim", model, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])
+
+
+# Momentum and capture point ------------------------------------------------------------------------------------------
+
+RATES = {
+    "linear_momentum": lambda model, **options: LinearMomentumTask("task", **options),
+    "angular_momentum": lambda model, **options: AngularMomentumTask("task", **options),
+    "capture_point": lambda model, **options: CapturePointTask("task", model.gravity, support_height=-1.0, **options),
+}
+
+
+def above_the_support(model, q):
+    """The same state with the base higher, so that there is a pendulum."""
+    return np.concatenate([q[:2], [np.abs(q[2])], q[3:]])
+
+
+@pytest.mark.parametrize("kind", RATES)
+@pytest.mark.parametrize("robot", ROBOTS)
+@some_states
+@given(seed=seeds)
+def test_jacobian_and_drift_give_the_rate_of_a_quantity_of_q_and_v(load, random_state, robot, kind, seed):
+    model, _ = load(robot)
+    rng = np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    q, v_dot, dynamics, step = above_the_support(model, q), rng.normal(size=model.nv), Dynamics(model), 1.0e-6
+    task, ends = RATES[kind](model), []
+    for t in (-step, step):
+        dynamics.update(pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot), v + t * v_dot)
+        ends.append(np.array(task.position(dynamics)))
+    dynamics.update(q, v)
+    rate = task.jacobian(dynamics) @ v_dot + task.drift(dynamics)
+    assert task.jacobian(dynamics).shape == (task.size, model.nv)
+    assert np.linalg.norm((ends[1] - ends[0]) / (2.0 * step) - rate) < 1.0e-6 * max(1.0, np.linalg.norm(rate))
+
+
+@pytest.mark.parametrize("kind", RATES)
+def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, kind):
+    model, _ = load("g1")
+    rng = np.random.default_rng(13)
+    q, v = random_state(model, rng)
+    dynamics = snapshot(model, above_the_support(model, q), v)
+    size = RATES[kind](model).size
+    key = "gain" if kind == "capture_point" else "damping"
+    mask = [False] + [True] * (size - 1)
+    task = RATES[kind](model, mask=mask, **{key: list(range(1, size + 1))})
+    here = np.array(task.position(dynamics))
+    reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # an acceleration is not looked at
+    J, right, error = task.equation(dynamics, reference)
+    assert task.dimension == len(J) == size - 1
+    np.testing.assert_allclose(right + task.drift(dynamics)[1:], 7.0 + 0.5 * np.arange(2, size + 1))
+    assert np.linalg.norm(error) == pytest.approx(0.5 * np.sqrt(size - 1))
+    with pytest.raises(ConfigurationError, match=rf"tasks\.task\.{key} has 4 values; .* {size} axes"):
+        RATES[kind](model, **{key: [1.0] * 4})
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_momenta_are_pinocchios_and_their_rest_is_zero(load, random_state, robot):
+    model, _ = load(robot)
+    q, v = random_state(model, np.random.default_rng(14))
+    dynamics = snapshot(model, q, v)
+    expected = pin.computeCentroidalMomentum(model.pinocchio, model.pinocchio.createData(), q, v).vector
+    linear, angular = LinearMomentumTask("l"), AngularMomentumTask("a")
+    np.testing.assert_allclose(linear.position(dynamics), expected[:3], atol=1e-9)
+    np.testing.assert_allclose(angular.position(dynamics), expected[3:], atol=1e-9)
+    np.testing.assert_allclose(linear.position(dynamics), model.mass * dynamics.com_velocity, atol=1e-9)
+    for task in (linear, angular):
+        np.testing.assert_array_equal(task.rest(dynamics).position, np.zeros(3))
+
+
+def test_the_capture_point_is_where_the_pendulum_comes_to_rest(load):
+    """The pendulum c̈ = ω² (c - p) with its foot p at the capture point, integrated for five time constants."""
+    model, _ = load("g1")
+    v = np.zeros(model.nv)
+    v[:2] = [0.4, -0.2]  # the whole robot moves, without turning
+    dynamics = snapshot(model, model.configuration(model.posture), v)
+    task = CapturePointTask("cp", model.gravity, support_height=-0.7)
+    omega, point = task.omega(dynamics), task.position(dynamics)
+    assert omega == pytest.approx(np.sqrt(model.gravity / (dynamics.com[2] + 0.7)))
+    c, c_dot, step = np.array(dynamics.com[:2]), np.array(dynamics.com_velocity[:2]), 1.0e-4
+    for _ in range(round(5.0 / omega / step)):
+        c_ddot = omega**2 * (c - point)
+        c, c_dot = c + step * c_dot + 0.5 * step**2 * c_ddot, c_dot + step * c_ddot
+    np.testing.assert_allclose(c, point, atol=2e-3)
+
+
+def test_a_robot_below_its_support_still_has_a_capture_point(load):
+    model, _ = load("g1")
+    dynamics = snapshot(model, model.configuration(model.posture), np.ones(model.nv))
+    task = CapturePointTask("cp", model.gravity, support_height=5.0)
+    assert task.omega(dynamics) == pytest.approx(np.sqrt(model.gravity / 0.1))
+    np.testing.assert_allclose(
+        task.drift(dynamics), dynamics.com_drift[:2] / task.omega(dynamics) + dynamics.com_velocity[:2]
+    )

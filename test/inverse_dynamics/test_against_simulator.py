@@ -1,0 +1,151 @@
+"""The controller's forecast against MuJoCo: what the QP says will happen under its torques, and what does.
+
+States are sampled from a run under the controller: standing, swaying, squatting, both at once. Only states whose feet
+truly stand are compared: the contacts move at less than 0.5 mm/s and every corner bears; the simulator's floor gives a
+little, and a rocking foot is not what the QP's rigid contacts describe.
+
+Errors are relative to the norm of what is compared, with floors: 9.81 m/s² for v̇, the robot's weight for the forces.
+"""
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
+from wbc_controller.inverse_dynamics.references.trajectories import Knot
+from wbc_controller.records import RobotState, frozen
+from wbc_controller.simulation.plant import Plant
+
+ROBOTS = ("g1", "talos", "go2")
+ACCELERATION, FORCE = 0.02, 0.005
+#: When to go where with the centre of mass, m, in 0.7 s: sway, sway and squat, squat further, come back.
+JOURNEY = ((0.2, (0.0, 0.02, 0.0)), (0.9, (0.0, -0.02, -0.03)), (1.9, (0.01, 0.0, -0.05)), (2.6, (0.0, 0.0, 0.0)))
+#: Soles of the controller within the true ones: on its edge a foot rocks, however little the floor gives.
+SOLES = {"g1": {"half_width": 0.02}, "talos": {"half_length": 0.08, "half_width": 0.05}}
+#: Contact speed up to which a foot stands: the norm over all contacts, m/s and rad/s together.
+SPEED = 5.0e-4
+#: Force from which on a corner bears, N: at less it is about to leave the floor.
+LOAD = 2.0
+#: Cycles in which the robot sinks into the floor, by some hundredths of a millimetre.
+SETTLED = 50
+
+
+@dataclass
+class Comparison:
+    acceleration: list[float] = field(default_factory=list)
+    force: list[float] = field(default_factory=list)
+    speed: list[float] = field(default_factory=list)
+    moved: float = 0.0
+    plant: Plant | None = None
+
+
+def whole_feet_bear(plant):
+    """Whether every ball of the feet, those at the corners of soles too, bears a part of the robot's weight."""
+    borne, force = {}, np.zeros(6)
+    for index in range(plant.data.ncon):
+        mujoco.mj_contactForce(plant.model, plant.data, index, force)
+        borne |= dict.fromkeys((int(geom) for geom in plant.data.contact[index].geom), force[0])
+    feet = [geom for geoms in plant.touch.geoms.values() for geom in geoms]
+    balls = [geom for geom in feet if plant.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE]
+    return all(borne.get(geom, 0.0) > LOAD for geom in balls)
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def compared(request, bench):
+    """One run of 3.4 s, compared every 20 ms."""
+    robot = bench(request.param).on_soles(**SOLES.get(request.param, {}))
+    model, controller = robot.model, robot.controller
+    plant = Plant(model, robot.settings)
+    plant.hold(False, ramp=0.0)
+    board = make_board(robot.settings, controller)
+    controller.dynamics.update(*plant.state())
+    board.reset(controller.dynamics, 0.0)
+    start, tau, journey = np.array(controller.dynamics.com), None, list(JOURNEY)
+    result = Comparison(plant=plant)
+    for cycle in range(1700):
+        time = cycle * controller.formulation.period
+        if journey and time >= journey[0][0]:
+            knot = Knot(0.7, start + journey.pop(0)[1], np.zeros(3), np.zeros(3))
+            board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, time)
+        q, v = plant.state()
+        solution = controller.solve(RobotState(plant.stamp, frozen(q), frozen(v)), board.sample(time), tau)
+        assert not solution.relaxed
+        tau = solution.tau
+        plant.apply(tau)
+        if cycle >= SETTLED and cycle % 10 == 0:
+            plant.forward()
+            result.moved = max(result.moved, float(np.linalg.norm(controller.dynamics.com - start)))
+            contacts = controller.contacts.values()
+            speed = np.concatenate([contact.jacobian(controller.dynamics) @ v for contact in contacts])
+            if np.linalg.norm(speed) < SPEED and whole_feet_bear(plant):
+                acceleration, wrenches = plant.acceleration(), plant.contact_wrenches()
+                expected = np.concatenate([solution.forces[name] for name in wrenches])
+                force = np.concatenate(list(wrenches.values()))
+                result.acceleration.append(
+                    np.linalg.norm(solution.v_dot - acceleration) / max(np.linalg.norm(acceleration), 9.81)
+                )
+                weight = model.mass * model.gravity
+                result.force.append(np.linalg.norm(expected - force) / max(np.linalg.norm(force), weight))
+                result.speed.append(float(np.linalg.norm(v)))
+        for _ in range(plant.steps_per_period):
+            plant.step()
+    print(
+        f"\n{request.param}: {len(result.speed)} states, {sum(s > 0.1 for s in result.speed)} of them moving; "
+        f"largest error: v̇ {max(result.acceleration):.2%}, forces {max(result.force):.3%}"
+    )
+    return result
+
+
+def test_the_run_is_one_worth_comparing(compared):
+    assert not compared.plant.fallen
+    assert compared.moved > 0.04
+    assert len(compared.speed) >= 20
+    assert sum(speed > 0.1 for speed in compared.speed) >= 20
+    assert max(compared.speed) > 0.3
+
+
+def test_accelerations_are_those_of_the_simulator(compared):
+    assert max(compared.acceleration) < ACCELERATION
+
+
+def test_contact_forces_are_those_of_the_simulator(compared):
+    assert max(compared.force) < FORCE
+
+
+@pytest.mark.parametrize(("depth", "seconds"), [(0.46, 0.5), (0.5, 0.3)])
+def test_a_squat_beyond_what_the_knees_can_do_keeps_them_within_their_limits_without_a_stop_or_a_fall(
+    bench, depth, seconds
+):
+    """Talos, told to go further down than its knees bend, and faster than they can brake."""
+    robot = bench("talos")
+    model, controller = robot.model, robot.controller
+    plant = Plant(model, robot.settings)
+    plant.hold(False, ramp=0.0)
+    plant._model.jnt_limited[:] = 0  # so that nothing but the torques stops a joint
+    board = make_board(robot.settings, controller)
+    controller.dynamics.update(*plant.state())
+    board.reset(controller.dynamics, 0.0)
+    knot = Knot(seconds, controller.dynamics.com - [0.0, 0.0, depth], np.zeros(3), np.zeros(3))
+    board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, 0.0)
+    step = robot.settings.limits.torque_rate * controller.formulation.period * model.effort_limits
+    tau, beyond, relaxed = None, [], 0
+    for cycle in range(700):
+        q, v = plant.state()
+        references = board.sample(cycle * controller.formulation.period)
+        solution = controller.solve(RobotState(plant.stamp, frozen(q), frozen(v)), references, tau)
+        # As the supervisor sends them: the torque rate always holds.
+        tau = solution.tau if tau is None else np.clip(solution.tau, tau - step, tau + step)
+        relaxed += bool(solution.relaxed)
+        plant.apply(tau)
+        for _ in range(plant.steps_per_period):
+            plant.step()
+        joints = plant.state()[0][model.q_index]
+        beyond.append(np.maximum(joints - model.position_upper, model.position_lower - joints).max())
+    assert 10 < relaxed < 150
+    assert max(beyond) < 0.02
+    up = Rotation.from_quat(plant.state()[0][3:7]).as_matrix()[2, 2]
+    assert up > np.cos(0.3)

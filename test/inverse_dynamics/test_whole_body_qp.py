@@ -1,0 +1,841 @@
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.errors import NoSolution
+from wbc_controller.inverse_dynamics import whole_body_qp
+from wbc_controller.inverse_dynamics.formulation.answer import Answer
+from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.solvers import make_solver
+from wbc_controller.records import Reference, frozen_mapping
+from wbc_controller.settings import PostureTask
+from wbc_controller.validation.fuzz.problems import room
+
+ROBOTS = ("g1", "talos", "go2")
+RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
+
+
+@pytest.fixture
+def keep_contacts(monkeypatch):
+    """No contact is given up, so that the relaxed problem counts."""
+    monkeypatch.setattr(whole_body_qp, "lost_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+
+
+def joint_forces(bench, q, forces, wrenches=None):
+    """The contacts' and known wrenches as Pinocchio's external forces: one per joint, in the joint's own axes."""
+    model = bench.model.pinocchio
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    total = [pin.Force.Zero() for _ in range(model.njoints)]
+    for name, force in forces.items():
+        contact = bench.settings.contacts[name]
+        frame = model.frames[model.getFrameId(contact.frame)]
+        offset = pin.SE3(np.eye(3), np.array(contact.translation))
+        if contact.type == "surface":
+            offset.rotation = pin.rpy.rpyToMatrix(np.array(contact.rpy))
+            total[frame.parentJoint] += (frame.placement * offset).act(pin.Force(force))
+        else:
+            lowest = data.oMf[model.getFrameId(contact.frame)].act(offset.translation) - [0.0, 0.0, contact.radius]
+            in_world = pin.SE3(np.eye(3), lowest).act(pin.Force(force, np.zeros(3)))
+            total[frame.parentJoint] += data.oMi[frame.parentJoint].actInv(in_world)
+    for name, wrench in (wrenches or {}).items():
+        index = model.getFrameId(name)
+        in_world = pin.SE3(np.eye(3), data.oMf[index].translation).act(pin.Force(wrench))
+        total[model.frames[index].parentJoint] += data.oMi[model.frames[index].parentJoint].actInv(in_world)
+    result = pin.StdVec_Force()
+    result.extend(total)
+    return result
+
+
+def imbalance(bench, state, solution, wrenches=None):
+    """M v̇ + h - Sᵀτ - Σ Jᵀf, (nv,), by recursive Newton-Euler."""
+    model = bench.model.pinocchio
+    external = joint_forces(bench, state.q, solution.forces, wrenches)
+    result = pin.rnea(model, model.createData(), state.q, state.v, solution.v_dot, external)
+    result[bench.model.v_index] -= solution.tau
+    return result
+
+
+def contact_acceleration(bench, state, solution, name):
+    """Acceleration of a contact by finite differences of its velocity along the motion, less what damping asks for."""
+    model, contact, dynamics = bench.model, bench.controller.contacts[name], bench.controller.dynamics
+    step, velocity = 1.0e-5, []
+    for sign in (-step, 0.0, step):
+        q = pin.integrate(model.pinocchio, state.q, sign * state.v + 0.5 * sign**2 * solution.v_dot)
+        dynamics.update(q, state.v + sign * solution.v_dot)
+        velocity.append(contact.jacobian(dynamics) @ dynamics.v)
+    return (velocity[2] - velocity[0]) / (2.0 * step) + contact.damping * velocity[1]
+
+
+def busy(bench, state, rng):
+    """References that ask every task for some acceleration."""
+    references = bench.references(state)
+    tasks = {
+        name: replace(task, acceleration=rng.normal(size=len(task.acceleration)))
+        for name, task in references.tasks.items()
+    }
+    return replace(references, tasks=tasks)
+
+
+@pytest.fixture(scope="module")
+def robots(bench):
+    return {name: bench(name) for name in ROBOTS}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_equations_of_motion_close_for_every_row(robots, robot):
+    bench, rng = robots[robot], np.random.default_rng(0)
+    for _ in range(30):
+        state = bench.near_stance(rng)
+        solution = bench.controller.solve(state, busy(bench, state, rng))
+        assert not solution.relaxed
+        assert np.abs(imbalance(bench, state, solution)).max() < 1.0e-8
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_contacts_do_not_accelerate_but_lose_the_velocity_they_have(robots, robot):
+    bench, rng = robots[robot], np.random.default_rng(1)
+    for _ in range(10):
+        state = bench.near_stance(rng)
+        solution = bench.controller.solve(state, busy(bench, state, rng))
+        for name in solution.forces:
+            assert np.abs(contact_acceleration(bench, state, solution, name)).max() < 1.0e-5
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_forces_stay_in_their_cones_and_torques_in_their_limits(robots, robot):
+    bench, rng = robots[robot], np.random.default_rng(2)
+    bound = 0
+    for _ in range(30):
+        state = bench.near_stance(rng, velocity=1.0)
+        references = busy(bench, state, rng)
+        com = references.tasks["com"]
+        shove = replace(com, acceleration=8.0 * rng.normal(size=3) * [1.0, 1.0, 0.2])
+        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": shove}))
+        assert (np.abs(solution.tau) <= bench.model.effort_limits + 1e-5).all()
+        for name, force in solution.forces.items():
+            contact = bench.settings.contacts[name]
+            assert np.hypot(force[0], force[1]) <= contact.friction * force[2] + 1e-5
+            assert -1e-6 <= force[2] <= contact.max_normal_force + 1e-5
+            if contact.type == "surface":  # the centre of pressure is inside the sole
+                assert abs(force[3]) <= contact.half_width * force[2] + 1e-5
+                assert abs(force[4]) <= contact.half_length * force[2] + 1e-5
+                assert (bench.controller.contacts[name].cone @ force <= 1e-5).all()
+        bound += any(name.startswith("cone:") for name in solution.binding)
+    assert bound >= 10
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, robot):
+    bench = robots[robot]
+    state, references = bench.state(), bench.references()
+    push = np.array([12.0, -6.0, 20.0, 1.0, -0.5, 0.3])
+    wrenches = {bench.model.base_link: push}
+    before = bench.controller.solve(state, references)
+    after = bench.controller.solve(state, replace(references, external_wrenches=wrenches))
+    assert np.abs(imbalance(bench, state, after, wrenches)).max() < 1.0e-8
+    # It stands, pushed or not: arms, with their small weight, yield to the regularization of the forces by 0.6 mrad.
+    assert np.abs(after.v_dot).max() < 0.05
+
+    def world(solution):
+        """Sum of the contact wrenches at the base's origin, in world axes."""
+        total = pin.Force.Zero()
+        data = bench.model.pinocchio.createData()
+        pin.forwardKinematics(bench.model.pinocchio, data, state.q)
+        for joint, force in enumerate(joint_forces(bench, state.q, solution.forces)):
+            total += data.oMi[joint].act(force)
+        return pin.SE3(np.eye(3), state.q[:3]).actInv(total).vector
+
+    weight = bench.model.mass * bench.model.gravity
+    np.testing.assert_allclose(world(before)[:3], [0.0, 0.0, weight], atol=1e-3 * weight)
+    # The centre of mass yields to the regularization of the forces too, by a micrometre per newton.
+    np.testing.assert_allclose(world(after) - world(before), -push, atol=1e-2 * np.linalg.norm(push))
+
+
+def test_wrenches_at_several_frames_add_up(robots):
+    bench, rng = robots["g1"], np.random.default_rng(3)
+    state = bench.near_stance(rng)
+    wrenches = {"pelvis": 5.0 * rng.normal(size=6), "left_rubber_hand": 3.0 * rng.normal(size=6)}
+    references = replace(bench.references(state), external_wrenches=wrenches)
+    solution = bench.controller.solve(state, references)
+    assert np.abs(imbalance(bench, state, solution, wrenches)).max() < 1.0e-8
+    assert np.abs(imbalance(bench, state, solution)).max() > 1.0
+
+
+@pytest.mark.parametrize(("robot", "broken"), [("g1", "left_foot"), ("go2", "rear_left_foot")])
+def test_a_contact_that_is_broken_bears_nothing(robots, robot, broken):
+    bench = robots[robot]
+    state, references = bench.state(), bench.references()
+    assert broken in bench.controller.solve(state, references).forces
+    solution = bench.controller.solve(state, replace(references, contacts={**references.contacts, broken: 0.0}))
+    assert set(solution.forces) == set(bench.controller.contacts) - {broken}
+    assert np.abs(imbalance(bench, state, solution)).max() < 1.0e-8
+
+
+def test_a_contact_about_to_break_bears_its_share_at_most(robots):
+    bench = robots["g1"]
+    references = bench.references()
+    for activation in (0.1, 0.01, 1.0e-4):
+        contacts = {**references.contacts, "left_foot": activation}
+        solution = bench.controller.solve(bench.state(), replace(references, contacts=contacts))
+        assert 0.0 <= solution.forces["left_foot"][2] <= activation * 1000.0 + 1e-5
+        assert "normal_force:left_foot:upper" in solution.binding
+
+
+def test_a_robot_in_the_air_falls(robots):
+    bench = robots["go2"]
+    references = replace(bench.references(), contacts={})
+    solution = bench.controller.solve(bench.state(), references)
+    assert not solution.forces
+    bench.controller.dynamics.update(bench.stance, np.zeros(bench.model.nv))
+    com = bench.controller.dynamics.com_jacobian @ solution.v_dot + bench.controller.dynamics.com_drift
+    np.testing.assert_allclose(com, [0.0, 0.0, -bench.model.gravity], atol=1e-6)
+
+
+def test_tasks_are_met_where_nothing_is_in_the_way(robots):
+    bench = robots["g1"]
+    references = bench.references()
+    wanted = np.array([0.1, -0.2, 0.3])
+    com = replace(references.tasks["com"], acceleration=wanted)
+    solution = bench.controller.solve(bench.state(), replace(references, tasks={**references.tasks, "com": com}))
+    dynamics = bench.controller.dynamics
+    np.testing.assert_allclose(dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift, wanted, atol=0.02)
+
+
+def test_the_more_a_task_weighs_the_better_it_is_met(robots):
+    bench = robots["g1"]
+    state = bench.state()
+    wanted, got = np.array([0.0, 0.0, 3.0]), []
+    for weight in (0.0, 0.1, 10.0, 1000.0):
+        references = bench.references(com=weight, posture=1.0)
+        com = replace(references.tasks["com"], acceleration=wanted)
+        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": com}))
+        dynamics = bench.controller.dynamics
+        got.append(np.linalg.norm(dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift - wanted))
+        assert ("com" in solution.task_errors) == (weight > 0.0)
+    assert got == sorted(got, reverse=True)
+    assert got[-1] < 1.0 < 2.0 < got[0]
+
+
+# Relaxation and failure ----------------------------------------------------------------------------------------------
+
+
+def outside(bench, joint, by):
+    """Standing, with one joint beyond its upper limit."""
+    i = bench.model.joints.index(joint)
+    q = np.array(bench.stance)
+    q[bench.model.q_index[i]] = bench.model.position_upper[i] + by
+    return bench.state(q)
+
+
+def joint_bounds(bench, state):
+    """Lower and upper bounds of the joint accelerations at a state, each (nj,)."""
+    q, v = state.q[bench.model.q_index], state.v[bench.model.v_index]
+    return bench.controller.formulation.motion_limit.bounds(q, v, bench.controller.formulation.period)
+
+
+def test_a_joint_that_cannot_brake_as_it_should_brakes_as_it_can(bench):
+    g1 = bench("g1", limits={"acceleration": 1.0e5, "velocity": False})
+    i, v = g1.model.joints.index("left_elbow_joint"), np.zeros(g1.model.nv)
+    v[g1.model.v_index[i]] = 15.0
+    state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)  # asks for 7500 rad/s² at least: the motor cannot
+    solution = g1.controller.solve(state, g1.references())
+    assert solution.relaxed == ("joint_motion",)
+    assert np.abs(imbalance(g1, state, solution)).max() < 1.0e-8
+    assert (np.abs(solution.tau) <= g1.model.effort_limits + 1e-5).all()
+    assert solution.tau[i] == pytest.approx(-g1.model.effort_limits[i], abs=1e-3)
+    v_dot, (lower, upper) = solution.v_dot[g1.model.v_index], joint_bounds(g1, state)
+    assert upper[i] < v_dot[i] < -100.0
+    assert solution.binding["motion:left_elbow_joint:upper"] > 1.0e5
+    # The others pull a little too: they miss their bounds by at most a twentieth of what the elbow does.
+    assert np.delete(np.maximum(lower - v_dot, v_dot - upper), i).max() < 0.05 * (v_dot - upper)[i]
+
+
+def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):
+    g1 = bench("g1", limits={"torque_rate": 1.0e-3})
+    before = np.array(g1.model.effort_limits)  # every motor at its limit: the feet would be torn off the floor
+    solution = g1.controller.solve(g1.state(), g1.references(), before)
+    assert solution.relaxed == ("torque_rate",)
+    v_dot, (lower, upper) = solution.v_dot[g1.model.v_index], joint_bounds(g1, g1.state())
+    assert (lower - 1e-5 <= v_dot).all()
+    assert (v_dot <= upper + 1e-5).all()
+    assert (np.abs(solution.tau) <= g1.model.effort_limits + 1e-5).all()
+    share = np.linalg.norm((solution.tau - before) / before)
+    free = g1.controller.solve(g1.state(), g1.references())
+    assert 0.1 < share < 0.9 * np.linalg.norm((free.tau - before) / before)
+
+
+@pytest.mark.usefixtures("keep_contacts")
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_only_what_has_to_be_relaxed_is(bench, robot):
+    """By linear programs: nothing where nothing has to give, and the torque rate alone where that is enough."""
+    bench, seen = bench(robot), set()
+    for seed in range(60):
+        state, references, before = bench.random_problem(seed)
+        solution = bench.controller.solve(state, references, before)
+        layout = bench.controller.formulation.build(state, references, before)
+        enough = room(layout.problem)
+        layout.torque_lower[:], layout.torque_upper[:] = bench.controller.formulation.effort_bounds(references)
+        without_rate = room(layout.problem)
+        if enough > 1e-6:
+            assert solution.relaxed == ()
+        elif without_rate > 1e-6:
+            assert solution.relaxed == ("torque_rate",)
+        elif without_rate < -1e-2:
+            assert "joint_motion" in solution.relaxed
+        seen.add(solution.relaxed)
+    assert {(), ("torque_rate",), ("joint_motion",), ("torque_rate", "joint_motion")} <= seen
+
+
+@pytest.mark.usefixtures("keep_contacts")
+def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pursued(bench):
+    """DAQP calls its soft program infeasible, which has a solution, with all weights as they are."""
+    talos = bench("talos").on_soles(half_length=0.1)
+    solution = talos.controller.solve(*talos.random_problem(3926))
+    assert solution.relaxed == ("torque_rate", "joint_motion")
+    assert max(solution.residuals.values()) < 1.0e-7  # DAQP's 1e-8 are of rows whose norm is 1
+
+
+def test_a_cycle_with_something_relaxed_leaves_no_trace(bench):
+    g1, fresh = bench("g1"), bench("g1")
+    before = g1.controller.solve(g1.state(), g1.references())
+    state, references, _ = g1.random_problem(next(k for k in range(0, 99, 4) if relaxed(fresh, k)))
+    first = g1.controller.solve(state, references)
+    assert first.relaxed
+    after = g1.controller.solve(g1.state(), g1.references())
+    assert not after.relaxed
+    np.testing.assert_allclose(after.tau, before.tau, atol=1e-6)
+    g1.controller.forget()
+    np.testing.assert_array_equal(g1.controller.solve(state, references).tau, first.tau)
+
+
+def relaxed(bench, seed):
+    return bench.controller.solve(*bench.random_problem(seed)).relaxed
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp", "quadprog"])
+def test_where_a_solver_fails_on_a_feasible_problem_another_one_solves_it_and_nothing_is_relaxed(
+    bench, monkeypatch, solver
+):
+    robot = bench("go2", solver={"name": solver})
+    other = bench("go2")
+    problems = [robot.random_problem(seed) for seed in range(0, 40, 4)]
+    expected = [other.controller.solve(*problem) for problem in problems]
+    (own,) = robot.controller._solvers.values()
+    monkeypatch.setattr(own, "solve", lambda problem: Answer(None, "cycling", 7))
+    binding = 0
+    for problem, best in zip(problems, expected, strict=True):
+        if not best.relaxed:
+            solution = robot.controller.solve(*problem)
+            assert solution.relaxed == ()
+            np.testing.assert_allclose(solution.tau, best.tau, atol=1e-4)
+            binding += any(name.startswith("motion:") for name in solution.binding)
+    assert binding > 3
+
+
+@pytest.mark.usefixtures("keep_contacts")
+def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench):
+    g1 = bench("g1")
+    solution = g1.controller.solve(*g1.random_problem(7686))  # joints that miss their bounds by 10^4 rad/s²
+    assert solution.relaxed == ("torque_rate", "joint_motion")
+    assert max(solution.residuals.values()) < 1e-5
+
+
+def rising(bench, speed):
+    """Talos, whose base rises with its feet on the ground, its left knee 0.05 rad before its limit: straight."""
+    talos = bench("talos")
+    model, q, v = talos.model, np.array(talos.stance), np.zeros(talos.model.nv)
+    knee = model.joints.index("leg_left_4_joint")
+    q[model.q_index[knee]] = model.position_lower[knee] + 0.05
+    v[model.v_index[knee]] = -speed
+    dynamics = Dynamics(model)
+    dynamics.update(q, v)
+    legs = {name: talos.controller.contacts[name].jacobian(dynamics) for name in ("left_foot", "right_foot")}
+    v[:6] -= np.linalg.solve(legs["left_foot"][:, :6], legs["left_foot"] @ v)
+    right = [model.v_index[model.joints.index(f"leg_right_{i}_joint")] for i in range(1, 7)]
+    v[right] -= np.linalg.solve(legs["right_foot"][:, right], legs["right_foot"] @ v)
+    return talos, talos.state(q, v), knee
+
+
+def test_a_contact_that_keeps_a_joint_from_stopping_at_its_limit_is_given_up(bench, monkeypatch):
+    talos, state, knee = rising(bench, 8.0)
+    solution = talos.controller.solve(state, talos.references())
+    assert "contact_motion" in solution.relaxed
+    assert "left_foot" not in solution.forces
+    acceleration = solution.v_dot[talos.model.v_index[knee]]
+    assert acceleration > talos.settings.limits.acceleration  # it brakes
+    assert max(solution.residuals.values()) < 1e-5
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+    held = talos.controller.solve(state, talos.references())
+    assert "left_foot" in held.forces
+    assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it goes on, faster
+
+
+@pytest.mark.parametrize("speed", [0.9, 1.1])
+def test_a_contact_that_moves_fast_is_given_up_where_something_has_to_be_relaxed(bench, speed):
+    g1 = bench("g1", limits={"acceleration": 1.0e5})
+    elbow, v = g1.model.joints.index("left_elbow_joint"), np.zeros(g1.model.nv)
+    v[0], v[g1.model.v_index[elbow]] = speed, 15.0  # both feet slide, and an elbow cannot brake
+    state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)
+    solution = g1.controller.solve(state, g1.references())
+    assert solution.relaxed == (("contact_motion", "joint_motion") if speed > 1.0 else ("joint_motion",))
+    assert set(solution.forces) == (set() if speed > 1.0 else {"left_foot", "right_foot"})
+    v[g1.model.v_index[elbow]] = 0.0
+    sliding = g1.controller.solve(g1.state(v=v), g1.references())
+    assert sliding.relaxed == ()
+    assert set(sliding.forces) == {"left_foot", "right_foot"}
+
+
+def test_a_joint_that_nearly_stops_costs_no_contact(bench):
+    talos, state, _ = rising(bench, 6.0)
+    solution = talos.controller.solve(state, talos.references())
+    assert "joint_motion" in solution.relaxed
+    assert set(solution.forces) == {"left_foot", "right_foot"}
+
+
+@pytest.mark.parametrize(("share", "feet"), [(0.6, {"left_foot", "right_foot"}), (0.4, {"right_foot"})])
+def test_a_contact_is_given_up_where_it_at_least_halves_what_the_joints_miss(bench, monkeypatch, share, feet):
+    talos, state, _ = rising(bench, 8.0)
+    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ("left_foot",))
+    monkeypatch.setattr(whole_body_qp, "stops_missed", lambda _, layout, __: share if len(layout.key) == 1 else 1.0)
+    assert set(talos.controller.solve(state, talos.references()).forces) == feet
+
+
+def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(bench, monkeypatch):
+    talos, state, _ = rising(bench, 8.0)
+    attempt, calls = talos.controller._attempt, []
+
+    def fails_at_last(layout, references):
+        calls.append(layout.key)
+        found = attempt(layout, references)
+        return found if len(calls) == 1 else Answer(None, found.status, found.iterations)
+
+    monkeypatch.setattr(talos.controller, "_attempt", fails_at_last)
+    solution = talos.controller.solve(state, talos.references())
+    assert calls[0] == ("left_foot", "right_foot")
+    assert "left_foot" not in calls[1]
+    assert len(calls) == 2
+    assert set(solution.forces) == {"left_foot", "right_foot"}
+    assert "contact_motion" not in solution.relaxed
+    assert max(solution.residuals.values()) < 1e-5
+
+
+@pytest.mark.usefixtures("keep_contacts")
+def test_bounds_that_do_not_change_come_back_after_a_cycle_in_which_they_were_relaxed(bench):
+    g1 = bench("g1", limits={"position": False, "velocity": False, "acceleration": 5.0})
+    first = g1.controller.formulation.build(g1.state(), g1.references()).problem
+    expected = np.array(first.bounds)
+    seed = next(seed for seed in range(0, 200, 4) if relaxed(g1, seed))
+    assert "joint_motion" in relaxed(g1, seed)
+    after = g1.controller.formulation.build(g1.state(), g1.references()).problem
+    np.testing.assert_array_equal(after.bounds, expected)
+
+
+def test_with_strict_priorities_the_same_is_relaxed(bench):
+    g1 = bench("g1")
+    tasks = {
+        name: task.model_copy(update={"level": 1 if name == "posture" else 0})
+        for name, task in g1.settings.tasks.items()
+    }
+    strict, count = g1.rebuilt(tasks), 0
+    for seed in range(0, 60, 2):
+        state, references, before = g1.random_problem(seed)
+        solution = strict.controller.solve(state, references, before)
+        plain = g1.controller.solve(state, references, before)
+        assert solution.relaxed == plain.relaxed
+        assert max(solution.residuals.values()) < 1e-5
+        assert len(solution.levels) == 2
+        count += bool(solution.relaxed)
+    assert count > 5
+
+
+def infeasible(bench, solver="daqp"):
+    """Feet that must press with more than the motors can give."""
+    g1 = bench("g1", solver={"name": solver})
+    for contact in g1.controller.contacts.values():
+        contact.min_normal_force = contact.max_normal_force = 20000.0
+    return g1
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp", "quadprog"])
+def test_where_nothing_satisfies_the_constraints_there_is_no_solution(bench, solver):
+    g1 = infeasible(bench, solver)
+    with pytest.raises(NoSolution, match=rf"left_foot, right_foot.*torque limits together \({solver}: ") as failure:
+        g1.controller.solve(g1.state(), g1.references())
+    problem = failure.value.problem
+    assert isinstance(problem, QuadraticProgram)
+    assert failure.value.status
+    # The evidence stands on its own: another solver finds no answer either.
+    assert make_solver("daqp", problem).solve(problem).x is None
+    # And the controller is not the worse for it.
+    for contact in g1.controller.contacts.values():
+        contact.min_normal_force, contact.max_normal_force = 0.0, 1000.0
+    solution = g1.controller.solve(g1.state(), g1.references())
+    assert not solution.relaxed
+    assert np.abs(solution.v_dot).max() < 0.1
+
+
+def test_the_evidence_of_a_failure_outlives_the_next_cycle(bench):
+    g1 = infeasible(bench)
+    with pytest.raises(NoSolution) as failure:
+        g1.controller.solve(g1.state(), g1.references())
+    evidence = np.array(failure.value.problem.x_lower)
+    for contact in g1.controller.contacts.values():
+        contact.min_normal_force = 0.0
+    g1.controller.solve(g1.state(), g1.references())
+    np.testing.assert_array_equal(failure.value.problem.x_lower, evidence)
+
+
+@pytest.mark.parametrize("where", ["reference", "wrench", "torques before"])
+def test_what_is_not_finite_is_refused_at_once(robots, where):
+    bench = robots["go2"]
+    references, before = bench.references(), None
+    bad = np.array([np.nan, 0.0, 0.0])
+    if where == "reference":
+        com = replace(references.tasks["com"], position=bad)
+        references = replace(references, tasks={**references.tasks, "com": com})
+    elif where == "wrench":
+        references = replace(references, external_wrenches={"base": np.concatenate([bad, bad])})
+    else:
+        before = np.full(bench.model.na, np.nan)
+    with pytest.raises(NoSolution, match="not finite"):
+        bench.controller.solve(bench.state(), references, before)
+    assert bench.controller.solve(bench.state(), bench.references()).relaxed == ()
+
+
+# What a solution says ------------------------------------------------------------------------------------------------
+
+
+def test_residuals_have_these_names_and_are_what_is_left(robots):
+    bench, rng = robots["talos"], np.random.default_rng(4)
+    state = bench.near_stance(rng)
+    solution = bench.controller.solve(state, busy(bench, state, rng))
+    assert set(solution.residuals) == RESIDUALS
+    assert max(solution.residuals.values()) < 1.0e-8
+    assert set(solution.task_errors) == {name for name, task in bench.settings.tasks.items() if task.enabled}
+    assert set(solution.stage_seconds) == {"build", "solve", "unpack"}
+    assert solution.iterations > 0
+
+
+def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
+    g1 = bench("g1")
+    state, references = g1.state(), g1.references()
+    layout = g1.controller.formulation.build(state, references)
+    x = np.array(make_solver("daqp", layout.problem).solve(layout.problem).x)
+    x[0] += 1.0e-4  # the base accelerates, and nothing carries it
+    multipliers = np.zeros(len(x) + len(layout.problem.upper))
+    answer = Answer(x, "made", 0, multipliers, layout.problem.residuals(x))
+    found = unpack(g1.controller.formulation, layout, answer, references)
+    assert found.residuals["equations_of_motion"] == pytest.approx(1.0e-4 * g1.model.mass, rel=0.01)
+    assert found.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
+
+
+def test_an_answer_without_residuals_is_no_solution(bench):
+    g1 = bench("g1")
+    layout = g1.controller.formulation.build(g1.state(), g1.references())
+    with pytest.raises(ValueError, match="'infeasible' has no residuals"):
+        unpack(g1.controller.formulation, layout, Answer(None, "infeasible", 3), g1.references())
+
+
+def test_task_errors_are_distances(robots):
+    bench = robots["g1"]
+    references = bench.references()
+    com = replace(references.tasks["com"], position=references.tasks["com"].position + np.array([0.03, 0.0, 0.04]))
+    solution = bench.controller.solve(bench.state(), replace(references, tasks={**references.tasks, "com": com}))
+    assert solution.task_errors["com"] == pytest.approx(0.05)
+    assert solution.task_errors["posture"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
+    bench, rng = robots["g1"], np.random.default_rng(5)
+    seen = set()
+    for _ in range(20):
+        state = bench.near_stance(rng, velocity=3.0)
+        references = bench.references(posture=5.0)
+        kick = replace(references.tasks["posture"], acceleration=300.0 * rng.normal(size=bench.model.na))
+        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "posture": kick}))
+        limits = bench.model.effort_limits
+        torques = {
+            f"torque:{name}:{side}"
+            for sign, side in ((1.0, "upper"), (-1.0, "lower"))
+            for name, tau, limit in zip(bench.model.joints, solution.tau, limits, strict=True)
+            if sign * tau >= limit - 1e-4
+        }
+        cones = {
+            f"cone:{name}"
+            for name, force in solution.forces.items()
+            if (bench.controller.contacts[name].cone @ force).max() >= -1e-4
+        }
+        named = set(solution.binding)
+        assert len(named) == len(solution.binding)
+        if not solution.relaxed:
+            assert {name for name in named if name.startswith("torque:")} == torques
+            assert {name for name in named if name.startswith("cone:")} == cones
+        seen |= {name.split(":")[0] for name in named}
+    assert {"torque", "cone"} <= seen
+
+
+@pytest.mark.parametrize("kind", ["torque", "motion", "normal_force", "cone"])
+def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
+    """By finite differences: give one bound a little, solve again, and see by how much the cost falls."""
+    g1 = bench("g1", limits={"velocity": False})  # it would bind before the torque does
+    formulation, elbow = g1.controller.formulation, g1.model.joints.index("left_elbow_joint")
+    references = g1.references(posture=5.0)
+    wish = np.zeros(g1.model.na)
+    wish[elbow] = {"torque": 2000.0, "motion": 150.0}.get(kind, 0.0)
+    posture = replace(references.tasks["posture"], acceleration=wish)
+    com = replace(references.tasks["com"], acceleration=np.array([9.0 if kind == "cone" else 0.0, 0.0, 2.0]))
+    references = replace(references, tasks={**references.tasks, "posture": posture, "com": com})
+    if kind == "motion":
+        formulation.motion_limit.acceleration = 100.0
+    if kind == "torque":
+        formulation.motion_limit.acceleration = 1.0e4
+    if kind == "normal_force":
+        g1.controller.contacts["left_foot"].max_normal_force = 150.0
+    solution = g1.controller.solve(g1.state(), references)
+    costs = {name: cost for name, cost in solution.binding.items() if name.startswith(f"{kind}:")}
+    name = max(costs, key=costs.get)
+    assert costs[name] > 1e-6
+
+    layout = formulation.build(g1.state(), references)
+    problem, given = layout.problem.copy(), 1e-3
+    owner = name.split(":")[1]
+    if kind == "torque":
+        problem.upper[layout.torque.start + g1.model.joints.index(owner)] += given
+    elif kind == "motion":
+        problem.x_upper[layout.joints[g1.model.joints.index(owner)]] += given
+    elif kind == "normal_force":
+        problem.x_upper[layout.places[layout.key.index(owner)].columns] += given / FORCE_UNIT
+    else:
+        problem.upper[layout.places[layout.key.index(owner)].cone] += given / FORCE_UNIT
+    solve = make_solver("daqp", problem).solve
+    before, after = (p.cost.value(solve(p).x) for p in (layout.problem, problem))
+    assert (before - after) / given == pytest.approx(costs[name], rel=1e-3)
+
+
+def test_a_robot_that_stands_has_nothing_binding(robots):
+    for bench in robots.values():
+        assert bench.controller.solve(bench.state(), bench.references()).binding == {}
+
+
+def test_a_solution_cannot_be_changed(robots):
+    solution = robots["go2"].controller.solve(robots["go2"].state(), robots["go2"].references())
+    for array in (solution.v_dot, solution.tau, *solution.forces.values()):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    for mapping in (solution.forces, solution.residuals, solution.task_errors, solution.stage_seconds):
+        with pytest.raises(TypeError):
+            mapping["x"] = 1.0
+    with pytest.raises(AttributeError):
+        solution.tau = None
+
+
+def test_a_solution_outlives_the_next_one(robots):
+    bench, rng = robots["go2"], np.random.default_rng(6)
+    first = bench.controller.solve(bench.state(), bench.references())
+    kept = [np.array(array) for array in (first.v_dot, first.tau, *first.forces.values())]
+    state = bench.near_stance(rng)
+    bench.controller.solve(state, busy(bench, state, rng))
+    for array, copy in zip((first.v_dot, first.tau, *first.forces.values()), kept, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def said(solution):
+    """Everything that a solution says in mappings, and of its levels."""
+    names = ("forces", "residuals", "task_errors", "binding", "external_wrenches")
+    found = {name: {key: np.array(value) for key, value in getattr(solution, name).items()} for name in names}
+    return found | {"levels": {level.tasks: np.array([level.cost, level.iterations]) for level in solution.levels}}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, robot):
+    late, at_once, rng = bench(robot), bench(robot), np.random.default_rng(11)
+    solutions, expected, bound = [], [], 0
+    for count, scale in enumerate((1.0, 300.0, 1.0, 200.0, 50.0)):
+        state = late.near_stance(rng)
+        references = busy(late, state, rng)
+        kick = replace(references.tasks["posture"], acceleration=scale * rng.normal(size=late.model.na))
+        references = replace(
+            references,
+            tasks={**references.tasks, "posture": kick},
+            weights={**references.weights, "posture": rng.uniform(1.0, 5.0), "com": float(count % 2)},
+            external_wrenches={late.model.base_link: 10.0 * rng.normal(size=6)},
+        )
+        solutions.append(late.controller.solve(state, references))
+        expected.append(said(at_once.controller.solve(state, references)))
+        bound += len(expected[-1]["binding"])
+    layout = late.controller.formulation.layout(tuple(late.controller.contacts))
+    layout.relabel(layout.torque, ["renamed"] * late.model.na)  # as those of self-collision are, in every cycle
+    for solution, then in zip(solutions, expected, strict=True):
+        now = said(solution)
+        for name, values in then.items():
+            assert list(now[name]) == list(values)
+            for key, value in values.items():
+                np.testing.assert_array_equal(now[name][key], value, err_msg=f"{name}/{key}")
+    assert bound > 0
+
+
+# Building is apart from solving --------------------------------------------------------------------------------------
+
+
+def arrays(problem):
+    return {name: np.array(getattr(problem, name)) for name in ("H", "g", "A", "b", "C", "bounds")}
+
+
+def test_a_snapshot_keeps_all_of_its_cycle(bench):
+    """What is infeasible is explained later."""
+    g1, rng = bench("g1"), np.random.default_rng(4)
+    layout = g1.controller.formulation.build(g1.near_stance(rng), g1.references())
+    kept, torque_bias = layout.snapshot(), np.array(layout.torque_bias)
+    problem = arrays(kept.problem)
+    g1.controller.formulation.build(g1.near_stance(rng), g1.references())
+    assert (layout.torque_bias != torque_bias).any()
+    np.testing.assert_array_equal(kept.torque_bias, torque_bias)
+    np.testing.assert_array_equal(kept.problem.offset, torque_bias)
+    for name, array in arrays(kept.problem).items():
+        np.testing.assert_array_equal(array, problem[name])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robot):
+    used, rng = bench(robot), np.random.default_rng(7)
+    state, other = used.near_stance(rng), used.near_stance(rng)
+    references, tau = busy(used, state, rng), used.model.effort_limits * 0.1
+    first = arrays(used.controller.formulation.build(state, references, tau).problem)
+    last = next(reversed(used.controller.contacts))
+    fewer = replace(busy(used, other, rng), external_wrenches={used.model.base_link: np.ones(6)})
+    used.controller.solve(other, fewer)
+    used.controller.solve(other, replace(fewer, contacts={**fewer.contacts, last: 0.0}))
+    heavier = replace(references, weights={name: 2.0 * weight for name, weight in references.weights.items()})
+    expected = arrays(bench(robot).controller.formulation.build(state, heavier, tau).problem)
+    for name, values in arrays(used.controller.formulation.build(state, heavier, tau).problem).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+    for again in (used, bench(robot)):  # the same controller, and a fresh one
+        for name, values in arrays(again.controller.formulation.build(state, references, tau).problem).items():
+            np.testing.assert_array_equal(values, first[name], err_msg=name)
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_feet_share_a_load_by_pressing_unequally_before_their_centres_of_pressure_reach_the_edge(robots, robot):
+    bench = robots[robot]
+    state = bench.state()
+    references = bench.references(state)
+    com = replace(references.tasks["com"], acceleration=np.array([0.0, 0.4, 0.0]))
+    solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": com}))
+    left, right = (solution.forces[f"{side}_foot"] for side in ("left", "right"))
+    halves = [bench.settings.contacts[f"{side}_foot"].half_width for side in ("left", "right")]
+    assert right[2] - left[2] > 0.2 * (left[2] + right[2])
+    for (_, _, pressing, moment, _, _), half in zip((left, right), halves, strict=True):
+        assert abs(moment) < 0.4 * half * pressing
+
+
+def test_a_built_problem_can_be_solved_by_hand(robots):
+    bench, rng = robots["g1"], np.random.default_rng(8)
+    state = bench.near_stance(rng)
+    references = busy(bench, state, rng)
+    layout = bench.controller.formulation.build(state, references)
+    x = np.array(make_solver("quadprog", layout.problem).solve(layout.problem).x)
+    solution = bench.controller.solve(state, references)
+    np.testing.assert_allclose(x[: bench.model.nv], solution.v_dot, atol=1e-5)
+    for place, force in zip(layout.places, solution.forces.values(), strict=True):
+        np.testing.assert_allclose(FORCE_UNIT * x[place.columns], force, atol=1e-3)
+
+
+@pytest.mark.parametrize("overlapping", [False, True])
+def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, overlapping):
+    """Also where two tasks ask something of the same joint, and one of them of no other."""
+    bench, rng = robots["go2"], np.random.default_rng(9)
+    if overlapping:
+        joints = bench.model.joints
+        more = {
+            "two": PostureTask(type="posture", joints=(joints[4], joints[1]), weight=3.0),
+            "one": PostureTask(type="posture", joints=(joints[1],), weight=0.2),
+        }
+        bench = bench.rebuilt(dict(bench.settings.tasks) | more)
+    state = bench.near_stance(rng)
+    references = busy(bench, state, rng)
+    nv, solver = bench.model.nv, bench.settings.solver
+
+    def cost(x):
+        # ε_a (‖q̈‖² + ‖ḣ_G / m‖²): the rate of the centroidal momentum by Newton-Euler, turning parts over 0.1 m.
+        model = bench.model.pinocchio
+        rate = pin.computeCentroidalMomentumTimeVariation(model, model.createData(), state.q, state.v, x[:nv]).vector
+        rate = rate / bench.model.mass * [1.0, 1.0, 1.0, 10.0, 10.0, 10.0]
+        total = 0.5 * solver.regularization_acceleration * (x[6:nv] @ x[6:nv] + rate @ rate)
+        W = np.concatenate([contact.metric for contact in bench.controller.contacts.values()])
+        total += 0.5 * solver.regularization_force * FORCE_UNIT**2 * x[nv:] @ (W * x[nv:])
+        for name, task in bench.controller.tasks.items():
+            J, right, _ = task.equation(bench.controller.dynamics, references.tasks[name])
+            total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)
+        return total
+
+    solution = bench.controller.solve(state, references)
+    (level,) = solution.levels
+    forces = np.concatenate(list(solution.forces.values())) / FORCE_UNIT
+    assert level.cost == pytest.approx(cost(np.concatenate([solution.v_dot, forces])), rel=1e-9)
+    problem = bench.controller.formulation.build(state, references).problem
+    for _ in range(5):
+        x = rng.normal(size=problem.n)
+        assert problem.cost.value(x) == pytest.approx(cost(x), rel=1e-9)
+
+
+def test_weights_and_activations_that_change_are_noticed_in_whatever_mapping(robots):
+    g1 = robots["g1"]
+    state, references, before = g1.random_problem(3)
+    weights, contacts = dict(references.weights), dict(references.contacts)
+    own = replace(references, weights=weights, contacts=contacts)  # which their owner may change
+    task, contact = next(iter(weights)), next(iter(contacts))
+
+    def answers():
+        fixed = replace(references, weights=frozen_mapping(weights), contacts=frozen_mapping(contacts))
+        return [g1.controller.solve(state, each, before).v_dot for each in (own, fixed, fixed, own)]
+
+    seen = [answers()]
+    weights[task] *= 100.0
+    seen.append(answers())
+    contacts[contact] = 0.0
+    seen.append(answers())
+    for of_one in seen:
+        for v_dot in of_one[1:]:
+            np.testing.assert_allclose(v_dot, of_one[0], rtol=0, atol=1e-9)
+    assert np.abs(seen[0][0] - seen[1][0]).max() > 1e-3
+    assert np.abs(seen[1][0] - seen[2][0]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("more", "sizes"),
+    [
+        ((1, -1, 0), "4 positions, 2 velocities and 3 accelerations"),
+        ((1, 0, 0), "4 positions, 3 velocities and 3 accelerations"),
+        ((0, 1, 0), "3 positions, 4 velocities and 3 accelerations"),
+        ((0, 0, 1), "3 positions, 3 velocities and 4 accelerations"),
+    ],
+)
+def test_a_reference_of_another_size_is_refused_though_all_of_it_may_be_as_long(robots, more, sizes):
+    g1 = robots["g1"]
+    state, references, before = g1.random_problem(3)
+    g1.controller.solve(state, references, before)
+    com = references.tasks["com"]
+    arrays = (com.position, com.velocity, com.acceleration)
+    shifted = Reference(*(np.resize(array, 3 + count) for array, count in zip(arrays, more, strict=True)))
+    with pytest.raises(ValueError, match=f"'com' has {sizes}; expected 3, 3 and 3"):
+        g1.controller.solve(state, replace(references, tasks={**references.tasks, "com": shifted}), before)
+
+
+def test_a_reference_that_its_owner_writes_is_read_in_every_cycle(robots):
+    g1 = robots["g1"]
+    state, references, before = g1.random_problem(3)
+    position = references.tasks["com"].position.copy()
+    written = replace(references.tasks["com"], position=position)
+    given = replace(references, tasks={**references.tasks, "com": written})
+    for _ in range(3):
+        still = g1.controller.solve(state, given, before)
+    position += 0.01
+    moved = g1.controller.solve(state, given, before)
+    assert np.abs(moved.v_dot - still.v_dot).max() > 1e-3

@@ -1,0 +1,64 @@
+"""Messages to bytes and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+def joint_state():
+    return message(
+        JOINT_STATE,
+        header=header(1_500_000_001, "base"),
+        name=["hip", "knee", "ünïcode"],
+        position=np.array([1.0, -2.0, np.nan]),
+        velocity=np.array([0.25, 0.5, np.inf]),
+        effort=np.array([]),
+    )
+
+
+def test_round_trip():
+    sent = joint_state()
+    received = decode(encode(sent), JOINT_STATE)
+    assert received.name == sent.name
+    assert received.header == sent.header
+    for field in ("position", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(received, field), getattr(sent, field))
+    assert encode(received) == encode(sent)
+
+
+def test_bytes_are_little_endian_cdr():
+    assert encode(message("std_msgs/msg/String", data="ab")) == b"\x00\x01\x00\x00\x03\x00\x00\x00ab\x00"
+
+
+def test_big_endian_bytes_are_read():
+    assert decode(b"\x00\x00\x00\x00\x3f\xf0" + bytes(6), "std_msgs/msg/Float64").data == 1.0
+
+
+@pytest.mark.parametrize("length", range(len(encode(joint_state()))))
+def test_truncated_bytes_are_refused(length):
+    with pytest.raises(InputRefused, match=f"^{length} bytes are not a sensor_msgs/msg/JointState"):
+        decode(encode(joint_state())[:length], JOINT_STATE)
+
+
+def test_bytes_of_another_type_are_refused():
+    with pytest.raises(InputRefused, match="nav_msgs/msg/Odometry"):
+        decode(encode(message("std_msgs/msg/String", data="a string")), "nav_msgs/msg/Odometry")
+
+
+def test_length_that_no_message_can_have_is_refused():
+    with pytest.raises(InputRefused):
+        decode(b"\x00\x01\x00\x00\xff\xff\xff\xff", "std_msgs/msg/String")
+
+
+def test_padding_of_the_middleware_is_no_fault():
+    assert decode(encode(message("std_msgs/msg/Bool", data=True)) + b"\0\0\0", "std_msgs/msg/Bool").data
+
+
+def test_time_keeps_its_nanoseconds():
+    assert nanoseconds(stamp(1_763_705_622_123_456_789)) == 1_763_705_622_123_456_789

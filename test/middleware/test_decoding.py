@@ -1,0 +1,532 @@
+"""Messages to meanings: every conversion, and every refusal in words."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.references.changes import (
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.decoding import READERS, Vocabulary, read_odometry
+from wbc_controller.middleware.joint_order import JointOrder
+
+JOINTS = ("hip", "knee", "ankle")
+WORDS = Vocabulary(
+    kinds={
+        "com": "com",
+        "hand": "frame_pose",
+        "elbow": "frame_position",
+        "torso": "frame_orientation",
+        "posture": "posture",
+        "wrist": "relative_pose",
+        "thumb": "axis_alignment",
+        "visor": "gaze",
+        "sway": "linear_momentum",
+        "spin": "angular_momentum",
+        "steady": "capture_point",
+    },
+    joints={"posture": JOINTS},
+    contacts=("left_foot", "right_foot"),
+    frames=("pelvis",),
+    robot_frames=("pelvis", "torso_link"),
+    reference_frames={"wrist": "right_hand"},
+)
+HALF = np.sqrt(0.5)
+NAN, INF = float("nan"), float("inf")
+
+
+def refused(said):
+    return pytest.raises(InputRefused, match=re.escape(said))
+
+
+def read(key, subject, content):
+    """As it comes from the wire."""
+    return READERS[key](WORDS, subject, decode(encode(content), content.__msgtype__))
+
+
+class TestJointStates:
+    def order(self):
+        return JointOrder(JOINTS)
+
+    def test_values_are_matched_by_name_and_others_are_ignored(self, make):
+        q, v = self.order().read(make.joint_state(["ankle", "x", "hip", "knee"], [3, NAN, 1, 2], [30, NAN, 10, 20]))
+        np.testing.assert_array_equal(q, [1, 2, 3])
+        np.testing.assert_array_equal(v, [10, 20, 30])
+
+    def test_the_order_may_change_from_message_to_message(self, make):
+        order = self.order()
+        order.read(make.joint_state(JOINTS, [1, 2, 3], [1, 2, 3]))
+        q, _ = order.read(make.joint_state(JOINTS[::-1], [3, 2, 1], [3, 2, 1]))
+        np.testing.assert_array_equal(q, [1, 2, 3])
+
+    @pytest.mark.parametrize("bad", [NAN, INF, -INF])
+    @pytest.mark.parametrize(("what", "unit"), [("position", "rad"), ("velocity", "rad/s")])
+    def test_a_value_that_is_not_finite_is_named(self, make, bad, what, unit):
+        arrays = {"position": [0.0, 0.0, 0.0], "velocity": [0.0, 0.0, 0.0]}
+        arrays[what][1] = bad
+        with refused(f"{what} of 'knee' is {bad} {unit}; every value must be finite"):
+            self.order().read(make.joint_state(JOINTS, **arrays))
+
+    def test_missing_joints_are_named_and_strange_names_too(self, make):
+        with refused(
+            "2 of 3 joints are missing: knee, ankle; names that are none of the controller's joints: nee, ancle"
+        ):
+            self.order().read(make.joint_state(["hip", "nee", "ancle"], [0] * 3, [0] * 3))
+        with refused("1 of 3 joints are missing: ankle"):
+            self.order().read(make.joint_state(["hip", "knee"], [0] * 2, [0] * 2))
+        with refused("3 of 3 joints are missing: hip, knee, ankle"):
+            self.order().read(make.joint_state([], []))
+
+    def test_a_joint_that_stands_twice_is_named(self, make):
+        with refused("joint 'knee' stands more than once"):
+            self.order().read(make.joint_state(["hip", "knee", "ankle", "knee"], [0] * 4, [0] * 4))
+
+    @pytest.mark.parametrize(
+        ("position", "velocity", "said"),
+        [
+            ([0, 0], [0, 0, 0], "position has 2 values for 3 names"),
+            ([0] * 4, [0, 0, 0], "position has 4 values for 3 names"),
+            ([], [0, 0, 0], "position has 0 values for 3 names"),
+            ([0, 0, 0], [], "velocity has 0 values for 3 names"),
+        ],
+    )
+    def test_arrays_of_a_wrong_size(self, make, position, velocity, said):
+        with refused(said):
+            self.order().read(make.joint_state(JOINTS, position, velocity))
+
+    def test_a_refused_message_changes_nothing_for_the_next(self, make):
+        order = self.order()
+        good = make.joint_state(JOINTS[::-1], [3, 2, 1], [0, 0, 0])
+        order.read(good)
+        with pytest.raises(InputRefused):
+            order.read(make.joint_state(["hip"], [0], [0]))
+        np.testing.assert_array_equal(order.read(good)[0], [1, 2, 3])
+
+
+class TestOdometry:
+    def test_pose_and_twist(self, make):
+        q, v = read_odometry(make.odom([1, 2, 3, 0, 0, HALF, HALF], [4, 5, 6, 7, 8, 9], "pelvis"), "pelvis")
+        np.testing.assert_allclose(q, [1, 2, 3, 0, 0, HALF, HALF])
+        np.testing.assert_array_equal(v, [4, 5, 6, 7, 8, 9])
+
+    def test_a_quaternion_that_is_nearly_one_is_made_one(self, make):
+        q, _ = read_odometry(make.odom([0, 0, 0, 0, 0, 0, 1.009]), "pelvis")
+        np.testing.assert_array_equal(q[3:], [0, 0, 0, 1])
+
+    def test_another_child_frame_is_refused(self, make):
+        with refused("child_frame_id is 'torso'; the robot's base link is 'pelvis'"):
+            read_odometry(make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"), "pelvis")
+
+    @pytest.mark.parametrize(("quaternion", "norm"), [((0, 0, 0, 0), "0"), ((0, 0, 0, 2), "2"), ((1, 1, 0, 0), "1.41")])
+    def test_a_quaternion_that_is_none_is_refused(self, make, quaternion, norm):
+        with refused(f"is not a unit quaternion (norm {norm})"):
+            read_odometry(make.odom([0, 0, 0, *quaternion]), "pelvis")
+
+    @pytest.mark.parametrize("bad", [NAN, INF])
+    @pytest.mark.parametrize("place", range(13))
+    def test_a_value_that_is_not_finite_is_refused(self, make, bad, place):
+        values = np.array([0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], dtype=float)
+        values[place] = bad
+        with pytest.raises(InputRefused, match=rf"the (pose|orientation|twist) holds .* not finite: .*{bad}"):
+            read_odometry(make.odom(values[:7], values[7:]), "pelvis")
+
+
+class TestSetpoints:
+    def one(self, key, subject, content):
+        (change,) = read(key, subject, content)
+        return change
+
+    def test_a_point(self, make):
+        for task in ("com", "elbow", "visor"):
+            change = self.one("setpoint", task, make.point([1, 2, 3]))
+            assert isinstance(change, SetSetpoint)
+            assert change.task == task
+            np.testing.assert_array_equal(change.position, [1, 2, 3])
+
+    def test_a_pose(self, make):
+        change = self.one("setpoint", "hand", make.pose([1, 2, 3], [0, 0, HALF, HALF]))
+        np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
+
+    def test_an_orientation_takes_nothing_else_of_the_pose(self, make):
+        change = self.one("setpoint", "torso", make.pose([NAN, 2, 3], [0, 0, HALF, HALF]))
+        np.testing.assert_allclose(change.position, [0, 0, HALF, HALF])
+
+    def test_joints_by_name(self, make):
+        change = self.one("setpoint", "posture", make.joint_state(["ankle", "hip", "knee"], [3, 1, 2]))
+        np.testing.assert_array_equal(change.position, [1, 2, 3])
+
+    @pytest.mark.parametrize("frame", ["", "world", "odom", "map"])
+    def test_frames_of_the_world(self, make, frame):
+        read("setpoint", "com", make.point([1, 2, 3], frame))
+
+    def test_another_frame_is_refused_with_the_valid_ones(self, make):
+        own = "from its own reference (hand/reference, hand/heading) or in a frame of the robot"
+        for key, subject, content, said in (
+            (
+                "setpoint",
+                "hand",
+                make.pose([1, 2, 3], frame="palvis"),
+                f"frame_id is 'palvis'; setpoints of task 'hand' are given in the world (world, odom, map) or {own}; "
+                "did you mean 'pelvis'?",
+            ),
+            ("setpoint", "hand", make.pose([1, 2, 3], frame="com/reference"), "frame_id is 'com/reference'; setpoints"),
+            (
+                "setpoint",
+                "sway",
+                make.vector([1, 2, 3], "pelvis"),
+                "given in the world (world, odom, map) or from its own reference (sway/reference, sway/heading)",
+            ),
+            (
+                "external_wrench",
+                "pelvis",
+                make.wrench([1] * 6, "pelvis"),
+                "frame_id is 'pelvis'; an external wrench is given in the world: world, odom, map",
+            ),
+            (
+                "trajectory",
+                "com",
+                make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])], "com/reference"),
+                "frame_id is 'com/reference'; a trajectory is given in the world: world, odom, map",
+            ),
+        ):
+            with refused(said):
+                read(key, subject, content)
+
+    @pytest.mark.parametrize("frame", ["com/reference", "com/heading", "pelvis"])
+    def test_a_setpoint_may_be_given_in_another_frame(self, make, frame):
+        for change in (
+            self.one("setpoint", "com", make.point([1, 2, 3], frame)),
+            self.one("update", "", make.string(f"{{tasks: {{com: {{setpoint: [1, 2, 3], frame: {frame}}}}}}}")),
+        ):
+            assert change.frame == frame
+            np.testing.assert_array_equal(change.position, [1, 2, 3])
+
+    def test_of_joints_that_are_displaced_only_some_need_names(self, make):
+        content = make.joint_state(["knee"], [0.5])
+        content.header.frame_id = "posture/reference"
+        change = self.one("setpoint", "posture", content)
+        assert change.frame == "posture/reference"
+        np.testing.assert_array_equal(change.position, [0.0, 0.5, 0.0])
+        content.header.frame_id = "posture/refrence"
+        with refused("are given in the world (world, odom, map) or from its own reference (posture/reference)"):
+            read("setpoint", "posture", content)
+
+    @pytest.mark.parametrize(
+        ("fields", "said"),
+        [
+            ("frame: com/reference", "tasks.com.frame stands without a setpoint"),
+            ("setpoint: [1, 2, 3], frame: 7", "tasks.com.frame is the name of a frame, not 7"),
+            ("setpoint: [1, 2, 3], frame: hand/reference", "tasks.com.frame is 'hand/reference'; setpoints of task"),
+        ],
+    )
+    def test_an_update_with_a_frame_that_is_none(self, make, fields, said):
+        with refused(said):
+            read("update", "", make.string(f"{{tasks: {{com: {{{fields}}}, posture: {{weight: 1.0}}}}}}"))
+
+    def test_a_momentum(self, make):
+        for task in ("sway", "spin"):
+            np.testing.assert_array_equal(self.one("setpoint", task, make.vector([1, 0, -3])).position, [1, 0, -3])
+
+    def test_of_a_capture_point_only_x_and_y_are_read(self, make):
+        for change in (
+            self.one("setpoint", "steady", make.point([1, 2, NAN])),
+            self.one("update", "", make.string("{tasks: {steady: {setpoint: [1, 2]}}}")),
+        ):
+            np.testing.assert_array_equal(change.position, [1, 2])
+
+    def test_a_direction_has_the_length_one(self, make):
+        for change in (
+            self.one("setpoint", "thumb", make.vector([0, 3, 4])),
+            self.one("update", "", make.string("{tasks: {thumb: {setpoint: [0, 3, 4]}}}")),
+            *self.one("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 3, 4, 0, 0, 0, 1]])])).points,
+        ):
+            np.testing.assert_allclose(change.position, [0, 0.6, 0.8])
+
+    def test_a_direction_without_length_is_refused(self, make):
+        with refused("the vector [0, 0, 0] has no direction (length 0)"):
+            read("setpoint", "thumb", make.vector([0, 0, 0]))
+        with refused("the position [0, 0, 0] has no direction"):
+            read("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])]))
+        with refused("tasks.thumb.setpoint [0, 0, 0] has no direction"):
+            read("update", "", make.string("{tasks: {thumb: {setpoint: [0, 0, 0]}}}"))
+
+    def test_a_relative_pose_is_given_in_its_reference_frame(self, make):
+        change = self.one("setpoint", "wrist", make.pose([1, 2, 3], [0, 0, HALF, HALF], "right_hand"))
+        np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
+        self.one("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], "right_hand"))
+        for frame in ("", "world", "left_hand"):
+            own = "in its reference frame 'right_hand' or from its own reference (wrist/reference)"
+            with refused(f"frame_id is {frame!r}; setpoints of task 'wrist' are given {own}"):
+                read("setpoint", "wrist", make.pose([1, 2, 3], frame=frame))
+            said = f"frame_id is {frame!r}; a trajectory of task 'wrist' is given in its reference frame 'right_hand'"
+            with refused(said):
+                read("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], frame))
+
+    @pytest.mark.parametrize(
+        ("names", "values", "said"),
+        [
+            (["hip", "knee", "ancle"], [0, 0, 0], "'ancle' is not a joint of this task; did you mean 'ankle'? Valid:"),
+            (["hip", "knee"], [0, 0], "position: 1 joints are missing: ankle"),
+            (["hip", "knee", "ankle"], [0, 0], "position has 2 values for 3 names"),
+            (["hip", "knee", "ankle"], [], "position has 0 values for 3 names"),
+            (["hip", "knee", "ankle", "hip"], [0] * 4, "joint 'hip' stands more than once"),
+            (["hip", "knee", "ankle"], [0, NAN, 0], "position holds a value that is not finite: [0, nan, 0]"),
+        ],
+    )
+    def test_joint_setpoints_that_are_refused(self, make, names, values, said):
+        with refused(said):
+            read("setpoint", "posture", make.joint_state(names, values))
+
+    def test_values_that_are_refused(self, make):
+        with refused("the point holds a value that is not finite: [1, nan, 3]"):
+            read("setpoint", "com", make.point([1, NAN, 3]))
+        with refused("[0, 0, 0, 0.9] is not a unit quaternion (norm 0.9)"):
+            read("setpoint", "hand", make.pose([1, 2, 3], [0, 0, 0, 0.9]))
+        with refused("the position holds a value that is not finite"):
+            read("setpoint", "hand", make.pose([1, INF, 3]))
+
+
+class TestSwitchesAndWeights:
+    def test_what_they_mean(self, make):
+        assert read("weight", "com", make.float64(2.5)) == (SetWeight("com", 2.5),)
+        assert read("task_enable", "com", make.bool(False)) == (EnableTask("com", False),)
+        assert read("contact_enable", "left_foot", make.bool(True)) == (EnableContact("left_foot", True),)
+        (change,) = read("external_wrench", "pelvis", make.wrench([1, 2, 3, 4, 5, 6]))
+        assert isinstance(change, SetExternalWrench)
+        np.testing.assert_array_equal(change.wrench, [1, 2, 3, 4, 5, 6])
+
+    @pytest.mark.parametrize("bad", [NAN, INF, -INF, -1e-9, 1.0001e6])
+    def test_weights_out_of_range(self, make, bad):
+        with refused(f"a weight must be from 0 to 1e6, not {bad!r}"):
+            read("weight", "com", make.float64(bad))
+
+    def test_the_ends_of_the_range(self, make):
+        for good in (0.0, 1e6):
+            assert read("weight", "com", make.float64(good)) == (SetWeight("com", good),)
+
+    def test_a_wrench_that_is_not_finite(self, make):
+        with refused("the wrench holds a value that is not finite: [0, 0, 0, 0, nan, 0]"):
+            read("external_wrench", "pelvis", make.wrench([0, 0, 0, 0, NAN, 0]))
+
+
+AT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+class TestTrajectories:
+    def test_of_joints(self, make):
+        (change,) = read(
+            "trajectory",
+            "posture",
+            make.joint_trajectory(
+                ["ankle", "hip", "knee"],
+                [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2]), (2.0, [0, 0, 0])],
+                start=2_500_000_000,
+            ),
+        )
+        assert isinstance(change, SetTrajectory)
+        assert change.start == 2.5
+        assert [point.time for point in change.points] == [0.5, 1.0, 2.0]
+        np.testing.assert_array_equal(change.points[0].position, [1, 2, 3])
+        np.testing.assert_array_equal(change.points[0].velocity, [0, 0, 0])
+        np.testing.assert_array_equal(change.points[1].velocity, [10, 20, 30])
+        np.testing.assert_array_equal(change.points[1].acceleration, [0.1, 0.2, 0.3])
+
+    @pytest.mark.parametrize(
+        ("task", "position", "velocity"),
+        [
+            ("com", 3, 3),
+            ("hand", 7, 6),
+            ("torso", 4, 3),
+            ("wrist", 7, 6),
+            ("visor", 3, 3),
+            ("spin", 3, 3),
+            ("steady", 2, 2),
+        ],
+    )
+    def test_of_a_frame(self, make, task, position, velocity):
+        points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]]), (2.0, [AT])]
+        frame = WORDS.reference_frames.get(task, "world")
+        (change,) = read("trajectory", task, make.frame_trajectory(points, frame))
+        assert change.start is None
+        pose, twist = np.array([1, 2, 3, 0, 0, HALF, HALF]), np.array([1.0, 2, 3, 4, 5, 6])
+        np.testing.assert_allclose(change.points[0].position, pose[3:] if task == "torso" else pose[:position])
+        np.testing.assert_array_equal(change.points[0].velocity, twist[3:] if task == "torso" else twist[:velocity])
+
+    @pytest.mark.parametrize("times", [(1.0, 1.0), (1.0, 0.5), (-0.1, 1.0), (0.0, 2.0, 1.0)])
+    def test_times_that_do_not_rise_from_zero(self, make, times):
+        shown = ", ".join(f"{time:g}" for time in times)
+        said = f"time_from_start must rise from 0: [{shown}] s"
+        with refused(said):
+            read("trajectory", "com", make.frame_trajectory([(time, [AT]) for time in times]))
+        with refused(said):
+            read("trajectory", "posture", make.joint_trajectory(JOINTS, [(time, [0, 0, 0]) for time in times]))
+
+    @pytest.mark.parametrize(
+        ("names", "point", "said"),
+        [
+            (["hip", "knee", "ancle"], ([0, 0, 0],), "'ancle' is not a joint of this task; did you mean 'ankle'?"),
+            (["hip", "knee"], ([0, 0],), "positions: 1 joints are missing: ankle"),
+            ([*JOINTS, "hip"], ([0] * 4,), "joint 'hip' stands more than once"),
+            (JOINTS, ([0, 0],), "positions has 2 values for 3 names"),
+            (JOINTS, ([],), "positions has 0 values for 3 names"),
+            (JOINTS, ([0, 0, 0], [1, 2]), "velocities has 2 values for 3 names"),
+            (JOINTS, ([0, 0, 0], [], [1]), "accelerations has 1 values for 3 names"),
+            (JOINTS, ([0, 0, INF],), "positions holds a value that is not finite"),
+            (JOINTS, ([0, 0, 0], [NAN, 0, 0]), "velocities holds a value that is not finite"),
+            (JOINTS, ([0, 0, 0], [0, 1, 0]), "the last point has the velocity [0, 1, 0]; a trajectory ends at rest"),
+        ],
+    )
+    def test_joint_trajectories_that_are_refused(self, make, names, point, said):
+        with refused(said):
+            read("trajectory", "posture", make.joint_trajectory(names, [(1.0, *point)]))
+
+    @pytest.mark.parametrize(
+        ("points", "names", "said"),
+        [
+            ([], ["com"], "the trajectory has no points"),
+            ([(1.0, [])], ["com"], "a point has 0 transforms; this task takes one"),
+            ([(1.0, [AT, AT])], ["com"], "a point has 2 transforms; this task takes one"),
+            ([(1.0, [AT], [AT[:6], AT[:6]])], ["com"], "a point has 2 velocities; this task takes one"),
+            ([(1.0, [AT])], ["com", "hand"], "the trajectory has 2 joint names; this task takes one frame"),
+            ([(1.0, [[NAN, *AT[1:]]])], ["com"], "the position holds a value that is not finite"),
+            ([(1.0, [AT], [[0, 0, 0, NAN, 0, 0]])], ["com"], "velocities holds a value that is not finite"),
+        ],
+    )
+    def test_frame_trajectories_that_are_refused(self, make, points, names, said):
+        with refused(said):
+            read("trajectory", "com", make.frame_trajectory(points, names=names))
+
+    def test_a_quaternion_that_is_none(self, make):
+        with refused("is not a unit quaternion"):
+            read("trajectory", "hand", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 0]])]))
+
+
+class TestUpdate:
+    def update(self, make, text):
+        return read("update", "", make.string(text))
+
+    def test_several_changes(self, make):
+        changes = self.update(
+            make,
+            "{tasks: {com: {weight: 5, enabled: true, setpoint: [0, 0, 0.7]}, hand: {setpoint: [1,2,3,0,0,0,1.005]},"
+            " posture: {setpoint: [1, 2, 3]}, torso: {setpoint: [0, 0, 0, 1]}}, contacts: {left_foot: {enabled: off}}}",
+        )
+        assert changes[0] == SetWeight("com", 5.0)
+        assert changes[1] == EnableTask("com", True)
+        np.testing.assert_array_equal(changes[2].position, [0, 0, 0.7])
+        np.testing.assert_array_equal(changes[3].position, [1, 2, 3, 0, 0, 0, 1])
+        np.testing.assert_array_equal(changes[4].position, [1, 2, 3])
+        assert changes[-1] == EnableContact("left_foot", False)
+        assert len(changes) == 7
+
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("", "'' is not a mapping; an update is YAML such as {tasks:"),
+            ("{}", "is not a mapping"),
+            ("hello", "'hello' is not a mapping"),
+            ("[1, 2]", "is not a mapping"),
+            ("{tasks: {com: ", "not valid YAML"),
+            ("a: b: c", "not valid YAML"),
+            ("{tasks: \x00}", "not valid YAML"),
+            ("{tasks: !!python/object:os.system {}}", "not valid YAML"),
+            ("{[1]: 2}", "not valid YAML"),
+            ("{tasks: {com: {weight: 2001-99-99}}}", "not valid YAML: month must be in 1..12"),
+            ("[" * 500, "not valid YAML"),
+            ("#" * 5000, "an update has at most 4096 letters, not 5000"),
+            (
+                "{task: {com: {weight: 1}}}",
+                "unknown key 'task'; did you mean 'tasks'? Valid: contacts, control, limits",
+            ),
+            ("{3: {}}", "unknown key 3; Valid: contacts, control, limits, safety, tasks"),
+            ("{tasks: 3}", "tasks is not a mapping"),
+            ("{tasks: {com: 3}}", "tasks.com is not a mapping"),
+            ("{tasks: {}}", "changes nothing"),
+            ("{tasks: {com: {}}}", "changes nothing"),
+            ("{tasks: {cmo: {weight: 1}}}", "unknown task 'cmo'; did you mean 'com'? Valid: com, elbow, hand"),
+            ("{tasks: {1: {weight: 1}}}", "unknown task 1; Valid: com"),
+            ("{contacts: {left: {enabled: true}}}", "unknown contact 'left'; did you mean 'left_foot'?"),
+            (
+                "{tasks: {com: {wieght: 1}}}",
+                "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping, enabled, frame, gain",
+            ),
+            ("{contacts: {left_foot: {weight: 1}}}", "contacts.left_foot: unknown key 'weight'; Valid: enabled"),
+            ("{tasks: {com: {weight: heavy}}}", "a weight is a number, not 'heavy'"),
+            ("{tasks: {com: {weight: true}}}", "a weight is a number, not True"),
+            ("{tasks: {com: {weight: .nan}}}", "a weight must be from 0 to 1e6, not nan"),
+            ("{tasks: {com: {weight: -1}}}", "a weight must be from 0 to 1e6, not -1"),
+            ("{tasks: {com: {weight: 1000000000}}}", "a weight must be from 0 to 1e6, not 1000"),
+            (f"{{tasks: {{com: {{weight: 1{'0' * 400}}}}}}}", "tasks.com.weight: a whole number of 401 characters"),
+            (f"{{tasks: {{com: {{weight: 0x{'f' * 4000}}}}}}}", "tasks.com.weight: a whole number of 4002 characters"),
+            ("{tasks: {com: {weight: !!timestamp x}}}", "not valid YAML"),
+            ("{tasks: {com: {weight: !!bool x}}}", "not valid YAML: KeyError: 'x'"),
+            ("{tasks: {com: {weight: 1, weight: 2}}}", "tasks.com.weight: the key 'weight' stands twice"),
+            ("{tasks: {com: &a {weight: 1}, base: *a}}", "an update has no aliases"),
+            ("{tasks: {com: {enabled: 1}}}", "tasks.com.enabled is true or false, not 1"),
+            ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is a list of 3 numbers, not 1"),
+            ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task takes 3"),
+            ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task takes 7"),
+            ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task takes 2"),
+            ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; an angular_momentum task takes 3"),
+            ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task takes 7"),
+            ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
+            ("{tasks: {torso: {setpoint: [0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
+            ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is a list of 3 numbers, not [1, 2, 'a']"),
+            ("{tasks: {com: {setpoint: [1, 2, true]}}}", "is a list of 3 numbers, not [1, 2, True]"),
+            ("{tasks: {com: {setpoint: [1, 2, .nan]}}}", "tasks.com.setpoint holds a value that is not finite"),
+            (f"{{tasks: {{com: {{setpoint: [1, 2, 1{'0' * 400}]}}}}}}", "setpoint: a whole number of 401 characters"),
+        ],
+    )
+    def test_what_is_refused(self, make, text, said):
+        with refused(said):
+            self.update(make, text)
+
+    def test_one_bad_change_refuses_all(self, make):
+        with refused("unknown task 'cmo'"):
+            self.update(make, "{tasks: {com: {weight: 5}, cmo: {weight: 1}}}")
+
+    def test_text_that_grows_when_it_is_quoted_is_cut(self, make):
+        bomb = "a: &a [x]\n" + "".join(
+            f"{name}: &{name} [*{last},*{last},*{last},*{last},*{last},*{last},*{last},*{last}]\n"
+            for last, name in zip("abcdefghi", "bcdefghij", strict=True)
+        )
+        text = bomb + "tasks: {com: {setpoint: *j}}\n"
+        with pytest.raises(InputRefused) as refusal:
+            self.update(make, text)
+        assert len(str(refusal.value)) < 1000
+        with pytest.raises(InputRefused) as refusal:
+            self.update(make, "{tasks: {com: {setpoint: " + bomb.splitlines()[0][6:] + "}}}")
+        assert len(str(refusal.value)) < 1000
+
+    @settings(max_examples=150, deadline=None)
+    @given(
+        text=st.one_of(
+            st.text(max_size=80),
+            st.text("{}[]:,&*!?|>-'\"% \n#atskco1.e", max_size=60),
+            st.recursive(
+                st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.sampled_from(["com", "weight"])),
+                lambda inner: st.one_of(
+                    st.lists(inner, max_size=3),
+                    st.dictionaries(st.sampled_from(["tasks", "contacts", "com", "weight", "setpoint"]), inner),
+                ),
+            ).map(str),
+        )
+    )
+    def test_any_text_is_read_or_refused(self, make, text):
+        try:
+            changes = READERS["update"](WORDS, "", make.string(text))
+        except InputRefused:
+            return
+        assert changes

@@ -1,0 +1,186 @@
+"""Ages by stamp: an offset that is learned, and stamps that stand still, go back, or are far ahead."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wbc_controller.middleware.stamps import StampTracker
+
+START = 1_700_000_000.0  # s: the other clock is a wall clock, ours counts from the start of the machine
+
+
+def feed(tracker, times, lag=0.0, start=START):
+    """Messages of a clock that is `start` ahead of ours; gives the reasons for refusals."""
+    lags = np.broadcast_to(lag, np.shape(times))
+    return [
+        tracker.judge(round((start + time) * 1e9), time + late) for time, late in zip(times, lags.tolist(), strict=True)
+    ]
+
+
+def test_nothing_has_come():
+    assert StampTracker().age(5.0) == np.inf
+
+
+def test_between_two_clocks_the_age_is_the_time_since_the_stamp():
+    tracker = StampTracker()
+    assert feed(tracker, np.arange(100) * 0.002, 0.0003) == [None] * 100
+    assert tracker.age(0.198 + 0.0003) == pytest.approx(0.0, abs=1e-6)
+    assert tracker.age(0.198 + 0.0403) == pytest.approx(0.04, abs=1e-6)
+
+
+def test_what_waited_in_a_queue_is_old_when_it_arrives():
+    """The process stood still for 3 s; then what had come meanwhile arrives at once, the oldest first."""
+    tracker = StampTracker()
+    feed(tracker, np.arange(500) * 0.002, 0.0003)
+    arrival = 4.0
+    for time in np.arange(500, 2000) * 0.002:
+        assert tracker.judge(round((START + time) * 1e9), arrival) is None
+        assert tracker.age(arrival) == pytest.approx(arrival - time, abs=0.03)
+
+
+def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * 0.002)
+    refused = feed(tracker, 0.2 + np.arange(10) * 0.002, start=START + 5.0)
+    assert None not in refused
+    assert tracker.age(0.218) == pytest.approx(0.02, abs=1e-3)
+    assert feed(tracker, [0.220, 0.222]) == [None, None]
+    assert tracker.age(0.222) == pytest.approx(0.0, abs=1e-6)
+    assert None not in feed(tracker, [0.224, 0.226], start=START + 5.0)
+    assert tracker.age(0.226) == pytest.approx(0.004, abs=1e-4)
+
+
+@pytest.mark.parametrize("first", [0.9, 1.2, 2.9])
+def test_of_what_waited_in_a_queue_only_a_late_part_may_be_left(first):
+    """The process stood still for 3 s, and its sockets kept what came in the beginning, or in the end."""
+    tracker = StampTracker()
+    feed(tracker, np.arange(500) * 0.002, 0.0003)
+    assert feed(tracker, [1.0 + first], 3.0 - first) == [None]
+    assert tracker.age(4.0) == pytest.approx(3.0 - first, abs=0.03)
+
+
+@given(st.lists(st.floats(0.0, 0.02), min_size=300, max_size=300))
+def test_jitter_never_makes_a_message_look_younger_than_it_is_by_more_than_the_least_latency(jitter):
+    tracker = StampTracker()
+    times = np.arange(len(jitter)) * 0.05  # no reordering
+    feed(tracker, times, np.array(jitter))
+    now = times[-1] + jitter[-1]
+    assert -1e-6 <= tracker.age(now) <= jitter[-1] + 1e-6
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.9, 0.9999, 1.0001, 5.0])
+def test_a_clock_of_another_rate_is_not_latency(rate):
+    """Drifting clocks, and simulators that are slower or faster than real time."""
+    tracker = StampTracker()
+    for i in range(5000):
+        assert tracker.judge(round((START + i * 0.002 * rate) * 1e9), i * 0.002) is None
+    assert tracker.age(4999 * 0.002) < 0.003
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (0.0, "header.stamp stands still at"),
+        (-0.004, "header.stamp is 0.004 s before that of the last message"),
+        (-10.0, "header.stamp is 10.000 s before"),
+        (60.0, "header.stamp is 59.998 s ahead of the messages before"),
+    ],
+)
+def test_a_stamp_that_contradicts_the_others_is_refused_and_the_others_go_on(step, said):
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * 0.002)
+    last = 99 * 0.002
+    assert tracker.judge(round((START + last + step) * 1e9), last + 0.002).startswith(said)
+    assert tracker.age(last + 0.002) == pytest.approx(0.002, abs=1e-6)
+    assert feed(tracker, [last + 0.004]) == [None]
+
+
+def test_a_stream_with_a_new_time_is_taken_after_a_while():
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * 0.002)
+    reasons = feed(tracker, 0.2 + np.arange(400) * 0.002, start=START - 10.0)
+    assert all(reasons[:149])
+    assert reasons[151:] == [None] * 249
+    assert tracker.age(0.2 + 399 * 0.002) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_no_time_at_all():
+    assert "header.stamp is 0" in StampTracker().judge(0, 1.0)
+
+
+def known(ahead=START, tolerance=0.01):
+    return StampTracker(lambda: ahead, tolerance)
+
+
+@pytest.mark.parametrize("latency", [0.0003, 0.04, 1.0])
+def test_on_synchronized_clocks_a_constant_latency_counts(latency):
+    tracker = known()
+    assert feed(tracker, np.arange(100) * 0.002, latency) == [None] * 100
+    assert tracker.age(0.198 + latency) == pytest.approx(latency, abs=1e-6)
+    assert tracker.age(0.198 + latency + 0.02) == pytest.approx(latency + 0.02, abs=1e-6)
+    assert tracker.waited(0.198 + latency + 0.02) == pytest.approx(latency, abs=1e-6)
+
+
+def test_without_them_it_is_taken_for_an_offset():
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * 0.002, 1.0)
+    assert tracker.age(1.198) == pytest.approx(0.0, abs=1e-6)
+    assert tracker.waited(1.198) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("ahead", "good"), [(0.0099, True), (0.0101, False), (np.nan, False)])
+def test_on_synchronized_clocks_a_stamp_ahead_of_ours_is_refused(ahead, good):
+    tracker = known(START - ahead)
+    reason = tracker.judge(round(START * 1e9), 0.0)
+    assert (reason is None) is good
+    if np.isfinite(ahead) and not good:
+        assert reason == "header.stamp is 0.010 s ahead of this computer's clock (limit 10 ms, safety.clock_tolerance)"
+
+
+def test_on_synchronized_clocks_a_queue_that_is_gone_is_no_jump_of_the_stamps():
+    tracker = known()
+    feed(tracker, np.arange(100) * 0.002, 1.0)
+    assert feed(tracker, [1.2]) == [None]
+    assert tracker.age(1.2) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("tracker", [StampTracker(), known()])
+def test_a_clock_that_stands_still_while_stamps_go_on_is_seen(tracker):
+    feed(tracker, np.arange(100) * 0.002)
+    assert tracker.stood == 0.0
+    for i in range(1, 51):
+        tracker.judge(round((START + 0.198 + 0.002 * i) * 1e9), 0.198)
+        assert tracker.stood == pytest.approx(0.002 * i, abs=1e-6)
+    tracker.judge(round((START + 60.0) * 1e9), 0.198)  # one that is absurd says nothing
+    tracker.judge(round((START + 0.3) * 1e9), 0.198)
+    assert tracker.stood == pytest.approx(0.1, abs=1e-6)
+    tracker.judge(round((START + 0.302) * 1e9), 0.302)
+    assert tracker.stood == 0.0
+
+
+def test_a_known_clock_that_is_too_slow_makes_no_state_look_younger():
+    tracker = known()
+    feed(tracker, np.arange(100) * 0.002)
+    for i in range(1, 201):  # our clock takes half the time of theirs
+        time, stamp = 0.198 + 0.001 * i, round((START + 0.198 + 0.002 * i) * 1e9)
+        if tracker.judge(stamp, time) is None:
+            accepted = stamp
+        assert tracker.age(time) >= 1e-9 * (stamp - accepted) - 0.002 - 1e-6
+    assert tracker.age(time) > 0.3
+
+
+def test_ages_follow_a_clock_that_is_set():
+    ahead = [START]
+    tracker = StampTracker(lambda: ahead[0], 0.01)
+    feed(tracker, np.arange(100) * 0.002, 0.001)
+    ahead[0] += 5.0
+    assert tracker.age(0.199) == pytest.approx(5.001, abs=1e-6)
+
+
+def test_on_synchronized_clocks_stamps_that_go_back_are_refused_as_always():
+    tracker = known()
+    feed(tracker, np.arange(100) * 0.002)
+    assert "0.004 s before" in tracker.judge(round((START + 0.194) * 1e9), 0.2)

@@ -1,0 +1,236 @@
+"""The topic table: names, types, directions, quality of service, and that every row is used."""
+
+from __future__ import annotations
+
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import TYPES
+from wbc_controller.middleware.decoding import READERS
+from wbc_controller.middleware.topics import (
+    BY_TASK,
+    CONTROLLER_TOPICS,
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    MOCK_TOPICS,
+    TASK_TYPES,
+    Direction,
+    Qos,
+    counterpart,
+    endpoints,
+    parse_remapping,
+    resolve,
+)
+from wbc_controller.settings.files import _tags_of
+
+KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
+
+
+def expand(table=CONTROLLER_TOPICS, **changes):
+    arguments = {"task_kinds": KINDS, "contacts": ("left", "right"), "frames": ("pelvis",)}
+    made = list(endpoints(table, "wbc", **{**arguments, **changes}))
+    return {(endpoint.key, endpoint.subject): endpoint for endpoint in made}, made
+
+
+@pytest.mark.parametrize(
+    ("name", "node", "namespace", "expected"),
+    [
+        ("odom", "wbc", "/", "/odom"),
+        ("odom", "wbc", "/robot", "/robot/odom"),
+        ("odom", "wbc", "/robot/", "/robot/odom"),
+        ("/odom", "wbc", "/robot", "/odom"),
+        ("~/state", "wbc", "/", "/wbc/state"),
+        ("~/state", "wbc", "/a/b", "/a/b/wbc/state"),
+        ("~", "wbc", "/a", "/a/wbc"),
+        ("~state", "wbc", "/a", "/a/~state"),
+    ],
+)
+def test_names_resolve_as_in_ros_2(name, node, namespace, expected):
+    assert resolve(name, node, namespace) == expected
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "name", "expected"),
+    [
+        ("odom", "estimator/odom", "odom", "/robot/estimator/odom"),
+        ("odom", "/estimator/odom", "odom", "/estimator/odom"),
+        ("/robot/odom", "/o", "odom", "/o"),
+        ("/odom", "/o", "odom", "/robot/odom"),
+        ("~/state", "~/mode", "~/state", "/robot/wbc/mode"),
+        ("/robot/wbc/state", "mode", "~/state", "/robot/mode"),
+    ],
+)
+def test_remappings_are_expanded_by_the_same_rules(source, target, name, expected):
+    assert resolve(name, "wbc", "/robot", {source: target}) == expected
+
+
+def test_only_the_first_remapping_applies_and_no_chain():
+    assert resolve("a", "wbc", "/", {"a": "b", "b": "c"}) == "/b"
+
+
+@pytest.mark.parametrize("text", ["", ":=", "a:=", ":=b", "a=b", "a:b"])
+def test_a_remapping_of_another_form_is_refused(text):
+    with pytest.raises(ConfigurationError, match="from:=to"):
+        parse_remapping(text)
+
+
+def test_a_remapping_is_split_at_its_sign():
+    assert parse_remapping("odom:=/estimator/odom") == ("odom", "/estimator/odom")
+
+
+def test_the_table_expands_to_one_endpoint_for_each_task_contact_and_frame():
+    found, made = expand()
+    assert len(found) == len(made)
+    assert len({endpoint.name for endpoint in made}) == len(made)
+    assert found["setpoint", "hand"].name == "/wbc/tasks/hand/setpoint"
+    assert found["setpoint", "hand"].type == "geometry_msgs/msg/PoseStamped"
+    assert found["setpoint", "com"].type == "geometry_msgs/msg/PointStamped"
+    assert found["trajectory", "posture"].type == "trajectory_msgs/msg/JointTrajectory"
+    assert found["contact_enable", "left"].name == "/wbc/contacts/left/enable"
+    assert found["contact_wrench", "right"].name == "/wbc/contacts/right/wrench"
+    assert found["external_wrench", "pelvis"].name == "/wbc/external_wrenches/pelvis"
+    assert found["diagnostics", ""].name == "/diagnostics"
+    assert found["effort", ""].name == "/effort_controller/commands"
+    assert {key for key, _ in found} == {topic.key for topic in CONTROLLER_TOPICS}
+
+
+def test_without_tasks_contacts_and_frames_their_rows_are_empty():
+    found, _ = expand(task_kinds=None, contacts=(), frames=())
+    assert {topic.key for topic in CONTROLLER_TOPICS if "{" not in topic.name} == {key for key, _ in found}
+
+
+def test_namespace_and_remapping_reach_every_endpoint():
+    found, made = expand(namespace="/robot", remappings={"joint_states": "/joints"})
+    assert found["joint_states", ""].name == "/joints"
+    others = [endpoint.name for endpoint in made if endpoint.key not in ("joint_states", "diagnostics", "clock")]
+    assert all(name.startswith("/robot/") for name in others)
+
+
+def test_the_other_end_of_a_topic_is_turned_round():
+    found, _ = expand()
+    for endpoint in found.values():
+        other = counterpart(endpoint)
+        assert other.direction is not endpoint.direction
+        assert counterpart(other) == endpoint
+
+
+def test_every_type_exists_and_every_kind_of_task_has_its_types():
+    for topic in (*CONTROLLER_TOPICS, *MOCK_TOPICS):
+        assert topic.type in BY_TASK or topic.type in TYPES.types
+        assert topic.meaning
+    for columns in TASK_TYPES.values():
+        assert {"setpoint"} <= set(columns) <= {"setpoint", "trajectory"}
+        assert set(columns.values()) <= set(TYPES.types)
+    assert set(TASK_TYPES) == _tags_of("tasks")
+
+
+def qos_of(key):
+    (qos,) = {topic.qos for topic in CONTROLLER_TOPICS if topic.key == key}
+    return qos
+
+
+@pytest.mark.parametrize("key", ["joint_states", "odom"])
+def test_state_in_is_best_effort_of_depth_1(key):
+    assert qos_of(key) == Qos(reliable=False, latched=False, depth=1)
+
+
+@pytest.mark.parametrize("key", ["effort", "joint_commands", "contact_wrench"])
+def test_commands_out_are_reliable_of_depth_1(key):
+    assert qos_of(key) == Qos(reliable=True, latched=False, depth=1)
+
+
+@pytest.mark.parametrize("key", ["state", "robot_description"])
+def test_latched_topics(key):
+    assert qos_of(key).latched
+    assert qos_of(key).reliable
+
+
+def test_requests_are_reliable_and_queued():
+    for topic in CONTROLLER_TOPICS:
+        if topic.direction is Direction.IN and topic.key not in (
+            "joint_states",
+            "odom",
+            "imu",
+            "measured_wrench",
+            "holds",
+            "pose",
+            "clock",
+            "robot_description",
+        ):
+            assert topic.qos.reliable, topic.key
+            assert topic.qos.depth >= 10, topic.key
+
+
+def test_what_the_mock_sends_the_controller_can_read_and_back():
+    """Same names and types; and no reader asks for more than the writer offers."""
+    mock = list(endpoints(MOCK_TOPICS, "mock_robot", contacts=("left", "right")))
+    both = {endpoint.name: endpoint for endpoint in endpoints(CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)}
+    met = set()
+    for endpoint in mock:
+        other = both.get(endpoint.name)
+        if other is None:
+            continue
+        met.add(endpoint.key)
+        assert other.type == endpoint.type
+        assert other.direction is not endpoint.direction
+        writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
+        assert writer.qos.reliable >= reader.qos.reliable
+        assert writer.qos.latched >= reader.qos.latched
+    assert met == {"clock", "joint_states", "odom", "imu", "pose", "robot_description", "effort", "joint_commands"}
+
+
+def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_guard():
+    """Every row of the guard has its other end; no reader asks for more than the writer offers; none is heard twice."""
+    others = [
+        endpoint
+        for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
+        for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS)
+    ]
+    for endpoint in endpoints(GUARD_TOPICS, "guard", namespace="/r"):
+        met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
+        assert met or endpoint.name in ("/r/guard/state", "/diagnostics"), endpoint.name
+        for other in met:
+            assert other.type == endpoint.type
+            writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
+            assert writer.qos.reliable >= reader.qos.reliable
+            assert writer.qos.latched >= reader.qos.latched
+    written = {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.OUT}
+    assert not written & {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.IN}
+
+
+def test_the_estimator_hears_the_robot_and_the_controller_who_may_hear_it():
+    others = [
+        endpoint
+        for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
+        for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS, contacts=("left",))
+    ]
+    for endpoint in endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace="/r", contacts=("left",)):
+        met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
+        assert met or endpoint.key in ("holds", "measured_wrench", "tf", "diagnostics"), endpoint.name
+        for other in met:
+            assert other.type == endpoint.type
+            writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
+            assert writer.qos.reliable >= reader.qos.reliable
+            assert writer.qos.latched >= reader.qos.latched
+
+
+def test_there_is_no_dead_row(bench):
+    """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
+    incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
+    by_hand = {  # inputs.py, service/
+        "joint_states", "odom", "imu", "pose", "measured_wrench", "holds", "command", "robot_description", "clock",
+        "record",
+    }  # fmt: skip
+    assert incoming == set(READERS) | by_hand
+    assert not set(READERS) & by_hand
+    controller = bench()
+    controller.activate()
+    controller.cycle(3)
+    for (key, subject), endpoint in expand(
+        task_kinds={name: task.type for name, task in controller.settings.tasks.items()},
+        contacts=tuple(controller.settings.contacts),
+        frames=(controller.model.base_link,),
+    )[0].items():
+        if endpoint.direction is Direction.OUT:
+            assert controller.received(key, subject), (key, subject)

@@ -1,0 +1,85 @@
+"""Buses: each makes transports that can hear each other, and nobody else."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from participants import DdsParticipants, MemoryParticipants, Ros2Participants
+from rosbags.interfaces import Nodetype
+
+from wbc_controller.middleware.codec import TYPES, message
+from wbc_controller.middleware.transports.transport import Transport
+
+_DTYPES = {"char": "uint8", "byte": "uint8", "octet": "uint8"}
+
+
+_PARTICIPANTS = {"memory": MemoryParticipants, "dds": DdsParticipants, "ros2": Ros2Participants}
+
+
+@pytest.fixture(params=_PARTICIPANTS)
+def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Transport]]:
+    """Make one more transport on this test's bus: ``join("node", "/namespace")``."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    participants = _PARTICIPANTS[request.param]()
+    opened: list[Transport] = []
+
+    def join(node: str, namespace: str = "/") -> Transport:
+        opened.append(participants.transport(node, namespace))
+        return opened[-1]
+
+    yield join
+    for transport in opened:
+        transport.close()
+    participants.close()
+
+
+@pytest.fixture(scope="session")
+def eventually() -> Callable[..., None]:
+    """Wait until something is true: ``eventually(condition, again)`` does `again` before each look."""
+
+    def eventually(
+        condition: Callable[[], bool], again: Callable[[], None] = lambda: None, seconds: float = 60
+    ) -> None:
+        deadline = time.monotonic() + seconds
+        again()
+        while not condition():
+            assert time.monotonic() < deadline, f"not true within {seconds} s"
+            time.sleep(0.01)
+            if not condition():
+                again()
+
+    return eventually
+
+
+@pytest.fixture(scope="session")
+def example() -> Callable[[str], Any]:
+    """Make a message of any type in which every field has a value, and no two the same by accident."""
+    return lambda type_name: _filled(type_name, iter(range(1, 100_000)))
+
+
+def _filled(type_name: str, numbers: Iterator[int]) -> Any:
+    _, fields = TYPES.fielddefs[type_name]
+    return message(type_name, **{name: _value(description, numbers) for name, description in fields})
+
+
+def _value(description: Any, numbers: Iterator[int]) -> Any:
+    kind, detail = description
+    if kind == Nodetype.NAME:
+        return _filled(detail, numbers)
+    if kind == Nodetype.BASE:
+        name, number = detail[0], next(numbers)
+        if name == "string":
+            return f"text {number} µ"
+        if name == "bool":
+            return True
+        return number + 0.25 if name.startswith("float") else number % 100
+    element, length = detail
+    # Three of a sequence: an odd number of strings or bytes moves what follows off its alignment.
+    values = [_value(element, numbers) for _ in range(length if kind == Nodetype.ARRAY else 3)]
+    if element[0] == Nodetype.BASE and element[1][0] not in ("string", "bool"):
+        return np.array(values, dtype=_DTYPES.get(element[1][0], element[1][0]))
+    return values

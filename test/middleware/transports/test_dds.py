@@ -1,0 +1,392 @@
+"""What is particular to the embedded DDS: types, environment, discovery, and other processes."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from network import Network, NotPermitted
+from participants import DOMAIN
+
+from wbc_controller.errors import TransportError
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.topics import (
+    CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    LATCHED,
+    MOCK_TOPICS,
+    REQUEST,
+    TASK_TYPES,
+    Direction,
+    Endpoint,
+)
+
+pytest.importorskip("cyclonedds")
+
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from wbc_controller.middleware.transports import dds_raw
+from wbc_controller.middleware.transports.dds import DdsTransport
+from wbc_controller.middleware.transports.dds_domain import (
+    DiscoveryRange,
+    DomainSettings,
+    configuration,
+    domain_settings,
+)
+from wbc_controller.middleware.transports.dds_types import dds_type_name, idl_type, type_hash
+
+pytestmark = pytest.mark.live
+
+STRING = "std_msgs/msg/String"
+LOOPBACK = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
+INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+TABLE_TYPES = sorted(
+    {row.type for row in (*CONTROLLER_TOPICS, *MOCK_TOPICS, *GUARD_TOPICS, *ESTIMATOR_TOPICS) if "/" in row.type}
+    | {type_name for columns in TASK_TYPES.values() for type_name in columns.values()}
+    | {INFO}
+)
+
+
+def endpoint(name, qos=REQUEST, type_name=STRING):
+    return Endpoint("test", "", name, type_name, Direction.IN, qos)
+
+
+def text(content):
+    return encode(message(STRING, data=content))
+
+
+@pytest.mark.parametrize("type_name", TABLE_TYPES)
+def test_generated_type_describes_the_bytes_that_the_codec_writes(example, type_name):
+    content = example(type_name)
+    expected = encode(content)
+    theirs = idl_type(type_name).__idl__.serialize(_with_lists(content), use_version_2=False)
+    assert theirs == expected
+
+
+def _with_lists(content):
+    """Turn arrays into the lists that cyclonedds takes."""
+    if isinstance(content, np.ndarray):
+        return content.tolist()
+    if isinstance(content, list):
+        return [_with_lists(element) for element in content]
+    if hasattr(content, "__msgtype__"):
+        fields = {field.name: _with_lists(getattr(content, field.name)) for field in dataclasses.fields(content)}
+        return type(content)(**fields)
+    return content
+
+
+def test_type_name_and_hash_are_those_of_ros2():
+    assert dds_type_name("sensor_msgs/msg/JointState") == "sensor_msgs::msg::dds_::JointState_"
+    assert idl_type("sensor_msgs/msg/JointState").__idl__.idl_transformed_typename == dds_type_name(
+        "sensor_msgs/msg/JointState"
+    )
+    assert type_hash(STRING) == "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [
+        ({}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
+        ({"ROS_DOMAIN_ID": "", "ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
+        ({"ROS_DOMAIN_ID": "232"}, DomainSettings(232, DiscoveryRange.LOCALHOST)),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, DomainSettings(0, DiscoveryRange.SUBNET)),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "h"}, DomainSettings(0, DiscoveryRange.OFF)),
+        ({"ROS_STATIC_PEERS": "robot;;10.0.0.2"}, DomainSettings(0, DiscoveryRange.LOCALHOST, ("robot", "10.0.0.2"))),
+        ({"ROS_LOCALHOST_ONLY": "1", "ROS_STATIC_PEERS": "robot"}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
+        ({"ROS_LOCALHOST_ONLY": "0"}, DomainSettings(0, DiscoveryRange.LOCALHOST)),
+    ],
+)
+def test_environment(environment, expected):
+    assert domain_settings(environment) == expected
+
+
+def test_arguments_override_the_environment():
+    environment = {"ROS_DOMAIN_ID": "nonsense", "ROS_AUTOMATIC_DISCOVERY_RANGE": "nonsense", "ROS_LOCALHOST_ONLY": "1"}
+    assert domain_settings(environment, 7, "SUBNET") == DomainSettings(7, DiscoveryRange.SUBNET)
+
+
+@pytest.mark.parametrize("value", ["-1", "233", "1.5", "five", "٣"])
+def test_bad_domain_id(value):
+    with pytest.raises(TransportError, match=rf"ROS_DOMAIN_ID is '{value}'.*0 to 232"):
+        domain_settings({"ROS_DOMAIN_ID": value})
+
+
+def test_bad_domain_id_argument():
+    with pytest.raises(TransportError, match=r"233.*0 to 232"):
+        domain_settings({}, 233)
+
+
+def test_bad_discovery_range():
+    with pytest.raises(TransportError, match=r"'LOCAL'.*LOCALHOST, OFF, SUBNET, SYSTEM_DEFAULT"):
+        domain_settings({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"})
+
+
+def test_what_the_user_configured_comes_last_and_peers_are_escaped():
+    xml = configuration(DomainSettings(0, DiscoveryRange.LOCALHOST, ('a"&b',)), "file:///mine.xml")
+    assert xml.endswith(",file:///mine.xml")
+    assert "'a\"&amp;b'" in xml
+    assert configuration(DomainSettings(0, DiscoveryRange.SYSTEM_DEFAULT), "") == ""
+
+
+@pytest.mark.parametrize("discovery_range", [DiscoveryRange.LOCALHOST, DiscoveryRange.SUBNET, DiscoveryRange.OFF])
+def test_a_lost_packet_is_sent_again_within_a_few_cycles(discovery_range):
+    """Not after Cyclone's 100 ms: `wbc fuzz floods --kinds large` beside other work shows it."""
+    assert "<HeartbeatInterval>10 ms</HeartbeatInterval>" in configuration(DomainSettings(0, discovery_range))
+
+
+@pytest.mark.parametrize("domain_id", [0, 101, 232])
+@pytest.mark.parametrize("discovery_range", DiscoveryRange.__members__)
+def test_every_configuration_is_accepted_by_cyclone(domain_id, discovery_range, monkeypatch):
+    if discovery_range in ("SUBNET", "SYSTEM_DEFAULT"):
+        monkeypatch.setenv(  # the same configuration, kept on this machine
+            "CYCLONEDDS_URI", LOOPBACK
+        )
+    DdsTransport("node", domain_id=domain_id, discovery_range=discovery_range).close()
+
+
+def test_domain_has_one_range_per_process_until_it_is_closed():
+    first = DdsTransport("first", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    with pytest.raises(TransportError, match="other settings"):
+        DdsTransport("second", domain_id=DOMAIN, discovery_range="OFF")
+    first.close()
+    DdsTransport("third", domain_id=DOMAIN, discovery_range="OFF").close()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the names of threads are Linux's")
+def test_a_thread_reads_the_socket_of_all_data_alone(eventually):
+    transport = DdsTransport("reader", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    try:
+        names = Path("/proc/self/task").glob
+        eventually(lambda: "recvUC\n" in [path.read_text(encoding="ascii") for path in names("*/comm")])
+    finally:
+        transport.close()
+
+
+def test_bad_configuration_of_the_user_is_named(monkeypatch):
+    monkeypatch.setenv("CYCLONEDDS_URI", "<General><Nonsense/></General>")
+    with pytest.raises(TransportError, match="Nonsense"):
+        DdsTransport("node", domain_id=DOMAIN, discovery_range="LOCALHOST")
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        LOOPBACK,
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' priority='1'/></Interfaces></General>"
+        "</Domain></CycloneDDS>",
+        "file://{file}",
+        "<Tracing><Verbosity>severe</Verbosity><OutputFile>stderr</OutputFile></Tracing>,file://{file}",
+    ],
+)
+def test_a_loopback_that_the_user_configures_too_is_named_once(uri, monkeypatch, tmp_path, eventually):
+    (tmp_path / "loopback.xml").write_text(f"<CycloneDDS><Domain>{LOOPBACK}</Domain></CycloneDDS>")
+    monkeypatch.setenv("CYCLONEDDS_URI", uri.format(file=tmp_path / "loopback.xml"))
+    here = DdsTransport("here", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    code = "import os; os.environ.pop('CYCLONEDDS_URI')\n" + _ECHO
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
+    pongs = []
+    here.subscribe(endpoint("/pong"), pongs.append)
+    ping, stop = here.advertise(endpoint("/ping")), here.advertise(endpoint("/stop"))
+    with subprocess.Popen([sys.executable, "-c", code, str(DOMAIN)], env=environment) as echo:
+        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration hears it
+        eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
+    assert decode(pongs[0], STRING).data == "hello"
+    here.close()
+
+
+def test_a_file_that_does_not_exist_is_left_to_cyclone(monkeypatch):
+    assert "NetworkInterface" in configuration(DomainSettings(0, DiscoveryRange.LOCALHOST), "file:///nowhere/x.xml")
+    assert "127.0.0.1" not in configuration(DomainSettings(0, DiscoveryRange.LOCALHOST), LOOPBACK).removesuffix(
+        LOOPBACK
+    )
+
+
+ENFORCED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+
+
+def test_where_security_is_enforced_nothing_runs_without_it(monkeypatch):
+    for name, value in ENFORCED.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(TransportError, match="ROS_SECURITY_STRATEGY is Enforce, and the embedded DDS cannot secure"):
+        DdsTransport("node", domain_id=DOMAIN)
+
+
+@pytest.mark.parametrize("command", ["run", "mock", "guard"])
+def test_the_commands_end_at_once_where_security_is_enforced(command):
+    ended = subprocess.run(
+        [sys.executable, "-m", "wbc_controller", command, "go2"],
+        env=os.environ | ENFORCED | {"ROS_DOMAIN_ID": str(DOMAIN)},
+        capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(
+        "error: ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, and the em"
+    )
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("environment", [{"ROS_SECURITY_ENABLE": "true"}, ENFORCED | {"ROS_SECURITY_ENABLE": "false"}])
+def test_where_security_is_only_wished_for_it_is_said_that_there_is_none(environment, caplog):
+    domain_settings(environment)
+    assert ["cannot secure" in line for line in caplog.messages] == [True] * (
+        environment["ROS_SECURITY_ENABLE"] == "true"
+    )
+
+
+_ASK = """
+import sys, time
+from test_dds import REQUEST, DdsTransport, endpoint, text
+heard = []
+transport = DdsTransport("ask", domain_id=7)
+transport.subscribe(endpoint("/pong"), heard.append)
+ping, stop = transport.advertise(endpoint("/ping")), transport.advertise(endpoint("/stop"))
+end = time.monotonic() + float(sys.argv[1])
+while time.monotonic() < end and not heard:
+    ping(text("hello"))
+    time.sleep(0.05)
+print(len(heard) > 0)
+transport.close()
+"""
+
+
+def test_a_stranger_on_the_network_is_heard_only_where_the_network_was_asked_for():
+    try:
+        network = Network()
+    except NotPermitted as error:
+        print(f"skipped: {error}")
+        pytest.skip(str(error))
+    unset = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment["PYTHONPATH"] = os.pathsep.join([os.path.dirname(__file__), *sys.path])
+    subnet = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    code = _ECHO.replace(', discovery_range="LOCALHOST"', "")
+    try:
+        for own, patience, heard in (({}, 3.0, "False"), (subnet, 20.0, "True")):
+            words = network.words("robot", sys.executable, "-c", code, "7")
+            with subprocess.Popen(words, env=environment | own) as echo:
+                asked = subprocess.run(
+                    network.words("controller", sys.executable, "-c", _ASK, str(patience)),
+                    env=environment | subnet, capture_output=True, text=True, timeout=60,
+                )  # fmt: skip
+                echo.kill()
+            assert asked.stdout.strip() == heard, asked.stderr
+    finally:
+        network.close()
+
+
+@pytest.mark.parametrize("payload", [b"", b"\0\1\0", b"\0\1\0\0", b"\0\1\0\0\xff\xff\xff\xff"])
+def test_bytes_that_are_no_message_are_refused(payload):
+    transport = DdsTransport("node", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    publish = transport.advertise(endpoint("/topic"))
+    with pytest.raises(TransportError, match="/topic"):
+        publish(payload)
+    transport.close()
+
+
+def test_close_from_a_callback_is_refused_and_the_transport_lives(eventually):
+    transport = DdsTransport("node", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    errors = []
+
+    def close(payload):
+        try:
+            transport.close()
+        except TransportError as error:
+            errors.append(error)
+
+    publish = transport.advertise(endpoint("/topic"))
+    transport.subscribe(endpoint("/topic"), close)
+    eventually(lambda: len(errors) >= 2, lambda: publish(text("x")))
+    transport.close()
+
+
+def test_node_and_its_endpoints_are_announced(eventually):
+    transport = DdsTransport("wbc_controller", "/robot", DOMAIN, "LOCALHOST")
+    transport.advertise(endpoint("/robot/state", LATCHED))
+    transport.subscribe(endpoint("/robot/command"), lambda payload: None)
+    observer = DomainParticipant(DOMAIN)
+    reader = DataReader(observer, Topic(observer, "ros_discovery_info", idl_type(INFO)), _announcement_qos())
+    announced = []
+    eventually(lambda: announced, lambda: announced.extend(dds_raw.take(reader, 10)))
+    info = decode(announced[-1], INFO)
+    (node,) = info.node_entities_info_seq
+    assert (node.node_namespace, node.node_name) == ("/robot", "wbc_controller")
+    assert len(node.reader_gid_seq) == len(node.writer_gid_seq) == 1
+    gids = [bytes(info.gid.data), bytes(node.reader_gid_seq[0].data), bytes(node.writer_gid_seq[0].data)]
+    assert len(set(gids)) == 3
+    assert len({gid[:12] for gid in gids}) == 1  # endpoints share their participant's prefix
+    for entity in (reader, observer):
+        dds_raw.delete(entity)
+    transport.close()
+
+
+def _announcement_qos():
+    from cyclonedds.core import Policy, Qos
+
+    return Qos(Policy.Reliability.Reliable(0), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+
+
+_ECHO = """
+import sys, threading
+from test_dds import REQUEST, LATCHED, DdsTransport, endpoint
+done = threading.Event()
+transport = DdsTransport("echo", domain_id=int(sys.argv[1]), discovery_range="LOCALHOST")
+transport.subscribe(endpoint("/ping"), transport.advertise(endpoint("/pong")))
+transport.subscribe(endpoint("/urdf", LATCHED), transport.advertise(endpoint("/urdf_back", LATCHED)))
+transport.subscribe(endpoint("/stop"), lambda payload: done.set())
+done.wait(15)
+transport.close()
+"""
+
+
+def test_two_processes_exchange_over_the_loopback(eventually):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
+    transport = DdsTransport("here", domain_id=DOMAIN, discovery_range="LOCALHOST")
+    ping, stop = transport.advertise(endpoint("/ping")), transport.advertise(endpoint("/stop"))
+    urdf = text("x" * 2_000_000)
+    transport.advertise(endpoint("/urdf", LATCHED))(urdf)
+    pongs, urdfs = [], []
+    transport.subscribe(endpoint("/pong"), pongs.append)
+    transport.subscribe(endpoint("/urdf_back", LATCHED), urdfs.append)
+    with subprocess.Popen([sys.executable, "-c", _ECHO, str(DOMAIN)], env=environment) as echo:
+        eventually(lambda: pongs, lambda: ping(text("hello")))
+        eventually(lambda: urdfs)
+        eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
+    assert decode(pongs[0], STRING).data == "hello"
+    assert decode(urdfs[0], STRING) == decode(urdf, STRING)
+    assert echo.returncode == 0
+    transport.close()
+
+
+def test_topics_may_be_opened_while_others_close_and_publish(eventually):
+    here, there = (DdsTransport(name, domain_id=DOMAIN, discovery_range="LOCALHOST") for name in ("here", "there"))
+    received, refused = [], []
+
+    def open_another(payload):
+        received.append(payload)
+        try:
+            there.subscribe(endpoint(f"/topic_{len(received)}"), received.append)
+        except TransportError as error:
+            refused.append(error)
+
+    there.subscribe(endpoint("/topic"), open_another)
+    publish = here.advertise(endpoint("/topic"))
+    threads = [threading.Thread(target=lambda: [publish(text("x")) for _ in range(200)]) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    eventually(lambda: received)
+    there.close()
+    count = len(received)
+    for thread in threads:
+        thread.join()
+    assert len(received) == count
+    here.close()

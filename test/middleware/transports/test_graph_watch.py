@@ -1,0 +1,87 @@
+"""Who else publishes: told at each change, a nameless node only when it stays nameless."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from wbc_controller.errors import TransportError
+from wbc_controller.middleware.topics import STATE_OUT, Direction, Endpoint
+from wbc_controller.middleware.transports import graph_watch
+from wbc_controller.middleware.transports.graph_watch import GraphWatch
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.transports.transport import UNNAMED
+
+TOPICS = [Endpoint(key, "", f"/{key}", "std_msgs/msg/String", Direction.OUT, STATE_OUT) for key in ("odom", "effort")]
+
+
+class Told(MemoryTransport):
+    """A transport whose graph is what a test says."""
+
+    def __init__(self):
+        super().__init__(MemoryBus())
+        self.names = ()
+
+    def publishers(self, endpoint):
+        return self.names if endpoint.key == "odom" else ()
+
+
+def test_each_change_is_told_once():
+    bus, told = MemoryBus(), []
+    own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
+    watch = GraphWatch(own, TOPICS, told.append)
+    watch.look()
+    own.advertise(TOPICS[0])
+    watch.look()
+    assert told == []
+    other.advertise(TOPICS[0])
+    watch.look()
+    watch.look()
+    other.close()
+    watch.look()
+    assert told == [{"odom": ("/other",), "effort": ()}, {"odom": (), "effort": ()}]
+
+
+def test_a_node_whose_name_has_not_arrived_yet_is_not_taken_for_one_without_a_name():
+    transport, told = Told(), []
+    watch = GraphWatch(transport, TOPICS, told.append)
+    transport.names = (UNNAMED,)
+    watch.look()
+    transport.names = ("/guard",)
+    watch.look()
+    assert told == [{"odom": ("/guard",), "effort": ()}]
+    transport.names = (UNNAMED, "/guard")
+    watch.look()
+    assert len(told) == 1
+    watch.look()
+    assert told[1:] == [{"odom": (UNNAMED, "/guard"), "effort": ()}]
+
+
+def test_a_thread_looks_until_it_is_stopped(monkeypatch):
+    monkeypatch.setattr(graph_watch, "PERIOD", 0.001)
+    bus, changed = MemoryBus(), threading.Event()
+    own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
+    watch = GraphWatch(own, TOPICS, lambda others: changed.set())
+    watch.start()
+    assert not changed.is_set()
+    other.advertise(TOPICS[1])
+    assert changed.wait(20.0)
+    watch.stop()
+    changed.clear()
+    other.close()
+    assert not changed.wait(0.05)
+    watch.stop()
+
+
+def test_a_graph_that_cannot_be_read_is_said(monkeypatch, caplog):
+    monkeypatch.setattr(graph_watch, "PERIOD", 0.001)
+    own = MemoryTransport(MemoryBus(), "own")
+    watch = GraphWatch(own, TOPICS, lambda others: None)
+    watch.start()
+    own.close()
+    watch._thread.join(20.0)
+    assert "who else publishes is not known any more" in caplog.text
+    watch.stop()
+    with pytest.raises(TransportError, match="/odom"):
+        watch.look()

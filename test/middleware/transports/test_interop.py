@@ -1,0 +1,80 @@
+"""The embedded DDS and a real ROS 2 hear each other on every topic of the table."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from participants import DdsParticipants, Ros2Participants, is_omitted
+
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.topics import (
+    CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    LATCHED,
+    MOCK_TOPICS,
+    TASK_TYPES,
+    Direction,
+    Endpoint,
+    endpoints,
+)
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture
+def pair(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    participants = Ros2Participants(), DdsParticipants()
+    transports = [side.transport(name) for side, name in zip(participants, ("on_ros2", "on_dds"), strict=True)]
+    yield transports
+    for transport in transports:
+        transport.close()
+    for side in participants:
+        side.close()
+
+
+@pytest.mark.parametrize("to_dds", [True, False])
+@pytest.mark.parametrize(
+    "table",
+    [CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS, ESTIMATOR_TOPICS],
+    ids=["controller", "mock", "guard", "estimator"],
+)
+def test_every_row_crosses(pair, eventually, example, table, to_dds):
+    writer, reader = pair if to_dds else reversed(pair)
+    rows = endpoints(
+        table,
+        "node",
+        task_kinds={kind: kind for kind in TASK_TYPES},
+        contacts=("left",),
+        frames=("pelvis",),
+    )
+    for row in (row for row in rows if not is_omitted(row)):
+        received, payload = [], encode(example(row.type))
+        reader.subscribe(row, received.append)
+        publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))
+        eventually(lambda: received, lambda: publish(payload))  # noqa: B023  # called in this round only
+        assert encode(decode(received[0], row.type)) == payload, row
+
+
+@pytest.mark.parametrize("to_dds", [True, False])
+def test_latched_message_reaches_a_late_subscriber(pair, eventually, to_dds):
+    writer, reader = pair if to_dds else reversed(pair)
+    topic = Endpoint("state", "", "/state", "std_msgs/msg/String", Direction.IN, LATCHED)
+    writer.advertise(topic)(encode(message(topic.type, data="x" * 100_000)))
+    received = []
+    reader.subscribe(topic, received.append)
+    eventually(lambda: received)
+    assert decode(received[0], topic.type).data == "x" * 100_000
+
+
+@pytest.mark.parametrize("to_dds", [True, False])
+def test_each_names_the_publishers_of_the_other(pair, eventually, to_dds):
+    writer, reader = pair if to_dds else reversed(pair)
+    topic = Endpoint("effort", "", "/effort", "std_msgs/msg/String", Direction.OUT, LATCHED)
+    reader.advertise(topic)
+    writer.advertise(topic)
+    eventually(lambda: reader.publishers(topic) == ("/on_ros2" if to_dds else "/on_dds",))
+    writer.close()
+    eventually(lambda: reader.publishers(topic) == (), seconds=8)  # the lease of a killed node ends after 10 s

@@ -1,0 +1,231 @@
+"""The transport on rclpy: wake-ups of the executor, warnings about incompatible publishers, omitted topics."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import logging
+import time
+
+import pytest
+from participants import DOMAIN, DdsParticipants, Ros2Participants
+
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import (
+    COMMAND_OUT,
+    LATCHED,
+    REQUEST,
+    STATE_IN,
+    STATE_OUT,
+    TF_OUT,
+    Direction,
+    Endpoint,
+)
+
+try:
+    import rclpy
+    from rclpy.callback_groups import ReentrantCallbackGroup
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
+    from rclpy.waitable import NumberOfEntities, Waitable
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+from wbc_controller.middleware.transports import ros2_graph
+from wbc_controller.middleware.transports.ros2 import Ros2Transport
+from wbc_controller.nodes.ros2.process import spinning
+
+pytestmark = pytest.mark.live
+
+STRING = "std_msgs/msg/String"
+TEXT = encode(message(STRING, data="text"))
+
+
+def endpoint(name, qos, type_name=STRING):
+    return Endpoint("test", "", name, type_name, Direction.IN, qos)
+
+
+class Counter(Waitable):
+    """Counts the waits of the executor of its node."""
+
+    def __init__(self):
+        super().__init__(ReentrantCallbackGroup())
+        self.waits = 0
+
+    def get_num_entities(self):
+        return NumberOfEntities()
+
+    def add_to_wait_set(self, wait_set):
+        pass
+
+    def is_ready(self, wait_set):
+        self.waits += 1
+        return False
+
+
+@pytest.fixture
+def context(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=DOMAIN)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def spun(context):
+    """Make a spun node, its transport and the counter of its executor's waits."""
+    made = []
+
+    def spun(**parameters):
+        node = rclpy.create_node(
+            "spun",
+            context=context,
+            parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()],
+        )
+        counter, transport = Counter(), Ros2Transport(node)
+        node.add_waitable(counter)
+        failures = []
+        spinner = spinning(SingleThreadedExecutor(context=context), node, failures.append)
+        spinner.__enter__()
+        made.append((node, transport, spinner, failures))
+        return node, transport, counter
+
+    yield spun
+    for node, transport, spinner, failures in made:
+        transport.close()
+        spinner.__exit__(None, None, None)
+        node.destroy_node()
+        assert failures == []
+
+
+@pytest.fixture
+def peer():
+    """A transport of another process's kind."""
+    participants = DdsParticipants()
+    transport = participants.transport("peer")
+    yield transport
+    transport.close()
+
+
+def at_500_hz(publish, payload, arrived, count=250):
+    """Publish until so many messages have arrived; returns the number published."""
+    for number in itertools.count():
+        if arrived() >= count:
+            return number
+        assert number < 20_000
+        publish(payload)
+        time.sleep(0.002)
+
+
+def test_messages_do_not_wake_the_executor(spun, peer):
+    _, transport, counter = spun()
+    received, streamed = [], []
+    transport.subscribe(endpoint("/read", STATE_IN), received.append)
+    stream = transport.stream(endpoint("/stream", STATE_IN), 10)
+    publishers = [peer.advertise(endpoint(name, STATE_OUT)) for name in ("/read", "/stream")]
+    sent = transport.advertise(endpoint("/sent", COMMAND_OUT))
+    heard = []
+    peer.subscribe(endpoint("/sent", STATE_IN), heard.append)
+
+    def publish(payload):
+        for each in (*publishers, sent):
+            each(payload)
+        streamed.extend(stream.take())
+
+    def arrived():
+        return min(map(len, (received, streamed, heard)))
+
+    at_500_hz(publish, TEXT, arrived, 1)  # all have discovered each other
+    time.sleep(0.2)
+    for each in (received, streamed, heard):
+        each.clear()
+    before = counter.waits
+    at_500_hz(publish, TEXT, arrived)
+    assert counter.waits - before <= 2  # a late event of the discovery
+
+
+def test_the_executor_pauses_between_two_waits(spun, peer):
+    # rclpy's own clock subscription is the executor's: with a simulator's clock, each message would wake it.
+    clock = "rosgraph_msgs/msg/Clock"
+    node, transport, counter = spun(use_sim_time=True)
+    publish = peer.advertise(endpoint("/clock", STATE_OUT, clock))
+    arrived = []
+    transport.subscribe(endpoint("/clock", STATE_IN, clock), arrived.append)
+    times = (
+        encode(message(clock, clock=message("builtin_interfaces/msg/Time", sec=s, nanosec=0)))
+        for s in itertools.count(1)
+    )
+    at_500_hz(lambda _: publish(next(times)), b"", lambda: len(arrived), 1)
+    before, began, arrived[:] = counter.waits, time.monotonic(), []
+    at_500_hz(lambda _: publish(next(times)), b"", lambda: len(arrived))
+    waits, seconds = counter.waits - before, time.monotonic() - began
+    assert 1 <= waits <= 1 + seconds / 0.02
+    assert node.get_clock().now().nanoseconds >= 1_000_000_000
+
+
+def test_wake_ups_without_a_callback_are_paced(spun):
+    node, _, counter = spun()
+    began = time.monotonic()
+    for _ in range(200):
+        node.executor.wake()
+        time.sleep(0.002)
+    assert 1 <= counter.waits <= 2 + (time.monotonic() - began) / 0.02
+
+
+@pytest.fixture
+def warned(monkeypatch, caplog, eventually):
+    """Open a subscription and a publisher of another node; returns the warnings."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setattr(ros2_graph, "PERIOD", 0.02)
+    caplog.set_level(logging.WARNING, "wbc_controller")
+    participants = Ros2Participants(), Ros2Participants()  # on Fast DDS a topic has one type in a participant
+    reader, writer = (
+        each.transport(name, "/ns") for each, name in zip(participants, ("reader", "writer"), strict=True)
+    )
+
+    def warned(subscription, publication, expected=1):
+        writer.advertise(publication)
+        eventually(lambda: reader.publishers(subscription) == ("/ns/writer",))
+        reader.subscribe(subscription, lambda payload: None)
+        eventually(lambda: len(caplog.messages) >= expected)
+        time.sleep(0.2)  # about ten more checks
+        return caplog.messages
+
+    yield warned
+    for each in (reader, writer, *participants):
+        each.close()
+
+
+def test_a_publisher_of_incompatible_quality_of_service_is_named_once(warned):
+    (sentence,) = warned(endpoint("/state", LATCHED), endpoint("/state", STATE_IN))
+    assert sentence.startswith("no messages on /state from /ns/writer: incompatible QoS (")
+    assert "volatile publisher and transient local subscription" in sentence
+    assert "best effort publisher and reliable subscription" in sentence
+    assert sentence.endswith("; change the publisher's or qos_overrides./state.subscription")
+
+
+def test_a_publisher_of_another_type_is_named_once(warned):
+    (sentence,) = warned(endpoint("/command", REQUEST), endpoint("/command", REQUEST, "std_msgs/msg/Bool"))
+    assert sentence == (
+        "no messages on /command from /ns/writer: their type is std_msgs/msg/Bool; publish std_msgs/msg/String"
+    )
+
+
+def test_compatible_publishers_are_not_warned_of(warned):
+    assert warned(endpoint("/odom", STATE_IN), endpoint("/odom", REQUEST), expected=0) == []
+
+
+def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "tf2_msgs" else find(name, *a))
+    participants = Ros2Participants()
+    transport = participants.transport("node")
+    try:
+        publish = transport.advertise(endpoint("/tf", TF_OUT, "tf2_msgs/msg/TFMessage"))
+        publish(b"")
+        assert caplog.messages == ["/tf is not published: the package tf2_msgs is not installed"]
+        assert not transport.is_read(endpoint("/tf", TF_OUT, "tf2_msgs/msg/TFMessage"))
+    finally:
+        transport.close()
+        participants.close()

@@ -1,0 +1,81 @@
+"""A reference that cannot be reached is said, with the constraint in the way; one that is on its way is not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.nodes.diagnostics.shortfall import Shortfall, _distance, in_the_way, in_words
+
+PERIOD = 0.1
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return Controller("go2")
+
+
+def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approach=0.0):
+    """The sentences of the last of some looks, with a reference of the centre of mass that is so far away.
+
+    Of the first look's error the share `approach` is gone in the last one.
+    """
+    shortfall, dynamics = Shortfall({"com": controller.tasks["com"]}), controller.dynamics
+    found = ()
+    for i in range(times):
+        left = 1.0 - approach * i / times
+        reference = SimpleNamespace(position=dynamics.com + left * np.array(goal), velocity=np.full(3, velocity))
+        references = SimpleNamespace(tasks={"com": reference}, weights={"com": weight, "base": 5.0})
+        solution = SimpleNamespace(binding=binding, task_errors={"com": left * np.linalg.norm(goal)})
+        found = shortfall.sentences(i * PERIOD, dynamics, references, solution)
+    return found
+
+
+def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
+    binding = {"motion:FL_calf_joint:upper": 3.0, "torque:RL_thigh_joint:lower": 0.5, "cone:front_left_foot": 1.0e-6}
+    (sentence,) = said(controller, [0.0, 0.0, 0.035], times=12, binding=binding)
+    assert sentence == (
+        "com is 35 mm short of its reference; binding: FL_calf_joint's upper limit of motion, "
+        "RL_thigh_joint's lower torque limit"
+    )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"times": 10},  # not for long enough
+        {"goal": [0.0, 0.0, 0.009]},  # near enough
+        {"velocity": 0.1},  # on its way
+        {"approach": 0.5},  # it comes nearer
+        {"weight": 0.04},  # outweighed: it takes what the others leave
+    ],
+)
+def test_what_is_no_shortfall(controller, changes):
+    assert said(controller, **{"goal": [0.0, 0.0, 0.035], "times": 12, "binding": {}, **changes}) == ()
+
+
+def test_a_pose_is_short_by_a_distance_and_an_angle():
+    assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.1, 0.0]), "m, rad") == "50 mm and 0.10 rad"
+    assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), "m, rad") == "50 mm"
+    assert _distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
+
+
+def test_where_nothing_binds():
+    assert in_the_way({}) == "nothing; other tasks or forces outweigh it"
+    assert in_the_way({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("torque:left_ankle_pitch_joint:lower", "left_ankle_pitch_joint's lower torque limit"),
+        ("normal_force:left_foot:lower", "left_foot's smallest normal force"),
+        ("cone:left_foot", "left_foot's friction, or the edge of its support"),
+        ("self_collision:a/b", "self_collision:a/b"),
+    ],
+)
+def test_constraints_in_words(name, words):
+    assert in_words(name) == words

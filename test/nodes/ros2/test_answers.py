@@ -1,0 +1,62 @@
+"""The outcome of a command that came by a service: that of the cycle which took it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from wbc_controller.nodes.ros2 import answers
+from wbc_controller.nodes.ros2.answers import Answers
+from wbc_controller.records import Fault, Mode
+
+
+@pytest.fixture
+def asked():
+    """A pending 'activate', and the list of its answers."""
+    waiting, outcome = Answers(), []
+    waiting.ask("activate", lambda: None, lambda *answer: outcome.append(answer))
+    return waiting, outcome
+
+
+def report(mode=Mode.INACTIVE, requests=(), refused=(), fault=None):
+    return SimpleNamespace(mode=mode, requests=requests, refused=refused, fault=fault)
+
+
+def test_cycles_that_have_not_taken_it_do_not_answer(asked):
+    waiting, outcome = asked
+    for _ in range(20):
+        waiting.observe(report())
+        waiting.observe(report(requests=("reset",), refused=("command 'reset' is refused",)))
+    assert outcome == []
+    waiting.observe(report(Mode.ACTIVE, ("activate",)))
+    waiting.observe(report(Mode.ACTIVE, ("activate",)))
+    assert outcome == [(True, "active")]
+
+
+def test_a_refusal_is_the_answer(asked):
+    waiting, outcome = asked
+    waiting.observe(report(Mode.ACTIVE, ("activate",), ("command 'activate' is refused: why",)))
+    assert outcome == [(False, "command 'activate' is refused: why")]
+
+
+def test_a_mode_that_does_not_confirm_it_says_why(asked):
+    waiting, outcome = asked
+    waiting.observe(report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")))
+    assert outcome == [(False, "damping FALLEN: it lies")]
+
+
+def test_one_that_was_turned_away_is_answered_too(asked, monkeypatch):
+    monkeypatch.setattr(answers, "_LONGEST_WAIT", 10)
+    waiting, outcome = asked
+    for _ in range(9):
+        waiting.observe(report())
+    assert outcome == []
+    waiting.observe(report())
+    assert outcome == [(False, "command 'activate' was not taken within 10 cycles; send it again")]
+
+
+def test_the_end_of_the_loop_answers(asked):
+    waiting, outcome = asked
+    waiting.end("over")
+    assert outcome == [(False, "over")]

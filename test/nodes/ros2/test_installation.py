@@ -1,0 +1,117 @@
+"""The refusal of two ROS 2 in one process: the wheels of PyPI, and a sourced installation."""
+
+import os
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.nodes.ros2 import installation
+from wbc_controller.nodes.ros2.installation import refuse_mixture
+
+
+@pytest.fixture
+def environment(tmp_path, monkeypatch):
+    """A virtual environment with the wheels, and no ROS 2 sourced; returns the folder of its packages."""
+    prefix = tmp_path / "venv"
+    site = prefix / "lib/python3.12/site-packages"
+    _make(prefix / "lib/librcl.so")
+    _make(site / "rclpy/__init__.py")
+    monkeypatch.setattr(sys, "prefix", str(prefix))
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.setattr(installation, "distribution", lambda name: SimpleNamespace(locate_file=lambda path: site))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(prefix / "lib"))  # as the wheels set it
+    # Some test may have imported the real one, whose module find_spec would return.
+    monkeypatch.delitem(sys.modules, "rclpy", raising=False)
+    return site
+
+
+def _make(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch()
+
+
+def test_the_wheels_alone_are_accepted(environment):
+    refuse_mixture()
+
+
+def test_a_workspace_and_the_prefix_of_the_wheels_are_no_second_installation(environment, tmp_path, monkeypatch):
+    workspace = tmp_path / "ws/install/my_package"
+    _make(workspace / "share/ament_index/resource_index/packages/my_package")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{workspace}:{sys.prefix}")
+    refuse_mixture()
+
+
+@pytest.mark.parametrize(("variable", "folder"), [("AMENT_PREFIX_PATH", ""), ("LD_LIBRARY_PATH", "lib")])
+def test_a_sourced_installation_is_refused_with_both_paths(environment, tmp_path, monkeypatch, variable, folder):
+    sourced = tmp_path / "opt/ros/jazzy"
+    _make(sourced / "lib/librcl.so")
+    monkeypatch.setenv(variable, f"{tmp_path / 'ws'}:{sourced / folder}")
+    with pytest.raises(ConfigurationError, match="two installations of ROS 2 would be mixed") as refusal:
+        refuse_mixture()
+    assert f"in {environment}, " in str(refusal.value)
+    assert f" in {sourced}. " in str(refusal.value)
+    assert "in a shell that has not sourced ROS 2" in str(refusal.value)
+
+
+def test_rclpy_from_another_place_than_the_wheels_is_refused(environment, tmp_path, monkeypatch):
+    sourced = tmp_path / "opt/ros/jazzy/lib/python3.12/site-packages"
+    _make(sourced / "rclpy/__init__.py")
+    monkeypatch.syspath_prepend(str(sourced))  # as PYTHONPATH does
+    with pytest.raises(ConfigurationError) as refusal:
+        refuse_mixture()
+    assert f" in {sourced}. " in str(refusal.value)
+
+
+def test_a_sourced_installation_alone_is_accepted(environment, tmp_path, monkeypatch):
+    def missing(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(installation, "distribution", missing)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "venv"))
+    refuse_mixture()
+
+
+#: Fails if a module of ROS 2 is imported.
+REFUSED = """
+import sys
+class Finder:
+    def find_spec(self, name, *rest):
+        assert name != "wbc_controller.nodes.ros2.process", "rclpy is about to be imported"
+sys.meta_path.insert(0, Finder())
+from wbc_controller.nodes.ros2 import installation
+from wbc_controller.errors import ConfigurationError
+def refuse(): raise ConfigurationError("two installations of ROS 2")
+import wbc_controller.node as node
+node.refuse_mixture = refuse
+node.{main}()
+"""
+
+
+@pytest.mark.parametrize("main", ["main", "mock_main", "guard_main", "estimator_main"])
+def test_the_executables_end_with_status_2_before_rclpy_is_imported(main):
+    ended = subprocess.run(
+        [sys.executable, "-c", REFUSED.format(main=main)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == 2
+    assert ended.stderr == "error: two installations of ROS 2\n"
+
+
+def test_the_real_wheels_beside_a_sourced_installation_are_refused(tmp_path):
+    try:
+        installation.distribution("ros-rclpy")
+    except PackageNotFoundError as error:
+        pytest.skip(f"the wheels of ROS 2 are not installed: {error}")
+    _make(tmp_path / "lib/librcl.so")
+    ended = subprocess.run(
+        [sys.executable, "-c", "from wbc_controller.node import main; main()"],
+        env=os.environ | {"AMENT_PREFIX_PATH": str(tmp_path)},
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert f"a sourced one in {tmp_path}" in ended.stderr

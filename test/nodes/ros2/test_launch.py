@@ -1,0 +1,247 @@
+"""The launch file, on its own processes: a robot stands, and everything ends as it should."""
+
+import itertools
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from launching import PATIENCE, ROOT, launch
+
+try:
+    from geometry_msgs.msg import PointStamped, WrenchStamped
+    from nav_msgs.msg import Odometry
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Bool, Float64MultiArray, String
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.settings.files import find_configuration, load_settings
+
+pytestmark = pytest.mark.live
+
+
+def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
+    node, until = user
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    states, torques, forces, height = [], [], {}, {}
+    node.create_subscription(String, "/r1/wbc_controller/state", lambda message: states.append(message.data), latched)
+    node.create_subscription(Float64MultiArray, "/r1/effort_controller/commands", torques.append, 1)
+    node.create_subscription(Odometry, "/r1/odom", lambda m: height.update(base=m.pose.pose.position.z), 1)
+    for foot in ("left_foot", "right_foot"):
+        node.create_subscription(
+            WrenchStamped,
+            f"/r1/mock_robot/contacts/{foot}/wrench",
+            lambda message, foot=foot: forces.__setitem__(foot, message.wrench.force.z),
+            1,
+        )
+    command = node.create_publisher(String, "/r1/wbc_controller/command", 10)
+    hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
+    setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)
+
+    # Half of real time, and ages by the simulator's clock, so that a busy machine keeps up too.
+    process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5", "use_sim_time:=true")
+    try:
+        until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
+        until(lambda: states == ["inactive"])
+        until(lambda: height)
+
+        def active():
+            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states have arrived
+                command.publish(String(data="activate"))
+            return states[-1] == "active"
+
+        tries = itertools.count()
+        until(active)
+        until(lambda: torques and max(map(abs, torques[-1].data)) > 1.0)
+        hold.publish(Bool(data=False))
+        model = make_model(load_settings(find_configuration("g1")))
+        weight = 9.81 * model.mass
+        until(lambda: sum(forces.values()) == pytest.approx(weight, rel=0.01))
+        stood = height["base"]
+        target = PointStamped()
+        target.header.frame_id = "world"
+        target.point.x, target.point.z = 0.03, 0.60
+        setpoint.publish(target)
+        until(lambda: height["base"] < stood - 0.05)
+        assert states[-1] == "active"
+    finally:
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=PATIENCE)
+        print(states, output)  # shown by pytest where the test fails
+    until(lambda: states[-1] == "stopped")
+    until(lambda: not any(torques[-1].data))
+    assert process.returncode == 0, output
+    assert output.count("process has finished cleanly") == 2, output
+    assert "Traceback" not in output, output
+
+
+def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environment):
+    process = launch(environment, "config:=/nowhere/robot.yaml", "mock:=false")
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert "config = '/nowhere/robot.yaml': there is no such file" in output
+    assert "exit code 2" in output
+    assert "Traceback" not in output
+
+
+def test_the_guard_may_be_launched_too(environment, user):
+    node, until = user
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said = []
+    node.create_subscription(String, "/r2/guard/state", lambda message: said.append(message.data), latched)
+    process = launch(environment, "robot:=go2", "namespace:=r2", "guard:=true", "activate:=true")
+    try:
+        until(lambda: "watching" in said)
+    finally:
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=PATIENCE)
+        print(output)  # shown by pytest where the test fails
+    assert said[0] == "idle"
+    assert output.count("process has finished cleanly") == 3, output
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments"),
+    [
+        ("wbc.launch.py", ("robot", "config", "mock", "guard", "namespace", "activate", "real_time_factor", "rviz")),
+        ("robot.launch.py", ("config", "namespace", "activate", "guard", "joint_states", "odom", "use_sim_time")),
+        ("simulation.launch.py", ("config", "controllers", "simulator", "description", "odom", "activate")),
+    ],
+)
+def test_every_argument_is_described(environment, file, arguments):
+    done = subprocess.run(
+        ["ros2", "launch", "wbc_controller", file, "--show-args"],
+        env=environment, capture_output=True, text=True, timeout=PATIENCE, check=True,
+    )  # fmt: skip
+    for argument in arguments:
+        assert f"'{argument}':" in done.stdout
+    assert "no description given" not in done.stdout
+
+
+@pytest.fixture
+def stand_in(environment, tmp_path):
+    """Install an executable that notes the words and the parameters it was started with."""
+
+    def install(package, executable):
+        folder = tmp_path / "lib" / package
+        folder.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "share/ament_index/resource_index/packages" / package).touch()
+        notes = tmp_path / f"{executable}.txt"
+        script = folder / executable
+        script.write_text(
+            f"#!{sys.executable}\nimport pathlib, sys\n"
+            "files = [word for word, flag in zip(sys.argv[1:], sys.argv) if flag == '--params-file']\n"
+            "text = '\\n'.join([*sys.argv[1:], *(pathlib.Path(file).read_text() for file in files)])\n"
+            f"pathlib.Path({str(notes)!r}).write_text(text)\n"
+        )
+        script.chmod(0o755)
+        return notes
+
+    return install
+
+
+def wait_for(files, process):
+    deadline = time.monotonic() + PATIENCE
+    while not all(file.exists() and file.read_text() for file in files):
+        assert time.monotonic() < deadline, f"not within {PATIENCE} s"
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=PATIENCE)
+    return output
+
+
+def test_rviz_is_started_with_the_layout_where_that_is_asked_for(environment, stand_in):
+    notes = stand_in("rviz2", "rviz2")
+    wait_for([notes], launch(environment, "rviz:=true", "mock:=false", "namespace:=r3"))
+    words = notes.read_text().split("\n")
+    assert Path(words[words.index("-d") + 1]).is_file()
+    assert "/wbc_controller/markers:=wbc_controller/markers" in words
+    assert "__ns:=/r3" in words
+
+
+@pytest.mark.parametrize("simulator", ["true", "false"])
+def test_a_simulator_behind_ros2_control(environment, stand_in, tmp_path, simulator):
+    notes = {
+        name: stand_in(package, name)
+        for package, name in (
+            ("mujoco_ros2_control", "ros2_control_node"),
+            ("robot_state_publisher", "robot_state_publisher"),
+            ("controller_manager", "spawner"),
+            ("wbc_controller", "wbc_controller"),
+        )
+    }
+    xacro = tmp_path / "bin/xacro"
+    xacro.parent.mkdir()
+    xacro.write_text('#!/bin/sh\necho "<robot name=\\"$1\\"/>"\n')
+    xacro.chmod(0o755)
+    environment["PATH"] = f"{xacro.parent}:{environment['PATH']}"
+    controllers = ROOT / "config/ros2_control/go2.yaml"
+    process = launch(
+        environment, f"config:={ROOT / 'config/go2.yaml'}", f"controllers:={controllers}", "description:=robot.xacro",
+        f"simulator:={simulator}", file="simulation.launch.py",
+    )  # fmt: skip
+    started = notes if simulator == "true" else {name: notes[name] for name in ("spawner", "wbc_controller")}
+    wait_for(started.values(), process)
+    words = notes["spawner"].read_text().split("\n")
+    assert words[:4] == ["joint_state_broadcaster", "effort_controller", "--param-file", str(controllers)]
+    controller = notes["wbc_controller"].read_text()
+    assert "odom:=/simulator/floating_base_state" in controller
+    assert "use_sim_time: true" in controller
+    for name, file in notes.items():
+        assert file.exists() == (name in started)
+    if simulator == "true":
+        assert "use_sim_time: true" in notes["ros2_control_node"].read_text()
+        assert "JointGroupEffortController" in notes["ros2_control_node"].read_text()
+        assert '<robot name="robot.xacro"/>' in notes["robot_state_publisher"].read_text()
+
+
+def test_two_robots_in_one_graph(environment, user):
+    node, until = user
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said, stamps, processes = {}, {}, []
+    for robot in ("r1", "r2"):
+        said[robot] = []
+        node.create_subscription(
+            String, f"/{robot}/wbc_controller/state", lambda m, robot=robot: said[robot].append(m.data), latched
+        )
+        node.create_subscription(
+            Clock, f"/{robot}/clock", lambda m, robot=robot: stamps.__setitem__(robot, m.clock.sec), 1
+        )
+    try:
+        for robot in said:
+            processes.append(
+                launch(environment, "robot:=go2", f"namespace:={robot}", "real_time_factor:=0.3", "use_sim_time:=true",
+                       "activate:=true")
+            )  # fmt: skip
+        until(lambda: all(states[-1:] == ["active"] for states in said.values()))
+        start = dict(stamps)
+        until(lambda: all(stamps[robot] >= start[robot] + 3 for robot in said))
+        assert {robot: states[-1] for robot, states in said.items()} == {"r1": "active", "r2": "active"}
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        outputs = [process.communicate(timeout=PATIENCE)[0] for process in processes]
+        print(said, *outputs)  # shown by pytest where the test fails
+    assert all(output.count("process has finished cleanly") == 2 for output in outputs)
+
+
+def test_the_launch_file_for_a_robot_that_is_there(environment, stand_in):
+    notes = [stand_in("wbc_controller", "wbc_controller"), stand_in("wbc_controller", "guard")]
+    process = launch(
+        environment, "config:=my.yaml", "odom:=/estimator/odom", "effort:=/torques", "guard:=true", "namespace:=r4",
+        "use_sim_time:=true", file="robot.launch.py",
+    )  # fmt: skip
+    wait_for(notes, process)
+    controller, guard = (file.read_text() for file in notes)
+    for text in (controller, guard):
+        assert "effort_controller/commands:=/torques" in text
+        assert "__ns:=/r4" in text
+        assert "config: my.yaml" in text
+    assert "odom:=/estimator/odom" in controller
+    assert "use_sim_time: true" in controller

@@ -1,0 +1,492 @@
+"""The controller's node in this process: transitions, parameters, services."""
+
+import itertools
+import logging
+import re
+import threading
+import time
+
+import pytest
+from domains import own_domain
+
+try:
+    import rclpy
+    from builtin_interfaces.msg import Time
+    from nav_msgs.msg import Odometry
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.lifecycle import TransitionCallbackReturn
+    from rclpy.parameter import Parameter
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray, String
+    from std_srvs.srv import Trigger
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+from wbc_controller.controller.build.robot_description import read_urdf
+from wbc_controller.nodes.ros2.controller_node import ControllerNode
+from wbc_controller.nodes.ros2.declaration import values
+from wbc_controller.nodes.ros2.parameters import settings_from
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.records import Mode
+from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
+
+pytestmark = pytest.mark.live
+
+DOMAIN = own_domain()
+#: A busy machine must not look like a robot that stands still.
+PATIENT = {"safety__state_timeout": 1.0}
+SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
+
+
+@pytest.fixture
+def context(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def log():
+    """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
+    records, handler = [], logging.Handler()
+    handler.emit = records.append
+    loggers = [logging.getLogger(f"wbc_controller.nodes.ros2.{name}") for name in ("controller_node", "gate")]
+    for logger in loggers:
+        logger.addHandler(handler)
+    yield records
+    for logger in loggers:
+        logger.removeHandler(handler)
+
+
+def text_of(records):
+    return "\n".join(f"{record.getMessage()} {record.exc_info}" for record in records)
+
+
+@pytest.fixture
+def make_node(context):
+    nodes = []
+
+    def make_node(words=(), **overrides):
+        parameters = [Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()]
+        options = {"cli_args": ["--ros-args", *words]} if words else {}
+        nodes.append(ControllerNode(arguments=[], context=context, parameter_overrides=parameters, **options))
+        return nodes[-1]
+
+    yield make_node
+    for node in nodes:
+        node.finish()
+        node.destroy_node()
+
+
+@pytest.fixture
+def spin(context):
+    """Spin nodes on a thread, as the executable does."""
+    executor = SingleThreadedExecutor(context=context)
+
+    ended = threading.Event()
+
+    def run():
+        while not ended.is_set():
+            executor.spin_once()
+
+    thread = threading.Thread(target=run)
+
+    others = []
+
+    def spin(*nodes):
+        for node in nodes:
+            executor.add_node(node)
+        others.extend(node for node in nodes if not isinstance(node, ControllerNode))
+        thread.start()
+        return executor
+
+    yield spin
+    ended.set()
+    executor.create_task(lambda: None)
+    if thread.ident is not None:
+        thread.join()
+    executor.shutdown()
+    for node in others:  # or the next test would find them in the graph
+        node.destroy_node()
+
+
+@pytest.fixture
+def robot(context):
+    """A node that publishes the state of a G1 that hangs still."""
+    settings = load_settings(find_configuration("g1"))
+    node = rclpy.create_node("robot", context=context)
+    joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
+    joints.velocity = [0.0] * len(joints.name)
+    base = Odometry(child_frame_id="pelvis")
+    base.pose.pose.position.z, base.pose.pose.orientation.w = 0.8, 1.0
+    odom, joint_states = (
+        node.create_publisher(Odometry, "odom", 1),
+        node.create_publisher(JointState, "joint_states", 1),
+    )
+
+    def publish(stamp=None):
+        joints.header.stamp = base.header.stamp = stamp or node.get_clock().now().to_msg()
+        odom.publish(base)
+        joint_states.publish(joints)
+
+    node.publish = publish
+    node.timer = node.create_timer(0.005, publish)
+    return node
+
+
+def within(seconds, condition):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds} s"
+        time.sleep(0.01)
+
+
+def on_executor(executor, function):
+    task = executor.create_task(function)
+    within(20, task.done)
+    return task.result()
+
+
+def test_transitions_there_and_back_twice(make_node):
+    node = make_node(robot="g1")
+    for _ in range(2):
+        assert node.trigger_configure() == SUCCESS
+        for _ in range(2):
+            assert node.trigger_activate() == SUCCESS
+            assert node.trigger_deactivate() == SUCCESS
+        assert node.trigger_cleanup() == SUCCESS
+    assert not [thread for thread in threading.enumerate() if thread.name == "control loop"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ({"robot": "g1", "tasks__com__weight": -1.0}, "tasks.com.weight = -1.0: "),
+        ({"robot": "g1", "robot__posture": [0.0]}, "posture has 1 values for 29 joints"),
+        ({"robot": "g1", "tasks__torso__frame": "trunk"}, "trunk"),
+        ({}, "has no robot: give -p robot:="),
+    ],
+)
+def test_bad_parameters_fail_the_transition_with_the_reason_and_can_be_mended(make_node, log, overrides, said):
+    node = make_node(**overrides)
+    assert node.trigger_configure() == FAILURE
+    (record,) = [record for record in log if record.levelno == logging.ERROR]
+    assert said in record.getMessage()
+    assert record.exc_info is None
+    repaired = {"tasks.com.weight": 1.0, "tasks.torso.frame": "torso_link"}
+    node.set_parameters([Parameter("robot", value="g1"), *[Parameter(k, value=v) for k, v in repaired.items()]])
+    if "robot__posture" in overrides:
+        node.undeclare_parameter("robot.posture")
+    assert node.trigger_configure() == SUCCESS
+
+
+def test_topics_are_remapped_and_their_qos_overridden_as_always(make_node):
+    words = ["-r", "odom:=/estimator/odom", "-r", "__ns:=/r1", "-p", "robot:=g1"]
+    for key, value in (("reliability", "reliable"), ("depth", 7)):
+        words += ["-p", f"qos_overrides./r1/joint_states.subscription.{key}:={value}"]
+    node = make_node(words)
+    assert node.trigger_configure() == SUCCESS
+    within(20, lambda: node.count_publishers("/diagnostics"))  # the graph lags behind
+    (odom,) = node.get_subscriptions_info_by_topic("/estimator/odom")
+    assert (odom.node_namespace, odom.qos_profile.reliability) == ("/r1", ReliabilityPolicy.BEST_EFFORT)
+    (joint_states,) = node.get_subscriptions_info_by_topic("/r1/joint_states")
+    assert joint_states.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert node.get_parameter("qos_overrides./r1/joint_states.subscription.depth").value == 7
+    assert node.count_publishers("/r1/wbc_controller/state") == 1
+    assert node.count_publishers("/diagnostics") == 1
+
+
+def set_one(node, name, value):
+    (result,) = node.set_parameters([Parameter(name, value=value)])
+    return result.successful or result.reason
+
+
+def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
+    node = make_node(robot="g1", tasks__com__weight=3.0)
+    assert node.trigger_configure() == SUCCESS
+    tuner = node._loop.controller.live
+    for name, value in (
+        ("tasks.com.weight", 4),
+        ("tasks.com.stiffness", [50.0, 50.0, 80.0]),
+        ("limits.acceleration", 90.0),
+    ):
+        assert set_one(node, name, value) is True
+        assert node.get_parameter(name).value == value
+    com = tuner.settings.tasks["com"]
+    assert (com.weight, com.stiffness, tuner.settings.limits.acceleration) == (4.0, [50.0, 50.0, 80.0], 90.0)
+    for name, value, said in (
+        ("tasks.com.weight", -1.0, "tasks.com.weight = -1.0: input should be greater than or equal to 0"),
+        ("tasks.com.wieght", 1.0, "tasks.com.wieght: unknown key; did you mean 'weight'?"),
+        ("tasks.com.stiffness", "stiff", "should be a valid number"),
+        ("robot.joints", ["a"], "robot.posture has"),
+        ("control.rate", 100.0, "control.rate: read only when the controller is configured"),
+        ("robot", "talos", "robot: read only when the node is configured"),
+        ("use_sim_time", True, "use_sim_time: read only when the node is configured"),
+    ):
+        before = node.get_parameter_or(name).value
+        reason = set_one(node, name, value)
+        assert said in str(reason)
+        assert node.get_parameter_or(name).value == before
+    assert tuner.settings.tasks["com"] == com
+    assert set_one(node, "activate", True) is True
+
+
+def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_node):
+    node = make_node(robot="g1", tasks__com__weight=3.0)
+    assert not node.has_parameter("limits.acceleration")
+    assert node.trigger_configure() == SUCCESS
+    assert node.get_parameter("limits.acceleration").value == node._loop.controller.live.settings.limits.acceleration
+    described = node.describe_parameter("limits.acceleration").description
+    assert described.startswith("Largest joint acceleration, rad/s².")
+    assert described.endswith("May be changed live.")
+    assert node.describe_parameter("tasks.com.weight").description.startswith("Weight in the cost.")
+    assert set_one(node, "tasks.com.stiffness", 70.0) is True
+    assert node.trigger_cleanup() == SUCCESS
+    assert not node.has_parameter("limits.acceleration")
+    assert set_one(node, "robot", "talos") is True  # and what was set stays, as if it had been given at the start
+    assert node.trigger_configure() == SUCCESS
+    com = node._loop.controller.live.settings.tasks["com"]
+    assert (com.weight, com.stiffness) == (3.0, 70.0)
+
+
+@pytest.mark.parametrize("given", [{"robot": "go2"}, {"config": str(find_configuration("go2"))}])
+def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
+    node = make_node(**given, tasks__com__weight=3.0)
+    assert node.trigger_configure() == SUCCESS
+    dumped = values(node)
+    names = set(dumped)
+    assert len(names) > 60
+    assert not [name for name in names for upper in names if name.startswith(f"{upper}.")]
+    assert settings_from(dumped, "/wbc_controller", [], node._own)[0] == Settings.model_validate(
+        node._loop.controller.live.settings.model_dump()
+    )
+
+
+def test_what_an_update_changes_is_shown(make_node, spin, context):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    publish = user.create_publisher(String, "/wbc_controller/update", 10)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    within(10, lambda: publish.get_subscription_count() == 1)
+    publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
+    within(10, lambda: node.get_parameter("tasks.com.stiffness").value == 33.0)
+    assert not node.has_parameter("robot.joints")  # beside robot
+
+
+def test_a_command_sent_before_activation_is_not_obeyed_later(make_node, spin, context, log):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    said = []
+    publish = user.create_publisher(String, "/wbc_controller/command", 10)
+    user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
+    within(10, lambda: publish.get_subscription_count() == 1)
+    publish.publish(String(data="estop"))
+    within(10, lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log))
+    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    within(10, lambda: said)
+    publish.publish(String(data="estop"))
+    within(10, lambda: len(said) == 2)
+    assert said == ["inactive", "fault ESTOP: emergency stop by command"]
+
+
+def test_services_say_what_happened(make_node, spin, context):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    clients = {name: user.create_client(Trigger, f"/wbc_controller/{name}") for name in ("activate", "stop", "reset")}
+
+    def call(name):
+        assert clients[name].wait_for_service(10)
+        future = clients[name].call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().success, future.result().message
+
+    success, text = call("activate")
+    assert not success
+    assert "not active" in text
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    success, text = call("activate")
+    assert not success
+    assert "joint_states" in text
+    assert call("stop") == (True, "fault ESTOP: emergency stop by command")
+    assert call("activate") == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
+    assert call("reset") == (True, "inactive")
+
+
+def test_the_last_seconds_are_recorded_on_request(make_node, spin, context, robot, tmp_path):
+    node, user = (
+        make_node(robot="g1", recorder__folder=str(tmp_path), **PATIENT),
+        rclpy.create_node("user", context=context),
+    )
+    executor = spin(node, user, robot)
+    client = user.create_client(Trigger, "/wbc_controller/record")
+
+    def call():
+        assert client.wait_for_service(10)
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().success, future.result().message
+
+    assert call() == (False, "the node is not active; ros2 lifecycle says how it is")
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    time.sleep(0.2)  # of cycles
+    assert list(tmp_path.iterdir()) == []
+    assert call() == (True, f"the last seconds are written to {tmp_path}")
+    within(20, lambda: list(tmp_path.glob("*REQUEST*.mcap")))
+    assert on_executor(executor, node.trigger_deactivate) == SUCCESS
+    (file,) = tmp_path.glob("*.mcap")
+    assert Recorded(file).count > 0
+
+
+def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):
+    node = make_node(robot="g1", **PATIENT)
+    executor = spin(node, robot)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    loop = node._loop
+    for _ in range(3):
+        tries = itertools.count()
+
+        def active():
+            if next(tries) % 20 == 0:  # noqa: B023  # called in this round only
+                node._gate.command("activate")
+            return loop.controller.supervisor.mode is Mode.ACTIVE
+
+        within(10, active)
+        assert on_executor(executor, node.trigger_deactivate) == SUCCESS
+        assert (loop.controller.supervisor.mode, loop.controller.supervisor.fault) == (Mode.STOPPED, None)
+        assert on_executor(executor, node.trigger_activate) == SUCCESS
+
+
+def test_a_service_waits_without_keeping_joint_states_from_the_loop(make_node, spin, context, robot):
+    node, user = make_node(robot="g1", **PATIENT), rclpy.create_node("user", context=context)
+    executor = spin(node, robot, user)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    client = user.create_client(Trigger, "/wbc_controller/activate")
+    assert client.wait_for_service(10)
+    within(20, lambda: max(node._loop._inputs.ages().values()) < 0.5)
+    answers = []
+    for _ in range(10):
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        answers.append((future.result().success, future.result().message))
+    assert answers[0] == (True, "active")
+    assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
+    assert node._loop.controller.supervisor.mode is Mode.ACTIVE
+
+
+def test_simulated_time_is_honoured(make_node, spin, context, robot):
+    node, user = make_node(robot="g1", use_sim_time=True), rclpy.create_node("user", context=context)
+    executor = spin(node, robot, user)
+    clock = user.create_publisher(Clock, "/clock", 1)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    client = user.create_client(Trigger, "/wbc_controller/activate")
+    assert client.wait_for_service(10)
+    times = [7_000_000_000]
+
+    def time_goes_on():
+        times.append(times[-1] + 5_000_000)
+        at = Time(sec=times[-1] // 10**9, nanosec=times[-1] % 10**9)
+        clock.publish(Clock(clock=at))
+        robot.publish(at)
+
+    def activate():
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().message
+
+    assert "no time has arrived on /clock" in activate()
+    robot.timer.cancel()
+    timer = user.create_timer(0.005, time_goes_on)
+    within(20, lambda: node._loop._clock.now() > 7.0 and activate() == "active")
+    on_executor(executor, timer.cancel)  # no more states, and no more time
+    time.sleep(0.2)
+    assert node._loop.controller.supervisor.mode is Mode.ACTIVE
+    end = times[-1] + 80_000_000
+    clock.publish(Clock(clock=Time(sec=end // 10**9, nanosec=end % 10**9)))
+    within(10, lambda: node._loop.controller.supervisor.mode is Mode.DAMPING)
+    assert re.search(r"joint_states is (80|85) ms old", node._loop.controller.supervisor.fault.sentence)
+    within(10, lambda: node.get_clock().now().nanoseconds == end)
+
+
+def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):
+    node = make_node(robot="g1")
+    executor = spin(node)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    node._gate.command("estop")
+    supervisor = node._loop.controller.supervisor
+    within(10, lambda: supervisor.mode is Mode.FAULT)
+    for transition in (node.trigger_deactivate, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    assert supervisor.fault.code == "ESTOP"
+    assert supervisor.mode is not Mode.INACTIVE
+
+
+def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(make_node, spin, context, log):
+    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
+    executor = spin(node, user)
+    torques = []
+    user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    loop = node._loop
+    within(10, lambda: node.count_subscribers("/effort_controller/commands"))
+    time.sleep(0.5)  # until the writer knows the reader too
+    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as if torques were being sent
+
+    def broken():
+        raise OSError("broken on purpose")
+
+    loop._guarded_cycle = broken  # around a cycle: what fails inside one is damped
+    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    within(10, lambda: "error processing" in text_of(log))
+    assert "broken on purpose" in text_of(log)
+    within(5, lambda: torques)
+    assert not any(torques[-1].data)
+    within(10, lambda: node._loop is None)
+    del loop._guarded_cycle
+    assert on_executor(executor, node.trigger_configure) == SUCCESS
+
+
+def test_while_another_node_publishes_torques_the_activation_is_refused(make_node, spin, context, robot):
+    node, user = make_node(robot="g1", **PATIENT), rclpy.create_node("user", context=context)
+    stranger = user.create_publisher(Float64MultiArray, "/effort_controller/commands", 1)
+    executor = spin(node, robot, user)
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    client = user.create_client(Trigger, "/wbc_controller/activate")
+    assert client.wait_for_service(10)
+
+    def activate():
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result()
+
+    refused = []
+    within(20, lambda: refused.append(activate()) or "published by /user too" in refused[-1].message)
+    assert not any(answer.success for answer in refused)
+    on_executor(executor, lambda: user.destroy_publisher(stranger))
+    within(20, lambda: activate().success)
+
+
+def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, context, log):
+    node, user = make_node(robot="g1", robot__urdf=""), rclpy.create_node("user", context=context)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = user.create_publisher(String, "/robot_description", latched)
+    assert node.trigger_configure() == FAILURE
+    publisher.publish(String(data="x" * 5_000_000))
+    within(20, lambda: "bytes are too long for a URDF; it may have 4000000" in text_of(log))
+    assert node.trigger_configure() == FAILURE
+    publisher.publish(String(data=read_urdf(load_settings(find_configuration("g1")).robot.urdf)))
+    within(20, lambda: node.trigger_configure() == SUCCESS)
+    user.destroy_node()

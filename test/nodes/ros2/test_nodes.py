@@ -1,0 +1,137 @@
+"""The three executables on a real graph: what they open is what the security policy allows; and the guard on rclpy."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from importlib.util import find_spec
+from xml.etree import ElementTree
+
+import pytest
+from domains import own_domain
+
+try:
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64MultiArray, String
+except ImportError as error:
+    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
+
+from wbc_controller.nodes.ros2.security_policy import CLOCK, security_policy
+
+pytestmark = pytest.mark.live
+
+#: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
+DOMAIN = own_domain()
+NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}
+PATIENCE = 120.0
+
+
+@pytest.fixture
+def graph(monkeypatch):
+    """A node that looks and listens, spun on a thread."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = rclpy.create_node("looker", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def spin():
+        with contextlib.suppress(ExternalShutdownException, ShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    yield node
+    executor.shutdown()
+    context.try_shutdown()
+    thread.join(10)
+    node.destroy_node()
+
+
+@pytest.fixture
+def start(graph):
+    """Starts an executable on Go2, patient enough for a shared machine."""
+    started = []
+
+    def make(name, *words):
+        process = subprocess.Popen(
+            [sys.executable, "-c", f"from wbc_controller.node import {NODES[name]} as main; main()", "--ros-args",
+             "-p", "robot:=go2", "-p", "guard.patience:=0.2", "-p", "mock.command_timeout:=1.0",
+             "-p", "safety.state_timeout:=1.0", *words],
+            env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)},
+        )  # fmt: skip
+        started.append(process)
+        return process
+
+    yield make
+    for process in started:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    for process in started:
+        process.wait(20)
+
+
+def until(condition, what):
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE} s in vain for {what}"
+        time.sleep(0.05)
+
+
+def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(graph, start, robot_of):
+    said, torques = {"wbc_controller": "", "guard": ""}, []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for name in said:
+        graph.create_subscription(String, f"/{name}/state", lambda m, name=name: said.update({name: m.data}), latched)
+    graph.create_subscription(Float64MultiArray, "/effort_controller/commands", lambda m: torques.append(m.data), 10)
+    start("mock_robot", "-p", "real_time_factor:=0.3")  # it does not fall behind on a busy machine
+    start("guard")
+    controller = start("wbc_controller", "-p", "activate:=true")
+    until(lambda: said["wbc_controller"] == "active" and said["guard"] == "watching", "an active controller")
+
+    # With markers_rate and the others as configured: the policy of this very configuration.
+    settings, model = robot_of("go2")
+    allowed = {}
+    root = ElementTree.fromstring(security_policy(settings, model))  # noqa: S314 - made by the code under test
+    for enclave in root.iter("enclave"):
+        for group in enclave.iter():
+            for qualifier in set(group.attrib) & {"publish", "subscribe", "reply"}:
+                allowed[enclave.get("path").strip("/"), qualifier] = {element.text for element in group}
+    for name in NODES:
+        opened = {
+            "publish": graph.get_publisher_names_and_types_by_node,
+            "subscribe": graph.get_subscriber_names_and_types_by_node,
+            "reply": graph.get_service_names_and_types_by_node,
+        }
+        for qualifier, look in opened.items():
+            unused = {CLOCK} if qualifier == "subscribe" else set()
+            if (name, qualifier) == ("mock_robot", "subscribe"):
+                unused |= {"/wbc_controller/joint_commands"}  # in lockstep this one, otherwise the torques
+            if (name, qualifier) == ("mock_robot", "publish"):  # what sensors at the feet would say, as drivers
+                unused |= {
+                    topic for topic in allowed[name, qualifier] if topic.endswith(("/holds", "/measured_wrench"))
+                }
+                if find_spec("tf2_msgs") is None:
+                    unused.add("/tf")
+            expected = allowed[name, qualifier] - unused
+            # The graph becomes known one endpoint after the other, and later than the first messages.
+            until(
+                lambda: {topic for topic, _ in look(name, "/")} == expected,  # noqa: B023 - called in this round only
+                f"what {name} may {qualifier} to be what it does: {sorted(expected)}",
+            )
+
+    controller.kill()
+    controller.wait()
+    until(lambda: said["guard"].startswith("damping COMMANDS_STOPPED: "), "the guard's damping")
+    count = len(torques)
+    until(lambda: len(torques) > count + 20, "the guard's torques")
+    start("wbc_controller", "-p", "activate:=true")
+    until(lambda: said["guard"] == "watching", "the guard to watch another controller")

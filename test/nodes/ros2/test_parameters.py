@@ -1,0 +1,83 @@
+"""From ROS 2 parameters to settings; needs no ROS 2."""
+
+import array
+import re
+
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.nodes.ros2.parameters import own_values, settings_from
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.nesting import nested
+
+G1 = find_configuration("g1")
+
+
+def flat(tree, prefix=""):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{prefix}{key}.")
+        elif value is not None and value != []:
+            yield f"{prefix}{key}", value
+
+
+def test_the_dotted_parameters_of_a_file_are_the_file():
+    settings = load_settings(G1)
+    parameters = dict(flat(settings.model_dump(exclude_unset=True)))
+    assert "tasks.com.weight" in parameters
+    ros = {"use_sim_time": False, "qos_overrides./parameter_events.publisher.depth": 1000, "autostart": True}
+    assert settings_from(parameters | ros, "/wbc_controller", [], ["autostart"])[0] == settings
+
+
+def test_arrays_of_every_kind_become_lists():
+    assert nested({"a.b": array.array("d", [1.0]), "a.c": ("x",), "a.d": "text"}) == {
+        "a": {"b": [1.0], "c": ["x"], "d": "text"}
+    }
+
+
+@pytest.mark.parametrize("base", [{"robot": "g1"}, {"config": str(G1), "robot": ""}])
+def test_parameters_are_put_over_a_named_configuration(base):
+    settings, source = settings_from(base | {"control.rate": 250.0, "tasks.com.weight": 7.0}, "/n", [])
+    assert (settings.control.rate, settings.tasks["com"].weight) == (250.0, 7.0)
+    assert settings.tasks["com"].stiffness == load_settings(G1).tasks["com"].stiffness
+    assert str(G1) in source
+
+
+def test_a_node_without_a_section_takes_the_controllers_section_of_the_parameter_file():
+    arguments = ["mock_robot", "--ros-args", "--params-file", str(G1)]
+    assert settings_from({"use_sim_time": False}, "/r1/mock_robot", arguments)[0] == load_settings(G1)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({}, "/n has no robot: give -p robot:=<name> (Valid: g1, go2, talos)"),
+        ({"robot": "talo"}, "did you mean 'talos'?"),
+        ({"robot": "g1", "config": "x.yaml"}, "both name a configuration"),
+        ({"config": "x.yaml"}, "config = 'x.yaml': there is no such file"),
+        ({"robot": 1}, "robot = 1: must be a text"),
+        ({"robot": "g1", "tasks.com.weight": -1.0}, "tasks.com.weight = -1.0: "),
+        ({"robot": "g1", "contorl.rate": 1.0}, "contorl: unknown key; did you mean 'control'?"),
+        ({"control": 1, "control.rate": 1.0}, "parameter control = 1: there is a parameter control.rate too"),
+    ],
+)
+def test_what_cannot_be_used_is_named(parameters, said):
+    with pytest.raises(ConfigurationError) as caught:
+        settings_from(parameters, "/n", [])
+    assert said in str(caught.value)
+
+
+def test_a_nodes_own_parameters_have_the_types_of_their_defaults():
+    defaults = {"real_time_factor": 1.0, "lockstep": False}
+    assert own_values({"real_time_factor": 2, "robot": "g1"}, defaults, "/n") == {
+        "real_time_factor": 2.0,
+        "lockstep": False,
+    }
+    for given, said in [
+        ({"lockstep": "false"}, "/n: lockstep = 'false': must be true or false"),
+        ({"lockstep": 0}, "/n: lockstep = 0: must be true or false"),
+        ({"real_time_factor": "fast"}, "/n: real_time_factor = 'fast': must be a number"),
+        ({"real_time_factor": True}, "/n: real_time_factor = True: must be a number"),
+    ]:
+        with pytest.raises(ConfigurationError, match=f"^{re.escape(said)}$"):
+            own_values(given, defaults, "/n")

@@ -1,0 +1,211 @@
+"""The policy allows what the nodes really open, and nothing else."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.robot_description import describe
+from wbc_controller.controller.controller import Controller
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.estimator_service import EstimatorService
+from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
+from wbc_controller.nodes.guard_service import GuardService
+from wbc_controller.nodes.ros2.answers import RECORD, SERVICES
+from wbc_controller.nodes.ros2.security_policy import (
+    CLOCK,
+    LIFECYCLE_SERVES,
+    NODE_PUBLISHES,
+    NODE_SERVES,
+    OPERATOR,
+    security_policy,
+)
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK
+from wbc_controller.simulation.mock_robot import MockRobot
+
+CONTROLLER = "wbc_controller"
+#: What an element may hold and which attributes it has to have, by SROS 2's schema; `?` where it need not have it.
+SCHEMA = {
+    "policy": ({"enclaves"}, {"version"}),
+    "enclaves": ({"enclave"}, set()),
+    "enclave": ({"profiles"}, {"path"}),
+    "profiles": ({"profile"}, set()),
+    "profile": ({"topics", "services"}, {"ns", "node"}),
+    "topics": ({"topic"}, {"publish?", "subscribe?"}),
+    "services": ({"service"}, {"request?", "reply?"}),
+    "topic": (set(), set()),
+    "service": (set(), set()),
+}
+
+
+class Recorder:
+    """A transport that only writes down what is opened."""
+
+    discovery_time = 0.0
+
+    def __init__(self):
+        self.published, self.subscribed = set(), set()
+
+    def advertise(self, endpoint):
+        self.published.add(endpoint.name)
+        return lambda payload: None
+
+    def subscribe(self, endpoint, callback):
+        self.subscribed.add(endpoint.name)
+
+    def stream(self, endpoint, depth):
+        self.subscribed.add(endpoint.name)
+
+    def publishers(self, endpoint):
+        return ()
+
+    def is_read(self, endpoint):
+        return False
+
+
+def read(text):
+    """The names that each enclave's node may use, by `publish`, `subscribe`, `request` and `reply`."""
+    allowed = {}
+    for enclave in ElementTree.fromstring(text).iter("enclave"):  # noqa: S314 - made by the code under test
+        rules = allowed[enclave.get("path")] = {}
+        for group in enclave.iter():
+            for qualifier in ("publish", "subscribe", "request", "reply"):
+                if group.get(qualifier) == "ALLOW":
+                    names = [element.text for element in group]
+                    assert len(names) == len(set(names))
+                    rules.setdefault(qualifier, set()).update(names)
+    return allowed
+
+
+def opened(settings, model, namespace="/", remappings=None):
+    """What each node opens when it runs."""
+    places = {"namespace": namespace, "remappings": remappings}
+    controller, mock, guard, estimator = (Recorder() for _ in range(4))
+    topics = controller_endpoints(settings, model, **places)
+    make_loop(Controller(settings, preflight=False, model=model), controller, ManualClock(), topics)
+    for lockstep in (False, True):
+        MockRobot(model, settings, mock, lockstep=lockstep, **places)
+    robot = describe(model.urdf, settings.robot)
+    GuardService(settings, robot, list(endpoints(GUARD_TOPICS, GUARD, **places)), guard, ManualClock())
+    topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places))
+    EstimatorService(settings, model, topics, estimator, ManualClock())
+    return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
+
+
+@pytest.mark.parametrize("name", ["g1", "go2"])
+@pytest.mark.parametrize(
+    ("namespace", "remappings"), [("/", None), ("/r1", {"odom": "/estimator/odom", "~/state": "mode"})]
+)
+def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespace, remappings):
+    settings, model = robot_of(name)
+    allowed = read(security_policy(settings, model, namespace, remappings))
+    prefix = namespace.rstrip("/")
+    assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE, OPERATOR)}
+    recorders = opened(settings, model, namespace, remappings)
+    sensors = {
+        name for each in recorders.values() for name in each.subscribed if name.endswith(("/measured_wrench", "/holds"))
+    }
+    for node, recorder in recorders.items():
+        rules, own = allowed[f"{prefix}/{node}"], f"{prefix}/{node}/"
+        lifecycle = node == CONTROLLER
+        extra = {own + "transition_event"} if lifecycle else sensors if node == MOCK else set()
+        assert rules["publish"] == recorder.published | set(NODE_PUBLISHES) | extra
+        assert rules["subscribe"] == recorder.subscribed | {CLOCK}
+        serves = {*NODE_SERVES, *(LIFECYCLE_SERVES if lifecycle else ()), *((*SERVICES, RECORD) if lifecycle else ())}
+        assert rules["reply"] == {own + service for service in serves}
+        assert "request" not in rules
+
+
+def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometry_where_not(robot_of, changed):
+    settings, model = robot_of("go2")
+    for source, other in (("odom", "/imu"), ("imu", "/odom")):
+        heard = read(security_policy(changed(settings, {"estimation": {"base_state": source}}), model))
+        assert f"/{source}" in heard["/wbc_controller"]["subscribe"]
+        assert other not in heard["/wbc_controller"]["subscribe"]
+        sensed = "/wbc_controller/contacts/front_left_foot/measured_wrench" in heard["/wbc_controller"]["subscribe"]
+        assert sensed == (source == "imu")
+
+
+def test_poses_are_heard_and_sent_by_those_who_are_set_to(robot_of, changed):
+    settings, model = robot_of("go2")
+    for source, asked in (("odom", True), ("imu", True), ("imu", False)):
+        changes = {"estimation": {"base_state": source, "absolute_pose": asked}, "mock": {"pose_rate": 20.0 * asked}}
+        rules = read(security_policy(changed(settings, changes), model))
+        assert ("/pose" in rules["/wbc_controller"]["subscribe"]) == (asked and source == "imu")
+        assert ("/pose" in rules["/base_estimator"]["subscribe"]) == asked
+        assert ("/pose" in rules["/mock_robot"]["publish"]) == asked
+
+
+def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
+    settings, model = robot_of("g1")
+    allowed = read(security_policy(settings, model))
+    rules = allowed["/operator"]
+    nodes = opened(settings, model)
+    commands = {name for name in nodes[CONTROLLER].subscribed if name.startswith("/wbc_controller/")}
+    mock = {"push", "hold", "fault"} | {f"contacts/{contact}/grip" for contact in settings.contacts}
+    assert rules["publish"] == commands | {f"/mock_robot/{name}" for name in mock} | set(NODE_PUBLISHES)
+    assert not rules["publish"] & {"/effort_controller/commands", "/joint_states", "/odom", "/guard/state"}
+    published = set().union(*(recorder.published for recorder in nodes.values()))
+    assert rules["subscribe"] == published | {"/rosout", CLOCK}
+    assert rules["request"] == set().union(*(allowed[f"/{node}"]["reply"] for node in nodes))
+
+
+def test_what_a_robot_does_not_have_is_not_allowed(robot_of, changed):
+    settings, model = robot_of("go2")
+    assert "/robot_description" not in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
+    assert "/odom" in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
+    changes = {"robot": {"base": "fixed"}, "control": {"markers_rate": 0.0}}
+    fixed = changed(settings, changes)
+    model = make_model(fixed)
+    allowed = read(security_policy(fixed, model))
+    assert "/odom" not in allowed["/wbc_controller"]["subscribe"]
+    assert not {"/odom", "/tf"} & allowed["/mock_robot"]["publish"]
+    assert "/wbc_controller/markers" not in allowed["/wbc_controller"]["publish"]
+    by_topic = changed(settings, {"robot": {"urdf": ""}})
+    for node in ("/wbc_controller", "/guard"):
+        assert "/robot_description" in read(security_policy(by_topic, model))[node]["subscribe"]
+
+
+def test_it_follows_the_schema_and_has_no_wildcard(robot_of):
+    text = security_policy(*robot_of("g1"))
+    root = ElementTree.fromstring(text)  # noqa: S314 - made by the code under test
+    assert (root.tag, root.get("version")) == ("policy", "0.2.0")
+    for element in root.iter():
+        children, attributes = SCHEMA[element.tag]
+        assert {child.tag for child in element} <= children
+        assert len(element) or not children, f"<{element.tag}> is empty"
+        required = {name for name in attributes if not name.endswith("?")}
+        assert required <= set(element.attrib) <= {name.rstrip("?") for name in attributes}
+        if element.tag in ("topic", "service"):
+            assert element.text.startswith("/")
+            assert "*" not in element.text
+        elif element.tag in ("topics", "services"):
+            assert set(element.attrib.values()) == {"ALLOW"}
+
+
+def test_the_command_prints_it(robot_of, tmp_path):
+    settings, model = robot_of("go2")
+    result = CliRunner().invoke(main, ["security-policy", "go2", "--namespace", "/r1", "--remap", "odom:=/base"])
+    assert result.exit_code == 0
+    assert result.stdout == security_policy(settings, model, "/r1", {"odom": "/base"})
+
+
+def test_every_incoming_row_is_for_somebody_s_publisher(robot_of, changed):
+    """Nobody may publish what no enclave needs: the robot's own topics are the mock robot's, and none is left out."""
+    settings, model = robot_of("g1")
+    heard = set()
+    for source in ("odom", "imu"):
+        estimation = {"base_state": source, "absolute_pose": True}
+        allowed = read(security_policy(changed(settings, {"estimation": estimation}), model))
+        may_publish = set().union(*(rules["publish"] for rules in allowed.values()))
+        heard |= (subscribed := allowed["/wbc_controller"]["subscribe"])
+        assert subscribed - {"/clock"} <= may_publish
+    incoming = {topic.name for topic in controller_endpoints(settings, model) if topic.direction is Direction.IN}
+    assert incoming - heard <= {"/robot_description"}

@@ -1,0 +1,48 @@
+"""The executables where there is no ROS 2."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("main", "instead"),
+    [
+        ("main", "wbc run g1"),
+        ("mock_main", "wbc mock g1"),
+        ("guard_main", "wbc guard g1"),
+        ("estimator_main", "wbc estimate g1"),
+    ],
+)
+def test_the_executables_say_how_to_do_without(main, instead):
+    # None in sys.modules makes an import fail, on machines that have ROS 2 too.
+    code = f"import sys; sys.modules['rclpy'] = None; from wbc_controller.node import {main}; {main}()"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert "finds no ROS 2" in ended.stderr
+    assert instead in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+#: Sends the signal at the moment at which the modules of a node are looked for.
+INTERRUPTED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == "wbc_controller.nodes.ros2.process":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from wbc_controller.node import {main}
+{main}()
+"""
+
+
+@pytest.mark.parametrize("main", ["main", "mock_main", "guard_main", "estimator_main"])
+def test_ctrl_c_while_a_node_is_imported_ends_it_without_a_traceback(main):
+    ended = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(main=main)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == -signal.SIGINT
+    assert ended.stderr == ""

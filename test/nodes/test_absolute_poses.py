@@ -1,0 +1,137 @@
+"""The topic pose: who reads it, what is refused, and what a robot under control makes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wbc_controller.middleware.codec import encode, header, message
+from wbc_controller.middleware.odometry import pose_with_covariance
+from wbc_controller.records import Mode
+
+POSES = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": "", "absolute_pose": True}}
+THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
+
+
+class Standing:
+    """Go2, which stands still, with absolute poses every 50 ms."""
+
+    def __init__(self, bench):
+        self.bench, self.count, self.refused = bench, 0, []
+
+    def send(self, pose=THERE, *, frame="map", time=None, variance=None, covariance=None):
+        content = pose_with_covariance(self.bench.time if time is None else time, frame, np.array(pose), 0.0, 0.0)
+        if variance is not None:
+            content.pose.covariance[0] = variance
+        if covariance is not None:
+            content.pose.covariance[:] = covariance
+        self.bench.send("pose", content)
+
+    def cycle(self, count=1, pose=None):
+        for _ in range(count):
+            bench = self.bench
+            bench.clock.time += bench.period
+            still = {part: message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=z) for part, z in
+                     (("angular_velocity", 0.0), ("linear_acceleration", 9.81))}  # fmt: skip
+            nothing = {f"{part}_covariance": np.zeros(9) for part in (*still, "orientation")}
+            level = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+            imu = message(
+                "sensor_msgs/msg/Imu", header=header(bench.time, "base"), orientation=level, **still, **nothing
+            )
+            bench.send("imu", imu)
+            if pose is not None and self.count % 25 == 0:
+                self.send(pose)
+            self.count += 1
+            bench.joints()
+            report = bench.loop.cycle()
+            self.refused += report.refused
+        return report
+
+    @property
+    def base(self):
+        return self.bench.loop.estimator.base[0]
+
+
+@pytest.fixture
+def robot(bench):
+    return Standing(bench("go2", POSES))
+
+
+def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_without_them(robot):
+    robot.cycle(80)
+    robot.bench.command("activate")
+    assert robot.cycle().mode is Mode.INACTIVE
+    (refusal,) = robot.refused
+    assert "base estimate has not arrived" in refusal
+    assert "no absolute pose has come (estimation.absolute_pose)" in refusal
+    robot.cycle(600, THERE)
+    robot.bench.command("activate")
+    assert robot.cycle().mode is Mode.ACTIVE
+    np.testing.assert_allclose(robot.base, THERE, atol=1e-3)
+    report = robot.cycle(100)
+    assert report.mode is Mode.ACTIVE  # silence is no fault
+    assert float(report.estimate["pose/age"].split()[0]) > 0.2
+    before = robot.base.copy()
+    off = THERE + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    report = robot.cycle(600, off)  # SLAM has found itself elsewhere
+    assert report.mode is Mode.ACTIVE
+    np.testing.assert_allclose(robot.base, before, atol=2e-3)
+    said = [sentence for sentence in robot.refused if sentence.startswith("/pose: ")]
+    assert len(said) == 2, said
+    assert "left out as long as the controller is active" in report.estimate["pose/contradiction"]
+    statuses = [status for each in robot.bench.received("diagnostics") for status in each.status]
+    assert any("left out as long as the controller is active" in status.message for status in statuses)
+    robot.bench.command("deactivate")
+    robot.cycle(600, off)
+    np.testing.assert_allclose(robot.base, off, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"frame": "odom"}, "header.frame_id is 'odom'; an absolute pose is given in world, map"),
+        ({"pose": THERE * np.nan}, "the pose holds a value that is not finite"),
+        ({"pose": [2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "the position is [20000.0, 0.0, 0.0] m; at most 10000 m"),
+        ({"pose": [0.0] * 7}, "the orientation"),
+        ({"variance": np.inf}, "the covariance holds a value that is not finite"),
+        ({"variance": -1e-6}, "the covariance has the variances [-1e-06, "),
+        ({"variance": 1e3}, "those of position and heading are at most 100 m² and rad²"),
+        ({"covariance": np.ones(36) + np.diag([-0.5] * 6).ravel()}, "has the eigenvalue -0.5; none is negative"),
+        ({"time": 0}, "header.stamp is 0"),
+    ],
+)
+def test_what_is_no_pose_is_refused_with_its_value(robot, changes, said):
+    robot.cycle(5)
+    robot.send(**changes)
+    robot.cycle()
+    (sentence,) = robot.refused
+    assert sentence.startswith("/pose: ")
+    assert said in sentence
+
+
+def test_stamps_that_go_back_and_messages_that_are_too_large_are_refused(robot):
+    robot.cycle(5)
+    robot.send()
+    robot.cycle()
+    robot.send(time=robot.bench.time - 50_000_000)
+    robot.bench.send_bytes("pose", b"\x00" * (1 << 17))
+    robot.cycle()
+    assert any("before that of the last message" in sentence for sentence in robot.refused)
+    assert any("more than 65536 bytes" in sentence for sentence in robot.refused)
+
+
+def test_a_value_that_turns_bad_is_refused_where_messages_are_read_in_place(robot):
+    robot.cycle(200, THERE)
+    assert robot.refused == []
+    robot.send(variance=-1.0)
+    robot.cycle()
+    assert "none is negative" in robot.refused[0]
+
+
+def test_nobody_hears_poses_who_has_not_asked_for_them(bench):
+    quiet = bench("go2", {"estimation": POSES["estimation"] | {"absolute_pose": False}})
+    quiet.send("pose", pose_with_covariance(1, "odom", THERE, 0.0, 0.0))
+    quiet.cycle()
+    assert quiet.loop.estimator.poses is None
+    assert not any("pose" in sentence for report in quiet.reports for sentence in report.refused)
+    assert encode(pose_with_covariance(1, "map", THERE, 0.1, 0.2))

@@ -1,0 +1,409 @@
+"""The base's state from the topic imu: the same rules as for odometry, and what an estimate needs beside them."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.build.contacts import make_contact
+from wbc_controller.controller.build.estimation import contact_normals, estimates_base, make_estimator
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.middleware.codec import header, message
+from wbc_controller.records import Mode
+from wbc_controller.settings.config import load
+
+IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
+GRAVITY = (0.0, 0.0, 9.81)
+
+
+@pytest.fixture
+def robot(bench):
+    """Go2, whose IMU stands still on its feet."""
+    return Standing(bench("go2", IMU))
+
+
+class Standing:
+    def __init__(self, bench):
+        self.bench = bench
+
+    def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
+        vectors = [
+            message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, values), strict=True)))
+            for values in (turning, force)
+        ]
+        content = message(
+            "sensor_msgs/msg/Imu",
+            header=header(self.bench.time if time is None else time, frame),
+            orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
+            orientation_covariance=np.zeros(9),
+            angular_velocity=vectors[0],
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=vectors[1],
+            linear_acceleration_covariance=np.zeros(9),
+        )
+        self.bench.send("imu", content)
+
+    def cycle(self, count=1, *, imu=True, **changes):
+        for _ in range(count):
+            self.bench.clock.time += self.bench.period
+            if imu:
+                self.imu(**changes)
+            self.bench.joints()
+            report = self.bench.loop.cycle()
+        return report
+
+    def activate(self):
+        self.cycle(80)
+        self.bench.command("activate")
+        return self.cycle()
+
+
+def test_a_robot_is_activated_once_it_has_stood_still_and_stands_on_the_estimate(robot):
+    robot.cycle(5)
+    robot.bench.command("activate")
+    report = robot.cycle()
+    assert report.mode is Mode.INACTIVE
+    (refusal,) = report.refused
+    assert "'activate' is refused: base estimate has not arrived" in refusal
+    assert "the robot has to stand still for 0.1 s" in refusal
+    report = robot.activate()
+    assert report.mode is Mode.ACTIVE
+    assert report.refused == ()
+    state = robot.bench.loop._inputs.latch().state
+    np.testing.assert_allclose(state.q[:7], [0.0, 0.0, robot.bench.q[2], 0.0, 0.0, 0.0, 1.0], atol=2e-3)
+    np.testing.assert_allclose(state.v, 0.0, atol=1e-6)
+    report = robot.cycle(50)
+    assert report.mode is Mode.ACTIVE
+    weight = robot.bench.model.mass * 9.81
+    assert sum(force[2] for force in report.solution.forces.values()) == pytest.approx(weight, rel=0.01)
+
+
+def test_odometry_is_not_used(robot):
+    robot.activate()
+    robot.bench.base(pose=[5.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    report = robot.cycle()
+    assert set(report.ages) == {"joint_states", "imu", "base estimate"}
+    assert robot.bench.loop._inputs.latch().state.q[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
+    robot.activate()
+    report = robot.cycle(10, imu=False)  # 20 ms are bridged
+    assert report.mode is Mode.ACTIVE
+    assert robot.cycle().mode is Mode.ACTIVE
+    cycles = 0
+    while robot.bench.reports[-1].mode is Mode.ACTIVE:
+        robot.cycle(imu=False)
+        cycles += 1
+    fault = robot.bench.reports[-1].fault
+    assert (fault.code, cycles) == ("STALE_INPUT", 26)
+    assert "imu is 52 ms old (limit 50 ms)" in fault.sentence
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"turning": (np.nan, 0.0, 0.0)}, "angular_velocity holds a value that is not finite"),
+        ({"force": (0.0, 0.0, np.inf)}, "linear_acceleration holds a value that is not finite"),
+        ({"turning": (0.0, 200.0, 0.0)}, "angular_velocity is [0.0, 200.0, 0.0] rad/s; an IMU measures at most 100"),
+        ({"force": (0.0, 0.0, -2e3)}, "linear_acceleration is [0.0, 0.0, -2000.0] m/s²; an IMU measures at most 1000"),
+        ({"frame": "head"}, "header.frame_id is 'head'; the IMU's frame is 'base'"),
+        ({"time": 0}, "header.stamp is 0"),
+    ],
+)
+def test_imu_data_that_cannot_be_used_are_refused_and_change_nothing(robot, changes, said):
+    robot.activate()
+    before = robot.bench.loop._inputs.latch().state
+    report = robot.cycle(**changes)
+    assert [said in sentence for sentence in report.refused] == [True]
+    np.testing.assert_allclose(robot.bench.loop._inputs.latch().state.q, before.q, atol=1e-9)
+    assert robot.cycle().mode is Mode.ACTIVE
+
+
+def test_all_data_since_the_last_cycle_count(robot):
+    """Four samples in a period; a short turn is in the second one alone."""
+    robot.activate()
+    bench, turned = robot.bench, []
+    for fast in (False, True):
+        before = bench.loop._inputs.latch().state.q[5]
+        start = bench.time
+        bench.clock.time += bench.period
+        for i in range(4):
+            robot.imu(turning=(0.0, 0.0, 1.0 if fast and i == 1 else 0.0), time=start + (i + 1) * 500_000)
+        bench.joints()
+        bench.loop.cycle()
+        turned.append(2.0 * (bench.loop._inputs.latch().state.q[5] - before))
+    assert turned[0] == pytest.approx(0.0, abs=1e-6)
+    assert turned[1] == pytest.approx(0.0005, rel=0.2)  # 1 rad/s for half a millisecond
+
+
+def test_a_foot_that_moves_is_said(robot):
+    robot.activate()
+    bench = robot.bench
+    bench.q = bench.q.copy()
+    bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1
+    report = robot.cycle()
+    assert [sentence for sentence in report.refused if "the base's estimate leaves out contact" in sentence] == [
+        "the base's estimate leaves out contact 'rear_right_foot', which moves, and takes it in again where it rests"
+    ]
+
+
+def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):
+    robot.activate()
+    robot.bench.send("contact_enable", message("std_msgs/msg/Bool", data=False), "front_left_foot")
+    robot.cycle(150)
+    estimator = robot.bench.loop._inputs._estimator
+    assert {name.partition("/")[0] for name in estimator.filter.names} == {
+        "front_right_foot", "rear_left_foot", "rear_right_foot",
+    }  # fmt: skip
+
+
+def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, changed):
+    settings, model = robot_of("go2")
+    settings = changed(settings, IMU)
+    with pytest.raises(
+        ConfigurationError, match=r"no contact of the configuration .*take estimation.base_state = 'odom'"
+    ):
+        make_estimator(settings, model, {})
+    fixed = SimpleNamespace(floating_base=False)
+    with pytest.raises(ConfigurationError, match="there is no base to estimate"):
+        make_estimator(settings, fixed, {})
+    assert estimates_base(settings, model)
+    assert not estimates_base(settings, fixed)
+    assert not estimates_base(changed(settings, {"estimation": {"base_state": "odom"}}), model)
+
+
+def test_a_clock_that_begins_anew_ends_the_estimate(robot):
+    robot.activate()
+    robot.bench.loop._inputs.restart()
+    latched = robot.bench.loop._inputs.latch()
+    assert (latched.state, latched.ages["base estimate"]) == (None, np.inf)
+    assert robot.cycle().fault.code == "STALE_INPUT"
+    assert robot.cycle(10).fault is not None  # it has to stand still again
+    assert robot.bench.loop._inputs.latch().state is None
+
+
+def test_imu_data_without_joint_states_are_not_kept(robot):
+    for _ in range(50):
+        robot.bench.clock.time += robot.bench.period
+        robot.imu()
+        robot.bench.loop.cycle()
+    assert robot.bench.loop._inputs._samples == []
+
+
+def test_an_estimate_that_is_lost_begins_anew(robot):
+    """No measurement within the ranges of the messages was found that does it: the filter is spoilt by hand."""
+    robot.activate()
+    robot.bench.loop._inputs._estimator._running.filter.P[:] = np.nan
+    fault = robot.cycle().fault
+    assert (fault.code, fault.sentence) == (
+        "ESTIMATE_LOST",
+        "the base estimate was lost: it is not finite; the robot has to stand still for 0.1 s",
+    )
+    robot.cycle(80)
+    robot.bench.command("reset")
+    robot.cycle()
+    assert robot.activate().mode is Mode.ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("changes", "latest"),
+    [
+        ({"turning": (0.2, 0.0, 0.0)}, 0.7),
+        ({"turning": (0.0, 0.1, 0.0)}, 0.9),
+        ({"force": (0.0, 0.0, GRAVITY[2] + 20.0)}, 0.05),
+        ({"force": (1.0, 0.0, GRAVITY[2])}, 0.3),
+    ],
+)
+def test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size(robot, changes, latest):
+    robot.activate()
+    elapsed = 0.0
+    while robot.bench.reports[-1].fault is None and elapsed < 2.0:
+        robot.cycle(**changes)
+        elapsed += robot.bench.period
+    report = robot.bench.reports[-1]
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "ESTIMATE_LOST")
+    found = re.fullmatch(
+        r"the base estimate was lost: the IMU contradicts all contacts \((.*)\): by its data each of them moves at "
+        r"(0\.\d\d) m/s or more \(limit 0\.12 m/s\); the IMU is wrong, or no contact holds; "
+        r"the robot has to stand still for 0\.1 s",
+        report.fault.sentence,
+    )
+    assert set(found[1].split(", ")) == set(FEET)
+    assert 0.12 <= float(found[2]) < 0.3
+    assert elapsed < latest
+
+
+def test_one_foot_that_slips_is_no_contradiction(robot):
+    robot.activate()
+    bench = robot.bench
+    knee = bench.model.q_index[bench.model.joints.index("RR_calf_joint")]
+    speed = bench.model.v_index[bench.model.joints.index("RR_calf_joint")]
+    for _ in range(100):
+        bench.q, bench.v = bench.q.copy(), bench.v.copy()
+        bench.q[knee], bench.v[speed] = bench.q[knee] + 0.002, 1.0
+        assert robot.cycle().fault is None
+
+
+def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_velocity(robot):
+    """5 rad/s for 1.5 s: the velocity has grown to 1,500 m/s on the valid data that followed."""
+    robot.cycle(80)
+    estimator = robot.bench.loop._inputs.estimator
+    assert estimator.base is not None
+    robot.cycle(round(1.5 / robot.bench.period), turning=(5.0, 0.0, 0.0))
+    assert estimator.base is None
+    assert estimator.waits_for.startswith("the base estimate was lost: the IMU contradicts all contacts")
+    assert estimator.waits_for.endswith(
+        "the IMU turns at 5 rad/s (limit 0.5): the robot turns, or the gyroscope is wrong"
+    )
+    robot.bench.command("activate")
+    (refusal,) = robot.cycle(turning=(5.0, 0.0, 0.0)).refused
+    assert refusal == f"command 'activate' is refused: {estimator.waits_for}"
+    for _ in range(500):
+        robot.cycle()
+        assert estimator.base is None or np.abs(estimator.base[1]).max() < 1e-3
+    robot.bench.command("activate")
+    assert robot.cycle().mode is Mode.ACTIVE
+
+
+def test_reset_restarts_the_settling(robot):
+    robot.activate()
+    robot.bench.command("reset")  # refused, as the controller is active
+    assert robot.cycle().mode is Mode.ACTIVE
+    robot.bench.command("damp")
+    robot.cycle(10)
+    estimator = robot.bench.loop._inputs.estimator
+    assert estimator.base is not None
+    robot.bench.command("reset")
+    robot.bench.command("activate")
+    report = robot.cycle()
+    assert (report.mode, estimator.base) == (Mode.INACTIVE, None)
+    (refusal,) = report.refused
+    assert "'activate' is refused: base estimate has not arrived" in refusal
+    assert robot.activate().mode is Mode.ACTIVE
+    for word in ("damp", "reset"):  # in one cycle
+        robot.bench.command(word)
+    assert (robot.cycle().mode, estimator.base) == (Mode.INACTIVE, None)
+
+
+def test_a_frame_that_the_robot_does_not_have_is_refused(robot_of, changed):
+    settings, model = robot_of("go2")
+    with pytest.raises(ConfigurationError, match=r"estimation.imu_frame = 'nose': the robot has no such frame"):
+        make_estimator(changed(settings, {"estimation": {**IMU["estimation"], "imu_frame": "nose"}}), model, {})
+
+
+FEET = ("front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot")
+
+
+def force(robot, newtons, foot=FEET[0], frame="", time=None):
+    content = message(
+        "geometry_msgs/msg/WrenchStamped",
+        header=header(robot.bench.time if time is None else time, frame),
+        wrench=message(
+            "geometry_msgs/msg/Wrench",
+            force=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=newtons),
+            torque=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+        ),
+    )
+    robot.bench.send("measured_wrench", content, foot)
+
+
+def holding(robot):
+    filter = robot.bench.loop._inputs._estimator.filter
+    return {name.partition("/")[0] for name in filter.names}
+
+
+def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh(robot):
+    robot.activate()
+    weight = robot.bench.model.mass * 9.81
+    held = []
+    for share in (0.04, 0.06, 0.03, 0.02, 0.04, 0.06):  # on above 0.05, off below 0.025
+        force(robot, share * weight)
+        robot.cycle()
+        held.append(FEET[0] in holding(robot))
+        assert holding(robot) >= set(FEET[1:])
+    assert held == [False, True, True, False, False, True]
+    force(robot, 0.0)
+    assert robot.cycle(49).refused == ()
+    assert FEET[0] not in holding(robot)
+    said = [sentence for _ in range(60) for sentence in robot.cycle().refused]
+    assert said == [
+        "/wbc_controller/contacts/front_left_foot/measured_wrench: the force sensor is silent for more than 0.1 s "
+        "(estimation.contact_timeout); contact 'front_left_foot' counts as holding where it is meant to"
+    ]
+    assert FEET[0] in holding(robot)
+    force(robot, 0.0)
+    robot.cycle()
+    assert FEET[0] not in holding(robot)
+
+
+def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robot):
+    robot.activate()
+    robot.bench.send("holds", message("std_msgs/msg/Bool", data=False), FEET[1])
+    robot.cycle(100)  # a switch may speak on changes alone
+    assert holding(robot) == {FEET[0], FEET[2], FEET[3]}
+    force(robot, 100.0, FEET[1])
+    robot.cycle()
+    assert holding(robot) == set(FEET)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"newtons": np.nan}, "wrench.force holds a value that is not finite"),
+        ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N; at a contact it is at most 100000"),
+        (
+            {"newtons": 50.0, "frame": "head"},
+            "header.frame_id is 'head'; the force at contact 'front_left_foot' is given",
+        ),
+        ({"newtons": 50.0, "time": 0}, "header.stamp is 0"),
+    ],
+)
+def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, changes, said):
+    robot.activate()
+    for _ in range(3):  # the third is read in place
+        force(robot, 0.0)
+        robot.cycle()
+    force(robot, **changes)
+    assert [said in sentence for sentence in robot.cycle().refused] == [True]
+    assert FEET[0] not in holding(robot)
+    robot.bench.send_bytes("measured_wrench", bytes(1 << 15), FEET[0])
+    assert "more than 16384 bytes" in robot.cycle().refused[0]
+
+
+def test_forces_of_a_clock_that_begins_anew_decide_nothing(robot):
+    robot.activate()
+    force(robot, 0.0)
+    robot.cycle()
+    robot.bench.loop._inputs.restart()
+    inputs = robot.bench.loop._inputs
+    assert (inputs.latch(FEET).refused, set(inputs.holding)) == ((), set(FEET))
+
+
+def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of, changed):
+    settings, model = robot_of("g1")
+    contacts = make_qp(settings, model).contacts
+    name, spec = next(iter(settings.contacts.items()))
+    normals = contact_normals(settings, model, {name: contacts[name]})[name]
+    dynamics = Dynamics(model)
+    normal = contacts[name].placement(dynamics).rotation[:, 2]
+    for frame in (spec.frame, *set(normals) - {"", name}):
+        turned = dynamics.placement(model.frame_id(frame, "")).rotation @ normals[frame]
+        np.testing.assert_allclose(turned, normal, atol=1e-9)
+    assert "world" not in normals
+    go2, dog = robot_of("go2")
+    slope = changed(go2, {"contacts": {FEET[0]: {"normal": [0.0, 1.0, 1.0]}}})
+    found = contact_normals(slope, dog, {FEET[0]: make_contact(FEET[0], slope.contacts[FEET[0]], dog)})[FEET[0]]
+    assert set(found) == {"", FEET[0], "world"}
+    np.testing.assert_allclose(found["world"], np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0))
+    np.testing.assert_allclose(found[""], [0.0, 0.0, 1.0])
+
+
+def test_a_force_that_lets_go_above_the_one_that_takes_hold_is_refused():
+    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: it is at most contact_force_on, 0.1"):
+        load("go2").replace({"estimation.contact_force_on": 0.1, "estimation.contact_force_off": 0.2})

@@ -1,0 +1,523 @@
+"""A simulator's clock, and a loop that goes by it."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+
+import numpy as np
+import pytest
+from starved import StarvedThread
+
+from wbc_controller.errors import TransportError
+from wbc_controller.middleware.codec import encode, message, stamp
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes import simulated_clock
+from wbc_controller.nodes.clock import ManualClock, MonotonicClock
+from wbc_controller.nodes.controller_service import make_clock
+from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.records import Mode
+
+
+def time_message(nanoseconds):
+    return message("rosgraph_msgs/msg/Clock", clock=stamp(nanoseconds))
+
+
+@pytest.fixture
+def clock_and_bytes():
+    """A simulated clock, and a function that publishes bytes on its topic."""
+    bus = MemoryBus()
+    topics = list(endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "controller"))
+    return clock_of(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
+
+
+@pytest.fixture
+def clock_and_time(clock_and_bytes):
+    """A simulated clock, and a function that publishes a time, ns."""
+    clock, publish = clock_and_bytes
+    return clock, lambda nanoseconds: publish(encode(time_message(nanoseconds)))
+
+
+def test_a_simulated_clock_shows_the_messages_and_never_goes_back(clock_and_time):
+    clock, publish = clock_and_time
+    clock.refresh()
+    assert (clock.now(), clock.stamp()) == (0.0, 0)
+    assert clock.trouble() == "use_sim_time is set, and no time has arrived on /clock"
+    publish(5_000_000_000)
+    assert clock.now() == 0.0  # until it is read
+    clock.refresh()
+    assert (clock.now(), clock.stamp(), clock.trouble()) == (5.0, 5_000_000_000, None)
+    publish(1_000_000_000)
+    clock.refresh()
+    assert (clock.now(), clock.stamp(), clock.ahead()) == (5.0, 1_000_000_000, -4.0)
+    assert clock.trouble() == "the simulated time went back from 5.000 to 1.000 s"
+    assert clock.trouble() is None
+    publish(1_500_000_000)
+    clock.refresh()
+    assert clock.now() == pytest.approx(5.5)
+
+
+def test_a_jump_back_is_seen_though_the_time_has_passed_the_old_one_when_it_is_read(clock_and_time):
+    clock, publish = clock_and_time
+    for time_ns in (5_000_000_000, 5_002_000_000, 1_000_000_000, 6_000_000_000):
+        publish(time_ns)
+    clock.refresh()
+    assert clock.trouble() == "the simulated time went back from 5.002 to 1.000 s"
+    assert clock.now() == pytest.approx(10.002)
+
+
+def test_the_resolution_is_the_smallest_of_the_newest_steps(clock_and_time):
+    clock, publish = clock_and_time
+    for time_ms, step in ((100, 0.0), (200, 0.1), (200, 0.1), (300, 0.1)):
+        publish(time_ms * 1_000_000)
+        clock.refresh()
+        assert clock.resolution() == pytest.approx(step)
+    for time_ms in (900, 902):  # messages were dropped before the first
+        publish(time_ms * 1_000_000)
+    clock.refresh()
+    assert clock.resolution() == pytest.approx(0.002)
+
+
+def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkeypatch):
+    clock, publish = clock_and_time
+    reads = []
+    monkeypatch.setattr(
+        simulated_clock,
+        "decode",
+        lambda payload, kind, read=simulated_clock.decode: reads.append(1) or read(payload, kind),
+    )
+    for i in range(1, 10_001):
+        publish(i * 20_000)
+    clock.refresh()
+    assert clock.stamp() == 200_000_000
+    assert len(reads) <= 10
+
+
+def test_messages_that_are_no_time_are_refused_and_logged_once_a_second(clock_and_bytes, monkeypatch, caplog):
+    clock, publish = clock_and_bytes
+    now = [100.0]
+    monkeypatch.setattr(simulated_clock.time, "monotonic", lambda: now[0])
+    publish(encode(time_message(5_000_000_000)))
+    for _ in range(3):
+        publish(b"\0\1\0\0")
+        publish(
+            encode(message("rosgraph_msgs/msg/Clock", clock=message("builtin_interfaces/msg/Time", sec=-1, nanosec=0)))
+        )
+        clock.refresh()
+    assert clock.stamp() == 5_000_000_000
+    assert len(caplog.records) == 1
+    assert "/clock: refused: 4 bytes are not a rosgraph_msgs/msg/Clock" in caplog.text
+    now[0] += 1.0
+    publish(encode(message("rosgraph_msgs/msg/Clock", clock=message("builtin_interfaces/msg/Time", sec=-1, nanosec=0))))
+    clock.refresh()
+    assert "clock has sec = -1" in caplog.records[1].message
+
+
+def test_waiting_takes_simulated_time(clock_and_time):
+    (clock, publish), stop = clock_and_time, threading.Event()
+    publish(0)
+    clock.refresh()
+    waiting = threading.Thread(target=clock.wait, args=(stop, 0.01))
+    waiting.start()
+    time.sleep(0.1)  # ten times as long
+    publish(9_000_000)
+    assert waiting.is_alive()
+    publish(10_000_000)
+    waiting.join(5.0)
+    assert not waiting.is_alive()
+    waiting = threading.Thread(target=clock.wait, args=(stop, 0.01))
+    waiting.start()
+    stop.set()
+    waiting.join(5.0)
+    assert not waiting.is_alive()
+
+
+@pytest.mark.parametrize("clock", [MonotonicClock(), ManualClock(1.0)])
+def test_the_others_have_no_trouble_and_end_their_waiting(clock):
+    stop = threading.Event()
+    clock.wait(stop, 0.001)
+    stop.set()
+    clock.wait(stop, 60.0)
+    assert clock.trouble() is None
+    assert clock.stamp() > 0
+
+
+@pytest.fixture
+def simulated(bench):
+    """A controller on a bench, and a function that gives it a time, a state of it, and a cycle."""
+    controller = bench()
+    clock = clock_of(controller.topics, controller.transport)
+    controller.loop = controller.remake(clock)
+
+    def cycle(seconds, **parts):
+        controller.clock.time = seconds
+        controller.send("clock", time_message(round(seconds * 1e9)))
+        if parts.get("state", True):
+            controller.base()
+            controller.joints()
+        return controller.loop.cycle()
+
+    return controller, cycle
+
+
+def test_without_a_clock_there_is_no_activation(simulated):
+    controller, cycle = simulated
+    controller.command("activate")
+    controller.clock.time = 0.9
+    controller.base()
+    controller.joints()
+    (sentence,) = controller.loop.cycle().refused
+    assert "use_sim_time is set, and no time has arrived on /clock" in sentence
+    controller.command("activate")
+    assert cycle(1.0).mode is Mode.ACTIVE
+
+
+def test_ages_ramps_and_stamps_go_by_simulated_time(simulated):
+    controller, cycle = simulated
+    controller.command("activate")
+    cycle(1.0)
+    time.sleep(0.1)  # twice what a state may be old
+    assert cycle(1.002, state=False).mode is Mode.ACTIVE
+    report = cycle(1.02, state=False)
+    assert report.ages["joint_states"] == pytest.approx(0.02)
+    share = controller.settings.safety.activation_ramp
+    assert controller.loop.controller.supervisor._share.sample(1.0 + 0.5 * share) == pytest.approx(0.5)
+    assert controller.received("diagnostics")[-1].header.stamp.sec == 1
+    report = cycle(1.06, state=False)
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
+
+
+def test_a_simulator_that_begins_anew_is_a_fault_with_that_reason(simulated):
+    controller, cycle = simulated
+    controller.command("activate")
+    assert cycle(10.0).mode is Mode.ACTIVE
+    report = cycle(0.5)
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "CLOCK")
+    assert report.fault.sentence == "the simulated time went back from 10.000 to 0.500 s"
+    controller.command("reset")
+    cycle(0.502)
+    controller.command("activate")
+    assert cycle(0.504).mode is Mode.ACTIVE
+
+
+def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monkeypatch):
+    now = {"wall": 1_700_000_000_000_000_000, "own": 50.0, "apart": 0.0}
+
+    def own():
+        now["own"] += 0.5 * now["apart"]
+        return now["own"]
+
+    monkeypatch.setattr(time, "time_ns", lambda: now["wall"])
+    monkeypatch.setattr(time, "monotonic", own)
+    clock, other = MonotonicClock(synchronized=True), MonotonicClock()
+    assert clock.ahead() == pytest.approx(1.7e9 - 50.0, abs=1e-6)
+    now["wall"] += 2_000_000_000
+    now["own"] += 2.0
+    assert clock.trouble() is None
+    now["wall"] += 1_000_000  # within what synchronization does
+    assert clock.trouble() is None
+    now["wall"] += 5_000_000
+    assert other.trouble() is None
+    assert clock.trouble() == "this computer's clock was set forward by 0.005 s"
+    assert clock.trouble() is None
+    assert clock.ahead() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
+    now["wall"] -= 5_000_000
+    now["apart"] = 0.01  # the processor was lost between the two readings: they say nothing
+    assert clock.trouble() is None
+    now["apart"] = 0.0
+    assert clock.trouble().startswith("this computer's clock was set back by 0.0")
+
+
+SYNCHRONIZED = {"safety": {"synchronized_clocks": True}}
+
+
+def states(controller, latency, count=100):
+    """States that arrive with a latency, constant from the start; negative where the robot's clock is ahead."""
+    for _ in range(count):
+        controller.clock.time += controller.period
+        at = round((controller.clock.time - latency) * 1e9)
+        controller.base(time=at)
+        controller.joints(time=at)
+        report = controller.loop.cycle()
+    return report
+
+
+def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
+    controller = bench(changes=SYNCHRONIZED)
+    assert states(controller, 1.0).ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
+    controller.command("activate")
+    (sentence,) = states(controller, 1.0, 1).refused
+    assert sentence == (
+        "command 'activate' is refused: joint_states is 1000 ms old (limit 50 ms); 1.000 s of it on its way, or the "
+        "clocks are not synchronized; odom is 1000 ms old (limit 50 ms); 1.000 s of it on its way, or the clocks are "
+        "not synchronized"
+    )
+
+
+def test_without_them_it_does(bench):
+    controller = bench()
+    states(controller, 1.0)
+    controller.command("activate")
+    assert states(controller, 1.0).mode is Mode.ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("skew", "said"),
+    [
+        (0.2, "last refusal: header.stamp is 0.1"),
+        (-0.2, "header.stamp is 0.200 s ahead of this computer's clock (limit 10 ms, safety.clock_tolerance)"),
+    ],
+)
+def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
+    controller = bench(changes=SYNCHRONIZED)
+    states(controller, 0.0)
+    controller.command("activate")
+    assert states(controller, 0.0, 300).mode is Mode.ACTIVE
+    report = states(controller, skew, 40)
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
+    assert said in report.fault.sentence
+
+
+def test_a_clock_that_is_set_while_active_is_a_fault_and_the_ages_begin_anew(bench, monkeypatch):
+    controller = bench(changes=SYNCHRONIZED)
+    states(controller, 0.0)
+    controller.command("activate")
+    assert states(controller, 0.0, 300).mode is Mode.ACTIVE
+    clock = controller.clock
+    with monkeypatch.context() as patch:
+        patch.setattr(clock, "trouble", lambda: "this computer's clock was set forward by 3.500 s")
+        patch.setattr(clock, "ahead", lambda: 3.5)
+        report = states(controller, -3.5, 1)
+        assert report.mode is Mode.DAMPING
+        assert (report.fault.code, report.fault.sentence) == ("CLOCK", clock.trouble())
+        patch.setattr(clock, "trouble", lambda: None)
+        controller.command("reset")
+        states(controller, -3.5, 10)
+        controller.command("activate")
+        assert states(controller, -3.5, 10).mode is Mode.ACTIVE
+
+
+@pytest.mark.parametrize(("latency", "mode"), [(1.0, Mode.INACTIVE), (0.0, Mode.ACTIVE)])
+def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, mode):
+    controller = bench(changes=SYNCHRONIZED)
+    clock = clock_of(controller.topics, controller.transport)
+    controller.loop = controller.remake(clock)
+    controller.command("activate")
+    for _ in range(50):
+        controller.send("clock", time_message(controller.time))
+        assert states(controller, latency, 1).mode is mode
+
+
+@pytest.mark.parametrize("changes", [None, SYNCHRONIZED])
+def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_damping_goes_on(bench, changes):
+    controller = bench(changes=changes)
+    clock = clock_of(controller.topics, controller.transport)
+    controller.loop = controller.remake(clock)
+    controller.command("activate")
+    for _ in range(700):
+        controller.send("clock", time_message(controller.time))
+        report = states(controller, 0.0, 1)
+    assert report.mode is Mode.ACTIVE
+    timeout = controller.settings.safety.state_timeout
+    froze = controller.clock.time
+    for _ in range(round(timeout / controller.period) + 2):
+        report = states(controller, 0.0, 1)
+        if report.mode is not Mode.ACTIVE:
+            break
+    assert controller.clock.time - froze > timeout - 1e-9
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "CLOCK")
+    assert re.fullmatch(
+        r"the clock has stood still for 5[0-2] ms of the states' time \(limit 50 ms\)", report.fault.sentence
+    )
+    controller.v[controller.model.v_index] = 0.5
+    report = states(controller, 0.0, 20)
+    # The time of the torque rate does not stand still; those states are refused that are ahead of a known clock.
+    assert (report.command.tau < 0.0).all() if changes is None else not report.command.tau.any()
+
+
+@pytest.fixture
+def starved(bench):
+    """A controller by a simulator's clock, whose transport's thread runs on request alone; active for a second."""
+    controller = bench()
+    controller.transport.close()
+    controller.transport = StarvedThread(controller.bus)
+    clock = make_clock(controller.settings, controller.topics, controller.transport, use_sim_time=True)
+    controller.loop = controller.remake(clock)
+    controller.command("activate")
+    for _ in range(500):
+        controller.send("clock", time_message(controller.time))
+        controller.transport.run()
+        report = states(controller, 0.0, 1)
+    assert report.mode is Mode.ACTIVE
+    return controller
+
+
+def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
+    ages = []
+    for _ in range(500):
+        starved.clock.time += starved.period
+        starved.send("clock", time_message(starved.time))
+        starved.base()
+        starved.joints()
+        report = starved.loop.cycle()
+        ages.append(max(report.ages.values()))
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert max(ages) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
+    """All that the simulator sends while the loop gets no processor waits for it."""
+    for _ in range(20):
+        for _ in range(100):  # 0.2 s, four times the limit of the ages
+            starved.clock.time += starved.period
+            starved.send("clock", time_message(starved.time))
+            starved.base()
+            starved.joints()
+        report = starved.loop.cycle()
+        assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+        assert max(report.ages.values()) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("late", [1, 10, 20])
+def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_the_stamps(starved, late):
+    """Two topics are two readers: the middleware may deliver the state of a time first."""
+    for count in range(1000):
+        starved.clock.time += starved.period
+        now = starved.clock.time
+        starved.base()
+        starved.joints()
+        if count % (2 * late) >= late:
+            starved.send("clock", time_message(round((now - late * starved.period) * 1e9)))
+        report = starved.loop.cycle()
+        assert (report.mode, report.fault) == (Mode.ACTIVE, None), count
+        assert max(report.ages.values()) <= 2.0 * late * starved.period + 1e-9
+
+
+def test_the_simulator_may_pause(starved):
+    for _ in range(1000):
+        report = starved.loop.cycle()
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert states_with_time(starved, 100).mode is Mode.ACTIVE
+
+
+def states_with_time(controller, count, every=1):
+    """States, with the time before each, or before some: of a clock that is coarser than the states."""
+    for number in range(count):
+        controller.clock.time += controller.period
+        if number % every == 0:
+            controller.send("clock", time_message(controller.time))
+        controller.base()
+        controller.joints()
+        report = controller.loop.cycle()
+        if report.fault is not None:
+            break
+    return report
+
+
+def test_a_clock_at_100_hz_is_fine_enough(starved):
+    report = states_with_time(starved, 1000, every=5)
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert max(report.ages.values()) <= 0.01
+
+
+@pytest.mark.parametrize(("rate", "said"), [(10, "in steps of 100 ms"), (15, "in steps of 66 ms")])
+def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
+    controller, _ = simulated
+    every, sentences = round(1.0 / (rate * controller.period)), []
+    for number in range(1000):
+        controller.clock.time += controller.period
+        if number % every == 0:
+            controller.send("clock", time_message(controller.time))
+        controller.base()
+        controller.joints()
+        if number >= 2 * every:  # with two messages its step is known
+            controller.command("activate")
+        report = controller.loop.cycle()
+        sentences += [*report.refused, report.fault.sentence if report.fault is not None else ""]
+    assert not any("stood still" in sentence for sentence in sentences)
+    assert any(f"the clock moves {said}, too coarse to measure ages up to 50 ms" in each for each in sentences)
+
+
+def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_computed_sends_none(starved, monkeypatch):
+    """The simulator went on while the process stood still in mid-cycle."""
+    computed = starved.loop.controller.cycle
+
+    def slow(now, *arguments, **keywords):
+        result = computed(now, *arguments, **keywords)
+        if keywords["problem"] is None:
+            starved.send("clock", time_message(starved.time + 60_000_000))
+        return result
+
+    monkeypatch.setattr(starved.loop.controller, "cycle", slow)
+    report = states_with_time(starved, 1)
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
+    assert np.array_equal(starved.efforts()[-1], report.command.tau)
+
+
+def test_a_loop_on_deadlines_whose_clock_cannot_be_read_goes_on_and_logs_it(bench, monkeypatch, caplog):
+    controller = bench()
+    clock = clock_of(controller.topics, controller.transport)
+    loop, stop, waits = controller.remake(clock), threading.Event(), []
+
+    def broken(stop, seconds):
+        waits.append(seconds)
+        if len(waits) == 3:
+            stop.set()
+        raise TransportError("cannot read /clock: deliberate")
+
+    monkeypatch.setattr(clock, "wait", broken)
+    loop.run(stop, controller.period, triggered=False)
+    assert len(waits) == 3
+    assert "cannot read /clock: deliberate" in caplog.text
+
+
+@pytest.mark.parametrize("by_itself", [True, False])
+def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(simulated, monkeypatch, by_itself):
+    """Before the first torques a simulator does not wait for the controller, and nothing has been sent."""
+    controller, cycle = simulated
+    loop, computed = controller.loop, controller.loop.controller.cycle
+
+    def slow(now, *arguments, **keywords):
+        result = computed(now, *arguments, **keywords)
+        if result.mode is Mode.ACTIVE:
+            controller.send("clock", time_message(round(now * 1e9) + 60_000_000))
+        return result
+
+    cycle(1.0)
+    if by_itself:
+        loop._activate_when_fresh = True
+    else:
+        controller.command("activate")
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.controller, "cycle", slow)
+        report = cycle(1.002)
+    assert (report.mode, report.fault) == (Mode.INACTIVE, None)
+    (sentence,) = report.refused
+    assert re.match(
+        r"command 'activate' is refused: when the torques were computed, joint_states is 60 ms old", sentence
+    )
+    assert not controller.efforts().any()
+    report = cycle(1.064)
+    assert report.mode is (Mode.ACTIVE if by_itself else Mode.INACTIVE)
+    assert report.fault is None
+
+
+@pytest.mark.parametrize("synchronized", [False, True])
+def test_a_loop_that_loses_the_processor_after_it_has_taken_a_state_takes_the_newest(bench, synchronized):
+    controller = bench(changes={"safety": {"synchronized_clocks": synchronized}})
+    controller.cycle(10)
+    controller.activate()
+    assert controller.cycle(100).mode is Mode.ACTIVE
+    controller.clock.time += controller.period
+    controller.base()
+    controller.joints()
+    assert controller.loop._inputs.wait(0.0)
+    for _ in range(30):  # 60 ms, more than the limit of the ages
+        controller.clock.time += controller.period
+        controller.base()
+        controller.joints()
+    report = controller.loop.cycle()
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert max(report.ages.values()) == pytest.approx(0.0, abs=1e-9)

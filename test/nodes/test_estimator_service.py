@@ -1,0 +1,249 @@
+"""The estimator of the base as a node, on the memory transport, beside a robot whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from starved import StarvedThread
+
+from wbc_controller import Simulation
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.estimator_service import EstimatorService
+from wbc_controller.simulation.measurement import measure, wrench_message
+
+FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
+
+
+class Robot:
+    """Go2, controlled by its true state, and the node that sees its sensors alone."""
+
+    def __init__(self, transport=MemoryTransport):
+        self.simulation = Simulation("go2", preflight=False)
+        self.controller = self.simulation.controller
+        self.model, settings = self.controller.model, self.controller.config.settings
+        bus, self.clock = MemoryBus(), ManualClock()
+        topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
+        self.node = EstimatorService(settings, self.model, topics, transport(bus), self.clock)
+        user = MemoryTransport(bus)
+        self.heard = {"odom": [], "tf": [], "diagnostics": []}
+        self.lines = {}
+        for topic in topics:
+            if topic.direction is Direction.OUT:
+                user.subscribe(
+                    counterpart(topic),
+                    lambda payload, topic=topic: self.heard[topic.key].append(decode(payload, topic.type)),
+                )
+            else:
+                self.lines[topic.key, topic.subject] = user.advertise(counterpart(topic))
+
+    def send(self, key, content, subject=""):
+        self.lines[key, subject](content if isinstance(content, bytes) else encode(content))
+
+    def sense(self, imu=True, turning=0.0):
+        stamp = round(1e9 * self.simulation.time) + 1
+        self.clock.time = 1e-9 * stamp
+        found = measure(self.model, self.simulation.plant, stamp, self.node.estimator.imu_frame)
+        found.angular_velocity = found.angular_velocity + [turning, 0.0, 0.0]
+        if imu:
+            self.send("imu", found.message("imu"))
+        self.send("joint_states", found.message("joint_states"))
+        self.node.cycle()
+
+    def holding(self):
+        self.node.cycle()
+        return set(self.node._inputs.holding)
+
+    def run(self, seconds):
+        self.simulation.run(seconds, lambda _: self.sense())
+
+    @property
+    def said(self):
+        return self.heard["diagnostics"][-1].status[0]
+
+    @property
+    def values(self):
+        return {each.key: each.value for each in self.said.values}
+
+
+@pytest.fixture
+def robot():
+    return Robot()
+
+
+@pytest.fixture(scope="module")
+def standing():
+    """One that is estimated; the tests that take it leave it so."""
+    robot = Robot()
+    robot.run(0.7)
+    return robot
+
+
+def push(time=1):
+    wrench = message(
+        "geometry_msgs/msg/Wrench",
+        **{part: message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=40.0) for part in ("force", "torque")},
+    )
+    return message("geometry_msgs/msg/WrenchStamped", header=header(time), wrench=wrench)
+
+
+def test_nothing_is_said_before_the_robot_has_stood_still(robot):
+    robot.run(0.3)
+    assert robot.heard["odom"] == []
+    assert robot.heard["tf"] == []
+    assert robot.said.name == "base_estimator: base"
+    assert robot.said.level == 1
+    assert robot.said.message == "the robot has to stand still for 0.5 s"
+
+
+def test_each_joint_state_is_answered_by_where_the_base_is(standing):
+    assert (standing.said.level, standing.said.message) == (0, "the base is estimated")
+    assert set(standing.values["holding"].split(", ")) == FEET
+    com = standing.controller.dynamics.com.copy()
+    standing.controller.follow("com", [0.4], [com + [0.0, 0.03, -0.03]])
+    answered, moved, worst = len(standing.heard["odom"]), len(standing.heard["tf"]), np.zeros(2)
+
+    def look(_):
+        standing.sense()
+        odom, (q, v) = standing.heard["odom"][-1], standing.simulation.plant.state()
+        pose, twist = odom.pose.pose, odom.twist.twist
+        there = np.array([pose.position.x, pose.position.y, pose.position.z])
+        moving = np.array([twist.linear.x, twist.linear.y, twist.linear.z])
+        worst[:] = np.maximum(worst, [np.abs(there - q[:3]).max(), np.abs(moving - v[:3]).max()])
+        turn = pin.Quaternion(*(getattr(pose.orientation, axis) for axis in "wxyz"))
+        assert turn.angularDistance(pin.Quaternion(q[3:7])) < 0.01
+
+    standing.simulation.run(0.5, look)
+    assert (worst < [0.005, 0.02]).all(), worst
+    assert len(standing.heard["odom"]) - answered == 250
+    assert 24 <= len(standing.heard["tf"]) - moved <= 26
+    odom, (sent,) = standing.heard["odom"][-1], standing.heard["tf"][-1].transforms
+    assert (
+        (odom.header.frame_id, odom.child_frame_id) == (sent.header.frame_id, sent.child_frame_id) == ("odom", "base")
+    )
+    assert nanoseconds(odom.header.stamp) == pytest.approx(1e9 * standing.simulation.time, abs=3e6)
+    for covariance in (odom.pose.covariance, odom.twist.covariance):
+        matrix = covariance.reshape(6, 6)
+        np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
+        assert np.linalg.eigvalsh(matrix).min() > 0.0
+    assert sent.transform.translation.z == pytest.approx(odom.pose.pose.position.z, abs=2e-3)
+
+
+def test_an_imu_that_is_silent_leaves_no_estimate_to_publish(standing):
+    before = len(standing.heard["odom"])
+    standing.simulation.run(0.05, lambda _: standing.sense(imu=False))
+    assert len(standing.heard["odom"]) == before
+    standing.run(0.02)
+    assert len(standing.heard["odom"]) > before  # the gap was short
+
+
+def test_a_long_silence_begins_the_estimate_anew(robot):
+    robot.run(0.7)
+    robot.simulation.run(0.2, lambda _: robot.sense(imu=False))
+    before = len(robot.heard["odom"])
+    robot.run(0.1)
+    assert len(robot.heard["odom"]) == before
+    assert robot.said.message == (
+        "the base estimate was lost: the IMU was silent for 0.202 s; the robot has to stand still for 0.5 s"
+    )
+    robot.run(0.6)
+    assert len(robot.heard["odom"]) > before
+
+
+def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_again(robot):
+    robot.run(0.7)
+    robot.simulation.run(0.1, lambda _: robot.sense(turning=2.0))
+    before = len(robot.heard["odom"])
+    robot.run(0.3)
+    assert len(robot.heard["odom"]) == before
+    assert robot.said.message.startswith(
+        "the base estimate was lost: the IMU contradicts all contacts (front_left_foot"
+    )
+    robot.run(0.6)
+    assert len(robot.heard["odom"]) > before
+    assert np.abs(robot.node.estimator.base[1]).max() < 0.02
+
+
+def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
+    robot.run(0.7)
+    robot.node._stamp = 1e6  # as where the clock went further before
+    robot.node.estimator.restart()
+    before = len(robot.heard["odom"])
+    robot.run(0.7)
+    assert len(robot.heard["odom"]) > before
+
+
+def test_which_contacts_hold():
+    robot = Robot()
+    assert robot.holding() == FEET  # nobody has said anything: those of the configuration
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
+    assert robot.holding() == FEET  # a robot that hangs at the start presses on nothing
+    robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_left_foot")
+    robot.run(0.7)
+    now = robot.clock.time
+    for name in ("front_left_foot", "rear_right_foot"):
+        robot.send("contact_wrench", push(), name)
+    assert robot.holding() == {"front_left_foot", "rear_right_foot"}
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
+    robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_right_foot")
+    assert robot.holding() == {"rear_right_foot", "front_right_foot"}
+    robot.clock.time = now + 0.2  # the controller sends no forces any more
+    assert robot.holding() == FEET - {"front_left_foot"}
+
+
+def test_the_controller_s_forces_count_though_the_transport_s_thread_is_starved():
+    robot = Robot(StarvedThread)
+    for name in ("front_left_foot", "rear_right_foot"):
+        robot.send("contact_wrench", push(), name)
+    assert robot.holding() == {"front_left_foot", "rear_right_foot"}
+
+
+def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(robot):
+    def feel(_):
+        stamp = round(1e9 * robot.simulation.time) + 1
+        for name, wrench in robot.simulation.plant.contact_wrenches().items():
+            if robot.simulation.time < 0.1 or name != "rear_left_foot":
+                robot.send("measured_wrench", wrench_message(stamp, "world", wrench), name)
+        robot.sense()
+
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it
+    robot.simulation.run(0.15, feel)
+    assert robot.node._inputs.holding == FEET
+    assert not any(key.startswith("note//") for key in robot.values)
+    robot.simulation.run(0.3, feel)
+    note = robot.values["note//base_estimator/contacts/rear_left_foot/measured_wrench"]
+    assert note.startswith("the force sensor is silent for more than 0.1 s")
+    assert robot.node._inputs.holding == FEET
+
+
+def test_what_is_refused_is_said(robot):
+    robot.send("holds", b"\x00\x01", "rear_left_foot")
+    robot.sense()
+    names = list(robot.model.joints[:-1])
+    short = message(
+        "sensor_msgs/msg/JointState", header=header(2), name=names, position=np.zeros(11), velocity=np.zeros(11),
+        effort=np.zeros(0),
+    )  # fmt: skip
+    robot.send("joint_states", short)
+    robot.clock.time += 1.0
+    robot.node.cycle()
+    refused = {
+        value.key: value.value
+        for each in robot.heard["diagnostics"]
+        for value in each.status[0].values
+        if value.key.startswith("refused/")
+    }
+    assert set(refused) == {"refused//base_estimator/contacts/rear_left_foot/holds", "refused//joint_states"}, refused
+    assert "missing" in refused["refused//joint_states"]
+    assert robot.holding() == FEET
+
+
+def test_a_robot_on_a_fixed_base_is_refused(robot, robot_of):
+    settings, model = robot_of("go2")
+    model = type("Fixed", (), {"floating_base": False, "base_link": model.base_link, "name": model.name})
+    with pytest.raises(ConfigurationError, match="there is no base to estimate; Valid: floating"):
+        EstimatorService(settings.model_copy(update={"contacts": {}}), model, [], MemoryTransport(MemoryBus()), None)

@@ -1,0 +1,329 @@
+"""The guard behind its topics: what it takes for a command, what it says, and what it leaves behind."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from starved import StarvedThread
+
+from wbc_controller.controller.build.robot_description import describe, read_urdf
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes import guard_service
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.guard_service import NODE_NAME, GuardService, run_guard
+from wbc_controller.safety.guard import GuardMode
+from wbc_controller.settings import RobotSettings
+from wbc_controller.settings.files import shipped_configurations
+
+TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
+
+
+class Stage:
+    """A guard on the memory transport, and a user who plays the controller and the robot."""
+
+    def __init__(self, robot_of, make, changed, changes=None, transport=MemoryTransport):
+        self.settings, self.model = robot_of("go2")
+        if changes:
+            self.settings = changed(self.settings, changes)
+        self.make = make
+        self.clock = ManualClock(100.0)
+        self.bus = MemoryBus()
+        robot = describe(self.model.urdf, self.settings.robot)
+        self.transport = transport(self.bus)
+        self.service = GuardService(self.settings, robot, TABLE, self.transport, self.clock)
+        self.user = MemoryTransport(self.bus)
+        self.kept = {}
+        self.publish = {}
+        for topic in TABLE:
+            if topic.direction is Direction.IN:
+                self.publish[topic.key] = self.user.advertise(counterpart(topic))
+            else:
+                self.kept[topic.key] = []
+                self.user.subscribe(counterpart(topic), self.kept[topic.key].append)
+
+    def command(self, torques=1.0, names=None, time=1):
+        names = self.model.joints if names is None else names
+        nothing = np.full(len(names), np.nan)
+        effort = np.full(len(names), torques)
+        self.publish["joint_commands"](encode(self.make.joint_state(names, nothing, nothing, effort, time)))
+
+    def mode(self, text):
+        self.publish["controller_state"](encode(self.make.string(text)))
+
+    def joints(self, velocity=0.5, joints=None):
+        names = self.model.joints if joints is None else joints
+        state = self.make.joint_state(names, np.zeros(len(names)), np.full(len(names), velocity))
+        self.publish["joint_states"](encode(state))
+
+    def run(self, duration, *, commands=False, states=True, **joints):
+        for _ in range(round(duration / 0.002)):
+            self.clock.time += 0.002
+            if states:
+                self.joints(**joints)
+            if commands:
+                self.command()
+            self.service.cycle()
+
+    def received(self, key):
+        (topic,) = [topic for topic in TABLE if topic.key == key]
+        return [decode(payload, topic.type) for payload in self.kept[key]]
+
+    def efforts(self):
+        return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)
+
+
+@pytest.fixture
+def stage(robot_of, make, changed):
+    return lambda **changes: Stage(robot_of, make, changed, changes)
+
+
+def test_from_watching_to_damping_and_back(stage):
+    on = stage()
+    on.mode("active")
+    on.run(0.1, commands=True)
+    assert not on.kept["effort"]
+    on.run(0.1)
+    np.testing.assert_allclose(on.efforts()[-1], -2.0 * 0.5)
+    sent = len(on.kept["effort"])
+    on.run(0.1, commands=True)
+    assert len(on.kept["effort"]) == sent
+    first, second, third = (content.data for content in on.received("state"))
+    assert first == third == "watching"
+    assert re.fullmatch(r"damping COMMANDS_STOPPED: the last command came 1[4-6] ms ago, in mode active", second)
+
+
+def test_its_own_settings_are_obeyed(stage):
+    on = stage(guard={"patience": 0.1, "damping": 7.0, "damping_time": 0.2, "torque": 0.01})
+    on.mode("active")
+    on.run(0.1, commands=True)
+    on.run(0.09)
+    assert not on.kept["effort"]
+    on.run(0.15)
+    np.testing.assert_allclose(on.efforts()[-1], -np.minimum(7.0 * 0.5, 0.01 * on.model.effort_limits))
+    on.run(0.2)
+    assert not on.efforts()[-1].any()
+
+
+def test_its_own_torques_are_no_sign_of_life(stage):
+    on = stage()
+    on.run(0.1, commands=True)
+    echo = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "effort"], "wbc_controller")
+    on.user.advertise(next(echo))(on.kept["effort"][-1] if on.kept["effort"] else b"")
+    on.run(0.3)
+    assert on.received("state")[-1].data.startswith("damping")
+
+
+@pytest.mark.parametrize("torques", [np.nan, np.inf])
+def test_a_command_that_is_not_finite_is_no_command(stage, torques):
+    on = stage()
+    on.run(0.1, commands=True)
+    for _ in range(50):
+        on.command(torques)
+        on.run(0.002)
+    assert on.received("state")[-1].data.startswith("damping")
+    (status,) = on.received("diagnostics")[-1].status
+    values = {value.key: value.value for value in status.values}
+    assert "effort of 'FL_hip_joint' is" in values["refused/joint_commands"]
+    assert np.isfinite(on.efforts()).all()
+
+
+@pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"\xff" * 60])
+@pytest.mark.parametrize("key", ["joint_commands", "controller_state", "joint_states"])
+def test_bytes_that_are_no_message_do_no_harm(stage, key, payload, caplog):
+    on = stage()
+    on.run(0.1, commands=True)
+    on.publish[key](payload)
+    on.run(0.004, commands=True)
+    assert "callback for" not in caplog.text  # refused by the guard, not caught by the transport
+    on.run(0.1)
+    np.testing.assert_allclose(on.efforts()[-1], -1.0)
+
+
+def test_stale_joint_states_mean_zero_torque_and_it_says_so(stage):
+    on = stage()
+    on.mode("active")
+    on.run(0.1, commands=True)
+    on.run(0.1)
+    on.run(0.1, velocity=np.nan)
+    assert not on.efforts()[-1].any()
+    said = on.received("state")[-1].data
+    assert said.startswith("damping COMMANDS_STOPPED: ")
+    assert "; zero torque, as the joint velocities are not fresh (velocity of 'FL_hip_joint' is nan rad/s" in said
+
+
+def test_diagnostics_by_the_conventions(stage):
+    on = stage()
+    on.mode("active")
+    on.run(1.0, commands=True)
+    (status,) = on.received("diagnostics")[-1].status
+    assert (status.level, status.name, status.message) == (0, "guard: commands", "watching")
+    assert status.hardware_id == "go2_description"  # the robot's name in its URDF
+    assert 9 <= len(on.kept["diagnostics"]) <= 12
+    on.run(0.1)
+    (status,) = on.received("diagnostics")[-1].status
+    values = {value.key: value.value for value in status.values}
+    assert status.level == 2
+    assert (values["mode"], values["takeovers"], values["controller"]) == ("damping", "1", "active")
+
+
+def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stage, monkeypatch):
+    """If its own thread was kept off the processor, so was the one that reads."""
+    on = stage()
+    on.mode("active")
+    on.run(0.1, commands=True)
+    on.joints()
+    on.clock.time += 0.02
+    monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: on.command())
+    on.service.cycle()
+    assert not on.kept["effort"]
+    assert on.service.guard.takeovers == 0
+    monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: None)
+    on.joints()
+    on.clock.time += 0.02
+    on.service.cycle()
+    assert on.kept["effort"]
+
+
+def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of, make, changed):
+    on = Stage(robot_of, make, changed, transport=StarvedThread)
+    on.mode("active")
+    on.command()
+    on.joints()
+    on.transport.run()
+    for period in range(2, 500):  # the controller answers each state, and no callback runs
+        on.clock.time += 0.002
+        on.joints()
+        on.command(time=2_000_000 * period)
+        on.service.cycle()
+    assert on.service.guard.takeovers == 0
+    on.mode("inactive")  # and has let go of the robot
+    on.command(torques=0.0, time=2_000_000_000)
+    on.clock.time += 0.1
+    on.service.cycle()
+    assert on.service.guard.takeovers == 0
+    on.command(time=3_000_000_000)
+    on.mode("active")
+    on.transport.run()
+    on.clock.time += 0.2
+    on.service.cycle()
+    assert on.service.guard.takeovers == 1
+
+
+def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypatch):
+    on = stage()
+    on.run(0.1, commands=True)
+    on.run(0.1)
+    sent, step = len(on.kept["effort"]), on.service.guard.step
+
+    def late(now, heard):
+        tau = step(now, heard)
+        on.clock.time += 1e-4
+        on.command()
+        return tau
+
+    monkeypatch.setattr(on.service.guard, "step", late)
+    on.service.cycle()
+    assert len(on.kept["effort"]) == sent
+
+
+def test_stopped_while_damping_it_leaves_zero_torques(stage):
+    on = stage()
+    on.run(0.1, commands=True)
+    on.run(0.1)
+    assert on.efforts()[-1].any()
+    stop = threading.Event()
+    stop.set()
+    on.service.run(stop)
+    assert not on.efforts()[-1].any()
+
+
+def test_stopped_while_watching_it_leaves_nothing(stage):
+    on = stage()
+    on.run(0.1, commands=True)
+    stop = threading.Event()
+    stop.set()
+    on.service.run(stop)
+    assert not on.kept["effort"]
+
+
+@pytest.mark.parametrize("name", sorted(shipped_configurations()))
+def test_it_reads_the_limits_as_the_controller_does(robot_of, name):
+    settings, model = robot_of(name)
+    robot = describe(read_urdf(settings.robot.urdf), settings.robot)
+    np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
+    assert robot.name == model.pinocchio.name
+
+
+@pytest.mark.parametrize(
+    ("urdf", "said"),
+    [
+        ("<robot", "not a usable URDF"),
+        ("<robot name='r'/>", "'a' is not a joint of the URDF; Valid: (none)"),
+        ("<robot><joint name='a'/></robot>", "joint 'a' has the effort limit nan"),
+        ("<robot><joint name='a'><limit effort='0'/></joint></robot>", "joint 'a' has the effort limit 0.0"),
+        (
+            "<robot><joint name='a'><limit effort='nan'/></joint></robot>",
+            "joint 'a': <limit effort='nan'> is not a number",
+        ),
+        (
+            "<robot><joint name='a'><limit effort='much'/></joint></robot>",
+            "joint 'a': <limit effort='much'> is not a number",
+        ),
+    ],
+)
+def test_a_description_that_cannot_be_used_is_refused(urdf, said):
+    with pytest.raises(ConfigurationError, match=r"^robot\.") as caught:
+        describe(urdf, RobotSettings(joints=["a"], posture=[0.0]))
+    assert said in str(caught.value)
+
+
+def test_the_urdf_may_come_by_topic(robot_of, make, changed):
+    settings, model = robot_of("go2")
+    settings = changed(settings, {"robot": {"urdf": ""}})
+    bus, stop = MemoryBus(), threading.Event()
+    user = MemoryTransport(bus)
+    own = {topic.key: topic for topic in TABLE}
+    user.advertise(counterpart(own["robot_description"]))(encode(make.string(model.urdf)))
+    said = threading.Event()
+    user.subscribe(counterpart(own["state"]), lambda payload: said.set())
+    thread = threading.Thread(target=run_guard, args=(settings, MemoryTransport(bus), stop))
+    thread.start()
+    try:
+        assert said.wait(5.0)
+    finally:
+        stop.set()
+        thread.join(5.0)
+    assert not thread.is_alive()
+
+
+def test_it_needs_neither_pinocchio_nor_a_solver():
+    script = (
+        "import sys, wbc_controller.nodes.guard_service\n"
+        "print([name for name in ('pinocchio', 'scipy', 'qpsolvers', 'daqp', 'mujoco') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_it_damps_by_positions_where_the_robot_measures_no_velocities(stage):
+    guard = stage(estimation={"joint_velocity": "differentiated"})
+    names, speed = guard.model.joints, 0.05
+    for i in range(150):
+        guard.clock.time += 0.002
+        position = np.full(len(names), speed * 0.002 * i)
+        state = guard.make.joint_state(names, position, [], time=round(1e9 * guard.clock.time))
+        guard.publish["joint_states"](encode(state))
+        if i < 100:
+            guard.command(0.0)
+        guard.service.cycle()
+    assert guard.service.guard.mode is GuardMode.DAMPING
+    assert "not fresh" not in guard.received("state")[-1].data
+    np.testing.assert_allclose(guard.efforts()[-1], -guard.settings.guard.damping * speed, rtol=1e-3)

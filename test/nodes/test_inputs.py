@@ -1,0 +1,511 @@
+"""From mailboxes to one latched state, requests and changes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
+from wbc_controller.inverse_dynamics.references.changes import EnableTask, SetWeight
+from wbc_controller.middleware import decoding
+from wbc_controller.middleware.codec import encode
+from wbc_controller.middleware.topics import Direction, counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes import requests
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.inputs import Inputs
+from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
+
+NAN = float("nan")
+
+
+class Wire:
+    """`Inputs` and whoever publishes to it."""
+
+    def __init__(self, settings, model, q, velocity_filter=None, clock_tolerance=None):
+        self.settings, self.model, self.q = settings, model, q
+        self.clock = ManualClock(50.0)
+        bus = MemoryBus()
+        topics = controller_endpoints(settings, model)
+        self.inputs = Inputs(
+            model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock,
+            velocity_filter=velocity_filter, clock_tolerance=clock_tolerance,
+        )  # fmt: skip
+        user = MemoryTransport(bus)
+        self.publish = {
+            (topic.key, topic.subject): user.advertise(counterpart(topic))
+            for topic in topics
+            if topic.direction is Direction.IN
+        }
+
+    def send(self, key, content, subject=""):
+        self.publish[key, subject](encode(content))
+
+
+@pytest.fixture
+def wire(robot_of, stance_of):
+    def build(name="go2", settings=None):
+        own, model = robot_of(name)
+        return Wire(settings or own, model, stance_of(name))
+
+    return build
+
+
+@pytest.fixture
+def go2(wire):
+    return wire("go2")
+
+
+@pytest.fixture
+def state(make):
+    """Send a good state to a wire."""
+
+    def send(wire, velocity=0.0, time=None):
+        model = wire.model
+        time = round(wire.clock.time * 1e9) if time is None else time
+        wire.send("odom", make.odom(wire.q[:7], [velocity] * 6, model.base_link, time))
+        joints = make.joint_state(model.joints, wire.q[model.q_index], [velocity] * model.na, time=time)
+        wire.send("joint_states", joints)
+
+    return send
+
+
+def test_nothing_has_arrived(go2):
+    latched = go2.inputs.latch()
+    assert latched.state is None
+    assert latched.joint_velocity is None
+    assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
+    assert not latched.refused
+    assert not go2.inputs.wait(0.0)
+
+
+def test_half_a_state_is_none(go2, make):
+    model = go2.model
+    go2.send("joint_states", make.joint_state(model.joints, np.zeros(model.na), np.ones(model.na)))
+    assert go2.inputs.wait(0.0)
+    latched = go2.inputs.latch()
+    assert latched.state is None
+    np.testing.assert_array_equal(latched.joint_velocity, np.ones(model.na))
+    assert not go2.inputs.wait(0.0)
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
+def test_a_state_is_assembled_in_the_models_order_and_frozen(wire, make, name):
+    bench = wire(name)
+    model = bench.model
+    values = np.arange(1.0, model.na + 1.0)
+    shuffled = np.random.default_rng(3).permutation(model.na)
+    names = [model.joints[i] for i in shuffled]
+    bench.send("joint_states", make.joint_state(names, values[shuffled], -values[shuffled], time=7))
+    bench.send("odom", make.odom([1, 2, 3, 0, 0, 0, 1], [4, 5, 6, 7, 8, 9], model.base_link, 6))
+    state = bench.inputs.latch().state
+    assert state.stamp == 7
+    np.testing.assert_array_equal(state.q[:7], [1, 2, 3, 0, 0, 0, 1])
+    np.testing.assert_array_equal(state.v[:6], [4, 5, 6, 7, 8, 9])
+    for i, joint in enumerate(model.joints):
+        place = model.pinocchio.joints[model.pinocchio.getJointId(joint)]
+        assert state.q[place.idx_q] == values[i]
+        assert state.v[place.idx_v] == -values[i]
+    with pytest.raises(ValueError, match="read-only"):
+        state.q[0] = 0.0
+
+
+def test_ages_count_from_arrival_not_from_the_stamp(go2, state):
+    state(go2, time=123)
+    assert go2.inputs.latch().ages == {"joint_states": 0.0, "odom": 0.0}
+    go2.clock.time += 0.02
+    assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.02, "odom": 0.02})
+    go2.clock.time += 0.02
+    assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.04, "odom": 0.04})
+
+
+def bad_joint_states(make, model):
+    na = model.na
+    good = np.zeros(na)
+    one_nan = good.copy()
+    one_nan[2] = NAN
+    wrong = [*model.joints[:-1], "tail"]
+    return {
+        "not finite": (make.joint_state(model.joints, one_nan, good), f"position of '{model.joints[2]}' is nan"),
+        "velocity": (make.joint_state(model.joints, good, one_nan), f"velocity of '{model.joints[2]}' is nan"),
+        "name": (make.joint_state(wrong, good, good), f"1 of {na} joints are missing: {model.joints[-1]}; names"),
+        "too few": (make.joint_state(model.joints[:-1], good[1:], good[1:]), f"1 of {na} joints are missing"),
+        "twice": (make.joint_state([*model.joints, model.joints[0]], [0] * (na + 1), [0] * (na + 1)), "more than once"),
+        "size": (make.joint_state(model.joints, good[1:], good), f"position has {na - 1} values for {na} names"),
+        "empty": (make.joint_state(model.joints, [], []), f"position has 0 values for {na} names"),
+    }
+
+
+@pytest.mark.parametrize("kind", ["not finite", "velocity", "name", "too few", "twice", "size", "empty"])
+def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, make, kind):
+    state(go2)
+    before = go2.inputs.latch().state
+    go2.clock.time += 0.01
+    content, said = bad_joint_states(make, go2.model)[kind]
+    go2.send("joint_states", content)
+    latched = go2.inputs.latch()
+    (sentence,) = latched.refused
+    assert sentence.startswith("/joint_states: ")
+    assert said in sentence
+    assert said in go2.inputs.notes()["joint_states"]
+    np.testing.assert_array_equal(latched.state.q, before.q)
+    assert latched.state.stamp == before.stamp
+    assert latched.ages["joint_states"] == pytest.approx(0.01)
+    state(go2, velocity=0.5)
+    latched = go2.inputs.latch()
+    assert not latched.refused
+    assert not go2.inputs.notes()
+    assert latched.ages["joint_states"] == 0.0
+    assert (latched.joint_velocity == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"child": "torso"}, "child_frame_id is 'torso'; the robot's base link is 'base'"),
+        ({"pose": [0, 0, 0, 0, 0, 0, 0]}, "is not a unit quaternion (norm 0)"),
+        ({"pose": [0, NAN, 0, 0, 0, 0, 1]}, "the pose holds a value that is not finite"),
+        ({"twist": [0, 0, 0, 0, 0, NAN]}, "the twist holds a value that is not finite"),
+    ],
+)
+def test_after_a_bad_base_state_the_last_good_one_stays(go2, state, make, changes, said):
+    state(go2)
+    before = go2.inputs.latch().state
+    go2.send("odom", make.odom(**{"pose": [9, 9, 9, 0, 0, 0, 1], "child": "base", **changes}))
+    latched = go2.inputs.latch()
+    (sentence,) = latched.refused
+    assert sentence.startswith("/odom: ")
+    assert said in sentence
+    np.testing.assert_array_equal(latched.state.q, before.q)
+
+
+@pytest.mark.parametrize("key", ["joint_states", "odom", "command", "update"])
+@pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 40])
+def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
+    state(go2)
+    go2.inputs.latch()
+    go2.publish[key, ""](payload)
+    latched = go2.inputs.latch()
+    (sentence,) = latched.refused
+    assert f"{len(payload)} bytes are not a " in sentence
+    assert latched.state is not None
+
+
+def test_commands_of_one_cycle_come_in_their_order(go2, make):
+    for word in ("reset", " activate \n", "nonsense"):
+        go2.send("command", make.string(word))
+    assert go2.inputs.latch().commands == ("reset", "activate", "nonsense")
+    assert go2.inputs.latch().commands == ()
+
+
+def test_more_requests_than_fit_are_counted_and_said(go2, make):
+    for i in range(130):
+        go2.send("command", make.string(str(i)))
+    latched = go2.inputs.latch()
+    assert latched.refused == ("/wbc_controller/command: 30 messages refused: more than 100 requests at once",)
+    words = list(latched.commands)
+    assert len(words) == 20  # what one cycle spends on requests is bounded
+    while latched.commands:
+        latched = go2.inputs.latch()
+        assert not latched.refused
+        words += latched.commands
+    assert words == [str(i) for i in range(100)]
+
+
+@pytest.mark.parametrize("reader", [True, False])
+def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
+    """Whoever sends, reads and latches at the same time: each request is taken once, in order, or counted."""
+    sent, taken, counted = 2000, [], 0
+    if reader:
+        go2.inputs.requests.start_reader()
+
+    def write():
+        for i in range(sent):
+            go2.send("command", make.string(str(i)))
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    deadline = time.monotonic() + 60.0
+    while len(taken) + counted < sent and time.monotonic() < deadline:
+        latched = go2.inputs.latch()
+        taken += [int(word) for word in latched.commands]
+        counted += sum(int(sentence.split(": ")[1].split()[0]) for sentence in latched.refused)
+    thread.join()
+    go2.inputs.requests.stop_reader()
+    assert len(taken) + counted == sent
+    assert taken == sorted(set(taken))
+
+
+def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make):
+    go2.send("update", make.string("{tasks: {com: {enabled: true, weight: 3}}}"))
+    go2.clock.time += 1e-4
+    go2.send("task_enable", make.bool(False), "com")
+    go2.clock.time += 1e-4
+    go2.send("weight", make.float64(4), "com")
+    assert go2.inputs.latch().changes == (
+        (EnableTask("com", True), SetWeight("com", 3.0)),
+        (EnableTask("com", False),),
+        (SetWeight("com", 4.0),),
+    )
+
+
+def test_a_refused_request_names_its_topic_and_the_others_go_on(go2, make):
+    go2.send("weight", make.float64(NAN), "com")
+    go2.send("weight", make.float64(2), "posture")
+    go2.send("setpoint", make.point([0, 0, 0], "moon"), "com")
+    go2.send("update", make.string("{tasks: {comm: {weight: 1}}}"))
+    latched = go2.inputs.latch()
+    assert latched.changes == ((SetWeight("posture", 2.0),),)
+    assert [sentence.split(": ")[0] for sentence in latched.refused] == [
+        "/wbc_controller/tasks/com/weight",
+        "/wbc_controller/tasks/com/setpoint",
+        "/wbc_controller/update",
+    ]
+    assert "did you mean 'com'? Valid: base, com, posture" in latched.refused[2]
+
+
+def test_refused_states_and_refused_requests_of_one_cycle_are_both_said(go2, state, make):
+    state(go2)
+    go2.inputs.latch()
+    go2.send("odom", make.odom(go2.q[:7], [NAN] * 6, go2.model.base_link, 51_000_000_000))
+    go2.send("weight", make.float64(NAN), "com")
+    first, second = go2.inputs.latch().refused
+    assert first.startswith("/odom: ")
+    assert second.startswith("/wbc_controller/tasks/com/weight: ")
+
+
+def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
+    go2.send("update", make.string("{tasks: {com: {weight: 1}, posture: {weight: -1}}}"))
+    latched = go2.inputs.latch()
+    assert latched.changes == ()
+    assert len(latched.refused) == 1
+
+
+def test_changes_of_the_settings_are_prepared_where_they_are_read(go2, make):
+    prepared = []
+
+    def prepare(change):
+        prepared.append(change)
+        if "safety" in change:
+            raise ConfigurationError("not while it runs")
+
+    go2.inputs.requests._prepare = prepare
+    go2.send("update", make.string("{control: {weight_ramp: 0.9}}"))
+    go2.send("update", make.string("{safety: {damping: 1.0}}"))
+    latched = go2.inputs.latch()
+    assert prepared == [{"control": {"weight_ramp": 0.9}}, {"safety": {"damping": 1.0}}]
+    assert len(latched.changes) == 1
+    assert latched.refused == ("/wbc_controller/update: not while it runs",)
+
+
+def test_a_long_refusal_is_cut(go2, make):
+    go2.send("setpoint", make.joint_state(["x" * 100_000], [0.0]), "posture")
+    (sentence,) = go2.inputs.latch().refused
+    assert len(sentence) < 1100
+    assert sentence.endswith("…")
+
+
+def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, state, make, monkeypatch, caplog):
+    def broken(vocabulary, subject, content):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(decoding, "READERS", {**decoding.READERS, "weight": broken})
+    state(go2)
+    go2.send("weight", make.float64(1), "com")
+    latched = go2.inputs.latch()
+    assert latched.refused == ("/wbc_controller/tasks/com/weight: cannot be read: ZeroDivisionError: division by zero",)
+    assert latched.state is not None
+    assert "Traceback" in caplog.text
+
+
+def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
+    settings, _ = robot_of("go2")
+    fixed = changed(settings, {"robot": {"base": "fixed"}})
+    model = make_model(fixed)
+    bench = Wire(fixed, model, None)
+    bench.send("joint_states", make.joint_state(model.joints, model.posture, np.zeros(model.na)))
+    bench.publish["odom", ""](b"whatever")
+    latched = bench.inputs.latch()
+    assert set(latched.ages) == {"joint_states"}
+    assert latched.state.q.shape == (model.na,)
+    assert not latched.refused
+
+
+#: Of each cycle: what comes on a topic, None where nothing does; by how much its stamp is off, s; and how long our
+#: clock went on before, s.
+CYCLES = st.lists(
+    st.tuples(
+        *[
+            st.tuples(
+                st.sampled_from(["good", "good", "good", None, "other shape", "not finite", "bad quaternion"]),
+                st.sampled_from([0.0, 0.0, 0.0, -0.0003, 0.02, -0.01, 0.4, -5.0]),
+            )
+        ]
+        * 2,
+        st.sampled_from([0.002, 0.002, 0.002, 0.0, 0.04, 0.4]),
+    ),
+    min_size=5,
+    max_size=40,
+)
+
+
+@pytest.mark.parametrize("base", ["floating", "fixed"])
+@pytest.mark.parametrize("tolerance", [None, 0.015])
+@given(cycles=CYCLES, seed=st.integers(0, 1000))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+def test_states_read_at_once_are_those_read_one_by_one(
+    robot_of, stance_of, changed, make, base, tolerance, cycles, seed
+):
+    own, _ = robot_of("go2")
+    own = changed(own, {"robot": {"base": base}})
+    model, random = make_model(own), np.random.default_rng(seed)
+    both = [Wire(own, model, stance_of("go2"), clock_tolerance=tolerance) for _ in range(2)]
+    both[1].inputs._measured = False
+    for (odometry, base_off), (joints, off), passed in [(("good", 0.0),) * 2 + (0.002,)] * 3 + cycles:
+        time = both[0].clock.time = both[1].clock.time = both[0].clock.time + passed
+        pose, twist = stance_of("go2")[:7] + random.normal(0.0, 0.01, 7), random.normal(0.0, 0.1, 6)
+        q, v = random.normal(0.0, 1.0, (2, model.na))
+        if odometry == "not finite":
+            twist[random.integers(6)] = NAN
+        if odometry == "bad quaternion":
+            pose[3:] *= 1.5
+        if joints == "not finite":
+            v[random.integers(model.na)] = NAN
+        child = "" if odometry == "other shape" else model.base_link
+        names = model.joints[::-1] if joints == "other shape" else model.joints
+        for wire in both:
+            if odometry is not None:
+                wire.send("odom", make.odom(pose, twist, child, round((time + base_off) * 1e9)))
+            if joints is not None:
+                wire.send("joint_states", make.joint_state(names, q, v, time=round((time + off) * 1e9)))
+        once, one_by_one = (wire.inputs.latch() for wire in both)
+        assert (once.state is None) == (one_by_one.state is None)
+        if once.state is not None:
+            assert once.state.stamp == one_by_one.state.stamp
+            assert once.state.q.tobytes() == one_by_one.state.q.tobytes()
+            assert once.state.v.tobytes() == one_by_one.state.v.tobytes()
+            assert not once.state.q.flags.writeable
+            assert not once.state.v.flags.writeable
+        if once.joint_velocity is not None:
+            assert once.joint_velocity.tobytes() == one_by_one.joint_velocity.tobytes()
+        assert once.ages == one_by_one.ages
+        assert (once.stood, once.refused) == (one_by_one.stood, one_by_one.refused)
+        assert both[0].inputs.notes() == both[1].inputs.notes()
+
+
+@pytest.mark.parametrize("slow", [1, 3])
+@pytest.mark.parametrize("tolerance", [None, 0.015])
+def test_good_states_are_read_at_once(robot_of, stance_of, make, monkeypatch, slow, tolerance):
+    own, model = robot_of("go2")
+    wire = Wire(own, model, stance_of("go2"), clock_tolerance=tolerance)
+    looked = []
+    closely = Inputs._one_by_one
+
+    def one_by_one(self, *arguments, **named):
+        looked.append(cycle)
+        return closely(self, *arguments, **named)
+
+    monkeypatch.setattr(Inputs, "_one_by_one", one_by_one)
+    for cycle in range(60):
+        wire.clock.time += 0.002
+        if cycle == 30:  # a new time, of a simulator that was started again
+            wire.inputs.restart()
+        stamp = round((wire.clock.time - (5.0 if cycle >= 30 else 0.0)) * 1e9)
+        if cycle % slow == 0:
+            wire.send("odom", make.odom(wire.q[:7], [0.1] * 6, model.base_link, stamp))
+        wire.send("joint_states", make.joint_state(model.joints, wire.q[model.q_index], [0.1] * model.na, time=stamp))
+        assert not wire.inputs.latch().refused
+    assert looked == list(range(slow + 1))  # until there are two messages of each
+
+
+@pytest.mark.parametrize(
+    ("key", "subject", "largest"),
+    [("joint_states", "", 1 << 18), ("odom", "", 1 << 16), ("trajectory", "com", 1 << 20)],
+)
+def test_each_topic_has_its_largest_message(go2, key, subject, largest):
+    go2.publish[key, subject](b"\x00" * (largest + 1))
+    (sentence,) = go2.inputs.latch().refused
+    assert sentence.endswith(f": 1 messages refused: more than {largest} bytes")
+    go2.publish[key, subject](b"\x00" * largest)
+    assert "more than" not in go2.inputs.latch().refused[0]
+
+
+def test_a_message_that_is_too_large_wakes_nobody_and_displaces_no_state(go2, make, state):
+    state(go2)
+    go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
+    assert go2.inputs.wait(0.0)
+    latched = go2.inputs.latch()
+    assert latched.state is not None
+    assert [": 1 messages refused" in sentence for sentence in latched.refused] == [True]
+    go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
+    assert not go2.inputs.wait(0.01)
+
+
+def test_what_has_come_before_the_beginning_is_dropped(go2, state):
+    state(go2)
+    assert go2.inputs.wait(0.0)
+    state(go2, time=2_000_000_000)
+    go2.inputs.begin()
+    latched = go2.inputs.latch()
+    assert latched.state is None
+    assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
+
+
+def test_whoever_waits_can_be_woken(go2):
+    go2.inputs.wake()
+    assert go2.inputs.wait(0.0)
+    assert not go2.inputs.wait(0.0)
+
+
+def test_an_emergency_stop_wakes_the_loop(go2, make):
+    go2.send("command", make.string("activate"))
+    assert not go2.inputs.wait(0.0)
+    go2.send("command", make.string("estop"))
+    assert go2.inputs.wait(0.0)
+
+
+def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkeypatch):
+    times, slept, done = iter(np.arange(100.0)), [], threading.Event()
+
+    def sleep(seconds):
+        slept.append(seconds)
+        done.set()
+
+    monkeypatch.setattr(requests, "time", SimpleNamespace(perf_counter=lambda: next(times), sleep=sleep))
+    go2.inputs.requests.start_reader()
+    go2.send("command", make.string("activate"))
+    assert done.wait(20.0)
+    go2.inputs.requests.stop_reader()
+    assert slept == [3.0]  # each reading takes one second of that clock
+
+
+def test_velocities_are_those_of_the_positions_where_the_robot_measures_none(robot_of, stance_of, make):
+    wire = Wire(*robot_of("go2"), stance_of("go2"), VelocityFilter(0.004))
+    model, speed = wire.model, np.linspace(-1.0, 1.0, wire.model.nj)
+    for i in range(50):
+        stamp = 1_000_000_000 + 2_000_000 * i
+        wire.clock.time += 0.002
+        wire.send("odom", make.odom(wire.q[:7], [0.0] * 6, model.base_link, stamp))
+        position = wire.q[model.q_index] + 0.002 * i * speed
+        wire.send("joint_states", make.joint_state(model.joints, position, [], time=stamp))
+        latched = wire.inputs.latch()
+        assert not latched.refused
+    np.testing.assert_allclose(latched.state.v[model.v_index], speed, atol=1e-6)
+    np.testing.assert_allclose(latched.joint_velocity, speed, atol=1e-6)
+    assert wire.inputs.status() == {"joint_velocity": f"differentiated, {delay(0.004, 0.002):.4f} s late"}
+
+
+def test_a_message_without_velocities_is_refused_with_the_setting_that_would_take_it(go2, make):
+    model = go2.model
+    go2.send("joint_states", make.joint_state(model.joints, go2.q[model.q_index], []))
+    latched = go2.inputs.latch()
+    assert latched.joint_velocity is None
+    assert "estimation.joint_velocity has to be differentiated" in latched.refused[0]

@@ -1,0 +1,650 @@
+"""The loop: one way through per cycle, ages and deadlines, and what ends in which mode."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import threading
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import NoSolution
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.records import Mode, Reference
+
+TIMEOUT = 0.05
+
+
+def last_status(controller):
+    (status,) = controller.received("diagnostics")[-1].status
+    return status
+
+
+def test_one_command_for_each_state_with_its_stamp(bench):
+    controller = bench()
+    controller.activate()
+    for i in range(20):
+        report = controller.cycle()
+        assert report.mode is Mode.ACTIVE
+        assert report.command.stamp == controller.time
+        assert len(controller.received("effort")) == i + 2
+    assert [each.cycle for each in controller.reports] == list(range(21))
+
+
+def test_activation_starts_from_zero_torque_and_reaches_what_carries_the_robot(bench):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    efforts = controller.efforts()
+    assert not efforts[0].any()
+    assert np.isfinite(efforts).all()
+    assert (np.abs(efforts) <= controller.model.effort_limits).all()
+    limit = controller.settings.limits.torque_rate * controller.period * controller.model.effort_limits
+    assert (np.abs(np.diff(efforts, axis=0)) <= limit + 1e-9).all()
+    knees = [i for i, name in enumerate(controller.model.joints) if "calf" in name]
+    assert (efforts[-1][knees] > 1.0).all()
+    tau = controller.reports[-1].solution.tau
+    np.testing.assert_allclose(efforts[-1], tau, atol=1e-6)
+
+
+def test_activation_is_refused_until_the_inputs_are_fresh(bench):
+    controller = bench()
+    controller.command("activate")
+    report = controller.cycle(joints=False, base=False)
+    (sentence,) = report.refused
+    assert sentence == (
+        "command 'activate' is refused: joint_states has not arrived (limit 50 ms); odom has not arrived (limit 50 ms)"
+    )
+    assert sentence in last_status(controller).message
+    controller.command("activate")
+    assert "odom has not arrived" in controller.cycle(base=False).refused[0]
+    assert controller.activate().mode is Mode.ACTIVE
+
+
+def test_the_word_of_a_burst_count_in_their_order(bench):
+    controller = bench()
+    controller.activate()
+    controller.command("estop")
+    controller.cycle()
+    controller.command("reset")
+    controller.command("activate")
+    report = controller.cycle()
+    assert (report.mode, report.refused) == (Mode.ACTIVE, ())
+    controller.command("damp")
+    controller.cycle()
+    controller.command("activate")
+    controller.command("reset")
+    report = controller.cycle()
+    assert report.mode is Mode.INACTIVE
+    assert "send 'reset' first" in report.refused[0]
+
+
+@pytest.mark.parametrize("missing", ["joints", "base"])
+def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
+    controller = bench()
+    controller.activate()
+    controller.cycle(50)
+    silent = {missing: False}
+    name = {"joints": "joint_states", "base": "odom"}[missing]
+    count = round(TIMEOUT / controller.period)
+    for i in range(1, count):
+        report = controller.cycle(**silent)
+        assert report.mode is Mode.ACTIVE
+        assert report.ages[name] == pytest.approx(i * controller.period)
+    report = controller.cycle(2, **silent)
+    assert report.mode is Mode.DAMPING
+    assert report.ages[name] <= TIMEOUT + controller.period + 1e-9
+    assert report.fault.code == "STALE_INPUT"
+    assert report.fault.sentence in (f"{name} is 52 ms old (limit 50 ms)", f"{name} is 50 ms old (limit 50 ms)")
+    assert controller.received("state")[-1].data == f"damping STALE_INPUT: {report.fault.sentence}"
+
+
+@pytest.mark.parametrize(("age", "mode"), [(0.0625, Mode.ACTIVE), (0.0625 + 2.0**-30, Mode.DAMPING)])
+def test_exactly_at_the_timeout_an_input_is_fresh(bench, age, mode):
+    # Numbers that a float holds exactly.
+    controller = bench(changes={"safety": {"state_timeout": 0.0625}})
+    controller.clock.time = 128.0
+    controller.base()
+    controller.joints()
+    controller.command("activate")
+    controller.loop.cycle()
+    controller.clock.time = 128.0 + age
+    assert controller.loop.cycle().mode is mode
+
+
+def test_the_sentence_says_why_the_messages_that_came_did_not_count(bench):
+    controller = bench()
+    controller.activate()
+    for _ in range(30):
+        controller.clock.time += controller.period
+        controller.base()
+        controller.joints(position=np.full(controller.model.na, np.nan))
+        report = controller.loop.cycle()
+    assert report.mode is Mode.DAMPING
+    assert "joint_states is 52 ms old (limit 50 ms); last refusal: position of 'FL_hip_joint' is nan rad" in (
+        report.fault.sentence
+    )
+    assert "refused /joint_states: position of 'FL_hip_joint' is nan rad" in last_status(controller).message
+
+
+def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
+    controller = bench(changes={"safety": {"damping": 3.0, "damping_time": 1.0}})
+    controller.activate()
+    controller.cycle(600)
+    controller.v[controller.model.v_index] = 0.5
+    report = controller.cycle(60, base=False)
+    assert report.mode is Mode.DAMPING
+    np.testing.assert_allclose(report.command.tau, -1.5)
+    assert np.isnan(report.command.q_desired).all()
+    report = controller.cycle(40, base=False, joints=False)
+    assert not report.command.tau.any()
+    report = controller.cycle(500, base=False, joints=False)
+    assert report.mode is Mode.FAULT
+    assert report.fault.code == "STALE_INPUT"
+    controller.command("reset")
+    controller.v[:] = 0.0  # at rest, as its positions say
+    assert controller.cycle().mode is Mode.INACTIVE
+    assert controller.activate().mode is Mode.ACTIVE
+
+
+def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(bench, monkeypatch, caplog):
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
+    controller.activate()
+    controller.cycle(600)
+    held = controller.reports[-1].command.tau
+
+    def solve(*arguments):
+        raise NoSolution("the contacts conflict", "infeasible", None)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(controller.loop.controller.qp, "solve", solve)
+        report = controller.cycle()
+        assert (report.mode, report.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
+        np.testing.assert_array_equal(report.command.tau, held)
+        assert controller.received("state")[-1].data == "holding NO_SOLUTION: the contacts conflict"
+        controller.cycle(24)
+        assert controller.loop.controller.supervisor.mode is Mode.HOLDING
+        controller.cycle(3)
+        assert controller.loop.controller.supervisor.mode is Mode.DAMPING
+        report = controller.cycle(60)
+        assert report.mode is Mode.FAULT
+        assert not report.command.tau.any()
+    assert "the contacts conflict" in caplog.text
+    controller.cycle(100)
+    assert controller.loop.controller.supervisor.mode is Mode.FAULT
+
+
+def searched(controller):
+    """Wait for the search that runs beside the loop."""
+    controller.loop.controller._explanation.result()
+
+
+def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch, caplog):
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop.controller.qp.contacts["front_left_foot"]
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    searches = []
+
+    def search(failure):
+        searches.append(threading.current_thread())
+        return explained(failure)
+
+    explained = NoSolution.explained
+    monkeypatch.setattr(NoSolution, "explained", search)
+    sent = len(controller.efforts())
+    report = controller.cycle()
+    assert (report.mode, report.fault.infeasibility) == (Mode.HOLDING, None)
+    assert len(controller.efforts()) == sent + 1
+    searched(controller)
+    report = controller.cycle()
+    why = report.fault.infeasibility
+    assert set(why.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
+    assert report.fault.sentence.endswith(why.sentence)
+    assert why.sentence in controller.received("state")[-1].data
+    assert why.sentence in caplog.text
+    for mode, count in ((Mode.HOLDING, 20), (Mode.DAMPING, 10), (Mode.FAULT, 60)):
+        report = controller.cycle(count)
+        assert (report.mode, report.fault.infeasibility) == (mode, why)
+        assert why.sentence in last_status(controller).message
+    assert len(searches) == 1
+    assert searches[0] is not threading.current_thread()  # the loop commands on, meanwhile
+
+
+def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop.controller.qp.contacts["front_left_foot"]
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    release, explained = threading.Event(), NoSolution.explained
+
+    def slow(failure):
+        assert release.wait(60.0)
+        return explained(failure)
+
+    monkeypatch.setattr(NoSolution, "explained", slow)
+    sent = len(controller.efforts())
+    report = controller.cycle(40)
+    assert len(controller.efforts()) == sent + 40
+    assert (report.mode, report.fault.infeasibility) == (Mode.DAMPING, None)
+    monkeypatch.setattr(foot, "max_normal_force", 400.0)  # it is the failure that is explained, not what is now
+    release.set()
+    searched(controller)
+    report = controller.cycle()
+    assert report.mode is Mode.DAMPING
+    assert set(report.fault.infeasibility.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
+
+
+def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplog):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop.controller.qp.contacts["front_left_foot"]
+    release, explained = threading.Event(), NoSolution.explained
+
+    def slow(failure):
+        assert release.wait(60.0)
+        return explained(failure)
+
+    monkeypatch.setattr(NoSolution, "explained", slow)
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    assert controller.cycle().mode is Mode.HOLDING
+    monkeypatch.setattr(foot, "max_normal_force", 400.0)
+    assert controller.cycle(5).mode is Mode.ACTIVE
+    release.set()
+    searched(controller)
+    report = controller.cycle()
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+    assert "normal force of front_left_foot" in caplog.text
+
+
+def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, caplog):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop.controller.qp.contacts["front_left_foot"]
+    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+
+    def broken(failure):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(NoSolution, "explained", broken)
+    controller.cycle()
+    with pytest.raises(ZeroDivisionError):
+        searched(controller)
+    report = controller.cycle()
+    assert (report.mode, report.fault.code, report.fault.infeasibility) == (Mode.HOLDING, "NO_SOLUTION", None)
+    assert "division by zero" in caplog.text
+
+
+def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatch):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    foot = controller.loop.controller.qp.contacts["front_left_foot"]
+    explained, searches = NoSolution.explained, []
+    monkeypatch.setattr(NoSolution, "explained", lambda failure: searches.append(1) or explained(failure))
+    for i in range(1000):  # two seconds
+        fails = i % 40 == 1  # less often than the budget of holding allows
+        monkeypatch.setattr(foot, "max_normal_force", -50.0 if fails else 400.0)
+        report = controller.cycle()
+        assert report.mode is (Mode.HOLDING if fails else Mode.ACTIVE)
+        if controller.loop.controller._explanation is not None:
+            searched(controller)
+    assert len(searches) == 2
+
+
+@pytest.mark.parametrize("where", ["solve", "sample", "apply"])
+def test_an_exception_inside_becomes_a_fault_and_is_logged(bench, monkeypatch, caplog, make, where):
+    controller = bench()
+    controller.activate()
+    controller.cycle(10)
+
+    def broken(*arguments):
+        raise ZeroDivisionError("division by zero")
+
+    owner = controller.loop.controller.qp if where == "solve" else controller.loop.controller.board
+    monkeypatch.setattr(owner, where, broken)
+    controller.send("weight", make.float64(1.0), "com")
+    report = controller.cycle()
+    assert report.mode is Mode.DAMPING
+    assert (report.fault.code, report.fault.sentence) == ("INTERNAL_ERROR", "ZeroDivisionError: division by zero")
+    assert "Traceback" in caplog.text
+    controller.cycle(10)
+    assert np.isfinite(controller.efforts()).all()
+
+
+def test_an_exception_while_starting_becomes_a_fault_too(bench, monkeypatch, caplog):
+    controller = bench()
+    controller.cycle(3)
+
+    def broken(*arguments):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(controller.loop.controller.board, "reset", broken)
+    report = controller.activate()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "INTERNAL_ERROR")
+    assert not report.command.tau.any()
+    assert "Traceback" in caplog.text
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_a_setpoint_beyond_all_reason_does_no_harm(bench, make):
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    controller.send("setpoint", make.point([1e300, -1e300, 1e300]), "com")
+    controller.cycle(300)
+    efforts = controller.efforts()
+    assert np.isfinite(efforts).all()
+    assert (np.abs(efforts) <= controller.model.effort_limits).all()
+
+
+def test_commands_to_an_inactive_controller_are_refused_in_words(bench, make):
+    controller = bench()
+    controller.cycle()
+    controller.send("weight", make.float64(1.0), "com")
+    controller.send("setpoint", make.point([0, 0, 0.3]), "com")
+    report = controller.cycle()
+    assert report.refused == ("2 task or contact commands: the controller is inactive; send 'activate' first",)
+    controller.cycle(5)  # diagnostics that are on their way go first
+    assert report.refused[0] in last_status(controller).message
+
+
+def test_commands_in_the_cycle_in_which_the_inputs_fail_are_not_lost_silently(bench, make):
+    controller = bench()
+    controller.activate()
+    said = "1 task or contact commands: the controller is damping; send 'reset' and 'activate' first"
+    for _ in range(30):
+        controller.send("weight", make.float64(1.0), "com")
+        report = controller.cycle(base=False)
+        assert report.refused == (() if report.mode is Mode.ACTIVE else (said,))
+    assert report.mode is Mode.DAMPING
+
+
+def test_a_command_in_the_cycle_of_the_activation_counts(bench, make):
+    controller = bench()
+    controller.command("activate")
+    controller.send("contact_enable", make.bool(False), "front_left_foot")
+    report = controller.cycle()
+    assert not report.refused
+    controller.cycle(200)
+    assert "front_left_foot" not in controller.reports[-1].solution.forces
+
+
+def test_a_trajectory_that_is_over_is_refused(bench, make):
+    controller = bench()
+    controller.activate()
+    points = [(1.0, [[0, 0, 0.3, 0, 0, 0, 1]])]
+    controller.send("trajectory", make.frame_trajectory(points, start=controller.time - 2_000_000_000), "com")
+    (sentence,) = controller.cycle().refused
+    assert "trajectory for task 'com' ended 1.00" in sentence
+    assert controller.loop.controller.supervisor.mode is Mode.ACTIVE
+
+
+def test_references_follow_the_clock_of_the_states(bench, make, monkeypatch):
+    controller = bench()
+    controller.activate()
+    controller.cycle(3)
+    board, taken = controller.loop.controller.board, []
+    sample = board.sample
+
+    def spy(time):
+        taken.append(time)
+        return sample(time)
+
+    monkeypatch.setattr(board, "sample", spy)
+    controller.cycle()
+    assert taken == [controller.time * 1e-9]
+    assert isinstance(sample(taken[0]).tasks["com"], Reference)
+
+
+def test_the_same_messages_give_the_same_torques(bench, make):
+    def run():
+        controller = bench()
+        controller.activate()
+        controller.cycle(50)
+        controller.send("setpoint", make.point([0.01, 0, 0.28]), "com")
+        controller.cycle(100)
+        return controller.efforts()
+
+    assert run().tobytes() == run().tobytes()
+
+
+class Schedule(threading.Event):
+    """A stop event on a clock that is set by hand: waiting lets exactly that time pass."""
+
+    def __init__(self, clock, until):
+        super().__init__()
+        self.clock, self.until = clock, until
+        self.waits = []
+
+    def is_set(self):
+        return self.clock.time >= self.until
+
+    def wait(self, timeout=None):
+        self.waits.append(timeout)
+        self.clock.time += timeout
+        return self.is_set()
+
+
+def timed(controller, monkeypatch, costs, until):
+    """Run the timer mode where each cycle takes some of `costs`; gives when each began."""
+    began = []
+    costs = iter(costs)
+
+    def cycle():
+        began.append(controller.clock.time)
+        controller.clock.time += next(costs, 0.0)
+
+    monkeypatch.setattr(controller.loop, "cycle", cycle)
+    stop = Schedule(controller.clock, until)
+    controller.clock.time = 0.0
+    controller.loop.run(stop, 0.25, triggered=False)
+    return began
+
+
+def test_the_timer_keeps_absolute_deadlines(bench, monkeypatch):
+    controller = bench()
+    began = timed(controller, monkeypatch, [0.1, 0.2, 0.05, 0.2499], 2.0)
+    assert began == [0.25 * i for i in range(8)]
+    assert controller.loop._deadlines_missed == 0
+
+
+def test_lateness_is_counted_and_does_not_add_up(bench, monkeypatch):
+    controller = bench()
+    began = timed(controller, monkeypatch, [0.1, 0.3, 0.1, 0.8, 0.1], 3.0)
+    assert began == [0.0, 0.25, 0.75, 1.0, 2.0, 2.25, 2.5, 2.75]
+    assert controller.loop._deadlines_missed == 1 + 3
+
+
+@pytest.mark.parametrize("active", [True, False])
+def test_the_end_of_the_loop_leaves_no_torque(bench, active):
+    controller = bench()
+    if active:
+        controller.activate()
+        controller.cycle(600)
+        assert controller.efforts()[-1].any()
+    before = len(controller.received("effort"))
+    stop = threading.Event()
+    stop.set()
+    controller.loop.run(stop, controller.period, triggered=True)
+    efforts = controller.efforts()[before:]
+    if active:
+        assert len(efforts) == 1
+        assert not efforts.any()
+        assert controller.received("state")[-1].data == "stopped"
+    else:
+        assert len(efforts) == 0
+
+
+@pytest.mark.parametrize("where", ["supervisor", "publish", "inputs", "observer"])
+def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(bench, monkeypatch, where):
+    """Whatever is raised around the controller: the process goes on, with no torque left applied."""
+    controller = bench()
+    controller.activate()
+    controller.cycle(600)
+    assert controller.efforts()[-1].any()
+    loop, stop = controller.loop, threading.Event()
+    owner, name = {
+        "supervisor": (loop.controller.supervisor, "step"),
+        "publish": (loop._outputs, "publish_command"),
+        "inputs": (loop._inputs, "latch"),
+        "observer": (loop._outputs, "publish_status"),
+    }[where]
+    whole, calls = getattr(owner, name), []
+
+    def broken(*arguments, **named):
+        calls.append(len(controller.efforts()))
+        if len(calls) == 1:
+            raise MemoryError("none left")
+        if len(calls) == 3:
+            stop.set()
+        return whole(*arguments, **named)
+
+    monkeypatch.setattr(owner, name, broken)
+    controller.joints()
+    controller.base()
+    loop.run(stop, 1e-4, triggered=False)
+    assert not controller.efforts()[calls[0] : calls[1]][0].any()  # zeros before the next cycle
+    damped = [report for report in controller.reports if report.mode is Mode.DAMPING]
+    assert damped[0].fault.code == "INTERNAL_ERROR"
+    assert damped[0].fault.sentence == "MemoryError: none left"
+
+
+def test_it_activates_by_itself_when_asked_as_soon_as_inputs_are_fresh(bench, monkeypatch):
+    controller = bench()
+    modes = []
+    cycle = controller.loop.cycle
+    stop = threading.Event()
+
+    def watched():
+        controller.clock.time += controller.period
+        if len(modes) >= 3:
+            controller.base()
+            controller.joints()
+        modes.append(cycle().mode)
+        if len(modes) == 6:
+            stop.set()
+
+    monkeypatch.setattr(controller.loop, "cycle", watched)
+    controller.loop.run(stop, 1e-4, triggered=True, activate=True)
+    assert modes == [Mode.INACTIVE] * 3 + [Mode.ACTIVE] * 3
+    assert not any(report.refused for report in controller.reports)
+
+
+def test_where_states_start_cycles_it_waits_no_longer_than_until_they_are_stale(bench):
+    controller = bench()
+    patience = controller.loop._patience
+    assert patience(0.002) == 0.002  # none has come yet
+    controller.joints()
+    controller.loop.cycle()
+    assert patience(0.002) == pytest.approx(TIMEOUT)
+    controller.clock.time += 0.03
+    assert patience(0.002) == pytest.approx(0.02)
+    controller.clock.time += 0.1
+    assert patience(0.002) == 0.002
+
+
+def test_each_joint_state_starts_one_cycle(bench):
+    controller = bench()
+    stop = threading.Event()
+    thread = threading.Thread(target=controller.loop.run, args=(stop, 0.5), kwargs={"triggered": True})
+    began = threading.Event()
+    controller.loop.observers = (lambda report: began.set(), controller.reports.append)
+    thread.start()
+    try:
+        assert began.wait(5)  # the first one comes without a state
+        for _ in range(10):
+            began.clear()
+            controller.clock.time += controller.period
+            controller.base()
+            controller.joints()
+            assert began.wait(5)
+    finally:
+        stop.set()
+        controller.joints()
+        thread.join(10)
+    assert not thread.is_alive()
+    stamps = [report.stamp for report in controller.reports if report.stamp]
+    assert len(set(stamps)) == 10
+
+
+def rival_of(controller, name="wbc_controller"):
+    """Another node that publishes torques."""
+    rival = MemoryTransport(controller.bus, name)
+    rival.advertise(next(topic for topic in controller.topics if topic.key == "effort"))
+    return rival
+
+
+def test_while_another_node_publishes_torques_activation_is_refused(bench):
+    controller = bench()
+    rival = rival_of(controller)
+    report = controller.activate()
+    assert report.mode is Mode.INACTIVE
+    (sentence,) = report.refused
+    assert sentence.startswith(
+        "command 'activate' is refused: torques on /effort_controller/commands are published by /wbc_controller too"
+    )
+    status = last_status(controller)
+    assert status.level == 1
+    assert "published by /wbc_controller too" in status.message
+    rival.close()
+    controller.cycle(200)
+    assert controller.activate().mode is Mode.ACTIVE
+    rival_of(controller, "guard")
+    controller.cycle(200)
+    assert last_status(controller).level == 0
+
+
+def test_a_second_publisher_of_torques_is_said_at_once_and_the_robot_stays_controlled(bench, caplog):
+    controller = bench(changes={"control": {"diagnostics_rate": 0.1}})
+    controller.activate()
+    controller.cycle(300)
+    said = len(controller.received("diagnostics"))
+    rival_of(controller, "stranger")
+    report = controller.cycle(round(0.25 / controller.period) + 1)  # the time between two looks
+    assert report.mode is Mode.ACTIVE
+    assert len(controller.received("diagnostics")) == said + 1
+    status = last_status(controller)
+    assert (status.level, "published by /stranger too" in status.message) == (2, True)
+    assert "published by /stranger too" in caplog.text
+    assert controller.cycle(300).mode is Mode.ACTIVE
+    controller.command("damp")  # every other request is obeyed
+    assert controller.cycle().mode is Mode.DAMPING
+
+
+def test_the_activation_at_the_start_waits_until_the_robot_has_no_other_owner(bench, caplog):
+    controller = bench()
+    controller.loop._activate_when_fresh = True
+    rival = rival_of(controller)
+    assert controller.cycle(300).mode is Mode.INACTIVE
+    assert sum("the activation at the start waits: torques on" in said for said in caplog.messages) == 1
+    rival.close()
+    assert controller.cycle(200).mode is Mode.ACTIVE
+
+
+def test_several_publishers_of_joint_states_are_on_diagnostics(bench):
+    controller = bench()
+    other = MemoryTransport(controller.bus, "gripper")
+    other.advertise(counterpart(next(topic for topic in controller.topics if topic.key == "joint_states")))
+    assert controller.activate().mode is Mode.ACTIVE
+    controller.cycle(100)
+    status = last_status(controller)
+    assert status.level == 0
+    assert {"publishers//joint_states": "/gripper, /memory"}.items() <= {v.key: v.value for v in status.values}.items()
+
+
+def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, caplog):
+    controller = bench()
+    report = controller.cycle()
+    words = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
+    for _ in range(10):
+        controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
+    assert len(caplog.messages) == 20
+    controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
+    assert len(caplog.messages) == 40

@@ -1,0 +1,286 @@
+"""What goes out: commands, forces, the mode, diagnostics."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from composed import whole
+
+from wbc_controller.middleware.codec import nanoseconds
+from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.diagnostics.status import StatusSummary, _Span
+from wbc_controller.records import CycleReport, Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
+
+
+def report(**changes):
+    values = {
+        "cycle": 1, "stamp": 5, "mode": Mode.INACTIVE, "fault": None, "command": None, "solution": None,
+        "ages": {"joint_states": 0.001}, "refused": (), "stage_seconds": {"total": 1e-3}, "deadlines_missed": 0,
+    }  # fmt: skip
+    return CycleReport(**{**values, **changes})
+
+
+def solution(**changes):
+    """With details, and changes of them and of the rest."""
+    details = {
+        "forces": {}, "residuals": {"contact_motion": 1e-9}, "task_errors": {"com": 0.01},
+        "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),),
+    }  # fmt: skip
+    details |= {key: changes.pop(key) for key in details.keys() & changes.keys()}
+    return Solution(np.zeros(18), np.zeros(12), SimpleNamespace(**details), **{"iterations": 7, **changes})
+
+
+def test_both_command_topics_say_the_same(bench):
+    controller = bench()
+    controller.activate()
+    controller.cycle(20)
+    effort, named = controller.received("effort"), controller.received("joint_commands")
+    assert len(effort) == len(named) == 21
+    for array, state, said in zip(effort, named, controller.reports, strict=True):
+        np.testing.assert_array_equal(array.data, state.effort)
+        np.testing.assert_array_equal(array.data, said.command.tau)
+        assert state.name == list(controller.model.joints)
+        assert nanoseconds(state.header.stamp) == said.stamp
+        assert array.layout.dim[0].size == controller.model.na
+        np.testing.assert_array_equal(state.position, said.command.q_desired)
+        np.testing.assert_array_equal(state.velocity, said.command.v_desired)
+
+
+def test_nothing_is_commanded_before_activation(bench):
+    controller = bench()
+    controller.cycle(5)
+    assert not controller.received("effort")
+    assert not controller.received("joint_commands")
+    assert not controller.received("contact_wrench", "front_left_foot")
+
+
+@pytest.mark.parametrize(("name", "frame"), [("g1", "left_ankle_roll_link"), ("go2", "world")])
+def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, frame):
+    controller = bench(name)
+    controller.activate()
+    controller.cycle(200)
+    weight = controller.model.mass * controller.model.gravity
+    total = 0.0
+    for contact in controller.settings.contacts:
+        wrench = controller.received("contact_wrench", contact)[-1]
+        force = controller.reports[-1].solution.forces[contact]
+        assert wrench.wrench.force.z == force[2]
+        assert wrench.wrench.torque.x == (force[3] if len(force) == 6 else 0.0)
+        total += wrench.wrench.force.z
+    assert total == pytest.approx(weight, rel=0.05)
+    assert controller.received("contact_wrench", next(iter(controller.settings.contacts)))[0].header.frame_id == frame
+
+
+def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.subject in readers)
+    controller = bench()
+    feet = list(controller.settings.contacts)
+    controller.activate()
+
+    def came():
+        before = [len(controller.received("contact_wrench", foot)) for foot in feet]
+        controller.cycle(100)
+        return [len(controller.received("contact_wrench", foot)) - b for foot, b in zip(feet, before, strict=True)]
+
+    assert came() == [0] * len(feet)
+    readers.add(feet[1])
+    found = came()
+    assert found.pop(1) >= 100 - 0.1 / controller.period
+    assert not any(found)
+    readers.clear()
+    controller.cycle(round(0.1 / controller.period) + 1)
+    assert came() == [0] * len(feet)
+
+
+def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers)
+    controller = bench()
+    controller.activate()
+    controller.cycle(100)
+    readers.add(("task_value", "com"))
+    controller.cycle(200)
+    came = {key: count for key, payloads in controller._payloads.items() if key[1] and (count := len(payloads))}
+    assert set(came) == {("task_reference", "com"), ("task_value", "com")}
+    rounds = 200 * controller.period * controller.settings.control.diagnostics_rate
+    assert rounds - 2 <= came["task_value", "com"] == came["task_reference", "com"] <= rounds
+
+
+def test_diagnostics_that_nobody_reads_come_once_a_second_and_at_once_with_news(bench, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.key in readers)
+    controller = bench()
+    second = round(1.0 / controller.period)
+
+    def came(cycles):
+        before = len(controller.received("diagnostics"))
+        controller.cycle(cycles)
+        return len(controller.received("diagnostics")) - before
+
+    assert came(3 * second + 20) == 4
+    controller.command("nonsense")
+    assert came(20) == 1
+    assert came(second - 40) == 0
+    readers.add("diagnostics")
+    assert came(2 * second) >= 2.0 * controller.settings.control.diagnostics_rate - 2
+    readers.clear()
+    controller.cycle(round(0.1 / controller.period) + 1)
+    assert 2 <= came(3 * second) <= 4
+
+
+def test_no_forces_are_published_that_do_not_count(bench):
+    controller = bench()
+    controller.activate()
+    controller.cycle(5)
+    before = len(controller.received("contact_wrench", "front_left_foot"))
+    controller.command("damp")
+    controller.cycle(5)
+    assert len(controller.received("contact_wrench", "front_left_foot")) == before
+
+
+def test_the_mode_is_published_at_the_start_and_when_it_changes(bench):
+    controller = bench()
+    controller.cycle(10)
+    controller.activate()
+    controller.cycle(10)
+    controller.command("damp")
+    controller.cycle(10)
+    assert [content.data for content in controller.received("state")] == ["inactive", "active", "damping"]
+
+
+def test_a_late_subscriber_is_given_the_mode(bench):
+    from wbc_controller.middleware.codec import decode
+    from wbc_controller.middleware.topics import counterpart
+
+    controller = bench()
+    controller.activate()
+    controller.cycle(10)
+    (endpoint,) = [topic for topic in controller.topics if topic.key == "state"]
+    late = []
+    controller.user.subscribe(counterpart(endpoint), late.append)
+    assert [decode(payload, endpoint.type).data for payload in late] == ["active"]
+
+
+def test_diagnostics_come_at_their_rate_and_at_once_with_a_refusal(bench):
+    controller = bench(changes={"control": {"diagnostics_rate": 10.0}})
+    controller.cycle(500)
+    assert len(controller.received("diagnostics")) in (10, 11)
+    before = len(controller.received("diagnostics"))
+    controller.command("actvate")
+    controller.cycle()
+    (status,) = controller.received("diagnostics")[-1].status
+    assert len(controller.received("diagnostics")) == before + 1
+    assert "refused command 'actvate' is unknown; did you mean 'activate'?" in status.message
+    assert status.level == 1
+    assert status.name == "wbc_controller: control loop"
+    assert status.hardware_id == "go2_description"  # the robot's name in its URDF
+
+
+def _status(*reports):
+    summary = StatusSummary("/r1/wbc_controller", "r1")
+    for each in reports:
+        summary.add(each)
+    (status,) = whole(summary.compose(9)).status
+    return status, {value.key: value.value for value in status.values}
+
+
+@pytest.mark.parametrize(
+    ("mode", "level"),
+    [("inactive", 0), ("active", 0), ("holding", 1), ("damping", 1), ("stopped", 1), ("fault", 2)],
+)
+def test_the_level_follows_the_mode(mode, level):
+    status, values = _status(report(mode=Mode(mode)))
+    assert (status.level, status.message, values["mode"]) == (level, mode, mode)
+
+
+def test_a_fault_is_said():
+    status, _ = _status(report(mode=Mode.FAULT, fault=Fault("ESTOP", "emergency stop by command")))
+    assert status.message == "fault; ESTOP: emergency stop by command"
+    assert status.level == 2
+
+
+def test_a_conflict_is_said_by_name_with_its_slack():
+    why = Infeasibility(
+        conflict=("torque:knee", "normal_force:foot"), smallest=("torque:knee",),
+        slack={"torque:knee": 12.345, "normal_force:foot": 80.0},
+        units={"torque:knee": "N·m", "normal_force:foot": "N"},
+        sentence="conflict: torque of knee against normal force of foot",
+    )  # fmt: skip
+    status, values = _status(report(mode=Mode.HOLDING, fault=Fault("NO_SOLUTION", f"no; {why.sentence}", why)))
+    assert status.message == "holding; NO_SOLUTION: no; conflict: torque of knee against normal force of foot"
+    assert values["infeasibility/conflict"] == "torque:knee, normal_force:foot"
+    assert values["infeasibility/smallest"] == "torque:knee"
+    assert values["infeasibility/slack/torque:knee"] == "12.35 N·m"
+    assert values["infeasibility/slack/normal_force:foot"] == "80 N"
+
+
+def test_what_a_summary_holds():
+    first = report(stage_seconds={"total": 1e-3}, refused=("x: no",), solution=solution(relaxed=("joint_motion",)))
+    last = report(cycle=2, stage_seconds={"total": 3e-3}, deadlines_missed=4, ages={"odom": 0.25}, solution=solution())
+    status, values = _status(first, last)
+    assert status.message == "inactive; relaxed joint_motion in 1 of 2 cycles; refused x: no"
+    assert status.level == 1
+    assert values["cycles"] == "2"
+    assert values["cycle"] == "2"
+    assert values["deadlines_missed"] == "4"
+    assert values["age/odom"] == "0.2500 s"
+    assert values["time/total/median"] == "2000 us"
+    assert values["time/total/max"] == "3000 us"
+    assert values["task_error/com"] == "0.01000"
+    assert values["residual/contact_motion"] == "1.00e-09"
+    assert values["binding"] == "torque:knee:upper"
+    assert values["level/0"] == "com: cost 0.5, 7 iterations, 50 us"
+    assert values["cost/torque:knee:upper"] == "0.25 1/(N·m)"
+    assert values["refused/0"] == "x: no"
+
+
+def test_no_piece_of_diagnostics_sorts_the_times_of_many_cycles(monkeypatch):
+    """At 1 kHz those of a second took a millisecond in one piece, and the cycle that composed it came late."""
+    summary, times, asked, pieces = StatusSummary("controller", "g1"), _Span.times, [], []
+
+    def counted(span, stage):
+        found = times(span, stage)
+        asked.append(len(found))
+        return found
+
+    monkeypatch.setattr(_Span, "times", counted)
+    for i in range(1000):
+        summary.add(report(stage_seconds={f"stage {j}": 1e-6 * (j + (i % 10 == 0) * i) for j in range(9)}))
+    composing = summary.compose(0)
+    message = None
+    while message is None:
+        try:
+            next(composing)
+        except StopIteration as end:
+            message = end.value
+        pieces.append(sum(asked))
+        asked.clear()
+    assert sum(pieces) == 9000
+    assert max(pieces) <= 1000
+    values = {value.key: value.value for value in message.status[0].values}
+    assert (values["time/stage 3/median"], values["time/stage 3/max"]) == ("3 us", "993 us")
+
+
+def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
+    _, model = robot_of("go2")
+    forces = np.arange(18.0)
+    summary = StatusSummary("/r1/wbc_controller", "r1", model=model)
+    summary.add(report(solution=solution(disturbance=Disturbance(2.0 * forces, forces, ("base", "FL_calf_joint")))))
+    (status,) = whole(summary.compose(9)).status
+    values = {value.key: value.value for value in status.values}
+    assert values["disturbance/base"] == "0.000 1.000 2.000 N, 3.000 4.000 5.000 N·m"
+    assert values[f"disturbance/{model.joints[2]}"] == f"{model.v_index[2]:.4f} N·m"
+    assert "at their bound (estimation.disturbance_share) at base, FL_calf_joint" in status.message
+    assert status.level == 1
+
+
+def test_each_summary_starts_over():
+    summary = StatusSummary("/r1/wbc_controller", "r1")
+    summary.add(report(refused=("x: no",)))
+    whole(summary.compose(1))
+    summary.add(report())
+    (status,) = whole(summary.compose(2)).status
+    assert "refused" not in status.message

@@ -1,0 +1,91 @@
+"""What processes use, read from /proc, and waiting for a condition."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from wbc_controller.errors import WbcError
+from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
+
+
+def test_processor_time_counts_work_and_not_sleep():
+    before, began = processor_time(os.getpid()), time.process_time()
+    while time.process_time() - began < 0.2:
+        pass
+    assert processor_time(os.getpid()) - before == pytest.approx(0.2, abs=0.05)
+    before = processor_time(os.getpid())
+    time.sleep(0.3)
+    assert processor_time(os.getpid()) - before <= 0.1
+
+
+def test_memory_is_what_is_in_use_and_not_what_is_reserved():
+    before = memory(os.getpid())
+    with mmap.mmap(-1, 200_000_000) as reserved:
+        assert memory(os.getpid()) - before < 20_000
+        reserved[:50_000_000] = b"x" * 50_000_000
+        assert 40_000 < memory(os.getpid()) - before < 120_000  # what was written, and what it was copied from
+
+
+def test_two_busy_processes_on_one_processor_wait_for_it():
+    one = min(os.sched_getaffinity(0))
+    command = [sys.executable, "-c", f"import os\nos.sched_setaffinity(0, {{{one}}})\nwhile True: pass"]
+    busy = [subprocess.Popen(command) for _ in range(2)]
+    try:
+        until(lambda: all(waiting_time(process.pid) > 0.05 for process in busy), "both to wait")
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def test_what_does_not_come_true_is_said_with_what_is_known():
+    asked = []
+    with pytest.raises(WbcError, match=r"waited 0\.05 s in vain for the tide; it said 'ebb'"):
+        until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
+    assert asked == [1]
+
+
+def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path):
+    """Also where that one is killed, and cannot end them."""
+    script = (
+        "import sys, time, pathlib\n"
+        "from wbc_controller.nodes.processes import Processes\n"
+        "processes = Processes('go2', pathlib.Path(sys.argv[1]), 0, own_sessions=True)\n"
+        "started = processes.launch('sleeper', [sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "print(started.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    child = int(parent.stdout.readline())
+    assert os.getsid(child) == child
+    parent.kill()
+    parent.wait()
+    until(lambda: _ended(child), "the process to end")
+
+
+def _ended(process):
+    try:
+        with open(f"/proc/{process}/stat", encoding="ascii") as stat:
+            return stat.read().rpartition(")")[2].split()[0] == "Z"  # nobody has waited for it yet
+    except FileNotFoundError:
+        return True
+
+
+def test_a_process_hears_a_hang_up_also_under_nohup(tmp_path):
+    ours = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    processes = Processes("go2", tmp_path, 0)
+    try:
+        process = processes.launch("sleeper", [sys.executable, "-c", "import time; time.sleep(60)"])
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(30.0) == -signal.SIGHUP
+    finally:
+        signal.signal(signal.SIGHUP, ours)
+        processes.close()

@@ -1,0 +1,343 @@
+"""Real time: what is asked of the system, what it refuses, and what applies, for real where this process may."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+if not sys.platform.startswith("linux"):
+    pytest.skip("scheduling is Linux's", allow_module_level=True)
+
+import resource
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes import realtime
+from wbc_controller.nodes.controller_service import run_controller
+from wbc_controller.nodes.realtime import apply, in_force, step_back
+from wbc_controller.settings import RealtimeSettings
+from wbc_controller.settings.config import load
+
+THERE = sorted(os.sched_getaffinity(0))
+ONE = THERE[-1]
+NOWHERE = 1000
+
+
+@pytest.fixture
+def restored():
+    """Gives all threads of this process back what they had."""
+    processors, kind, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
+    yield
+    for thread in realtime._threads():
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            os.sched_setaffinity(thread, processors)
+            os.sched_setscheduler(thread, kind, priority)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """What is asked of the system, which does nothing of it."""
+    asked = []
+    for name in ("sched_setaffinity", "sched_setscheduler"):
+        monkeypatch.setattr(os, name, lambda *words, name=name: asked.append((name, *words)))
+    monkeypatch.setattr(realtime, "_mlockall", lambda flags: asked.append(("mlockall", flags)) or 0)
+    monkeypatch.setattr(realtime, "_locked_memory_limit", lambda: None)
+    return asked
+
+
+class Sleeper:
+    """Another thread of this process, which can start a further one."""
+
+    def __init__(self):
+        self.later = []
+        self._start, self._end, self._ready = threading.Event(), threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        self._start.wait()
+        thread = threading.Thread(target=self._note)
+        thread.start()
+        thread.join()
+        self._end.wait()
+
+    def _note(self):
+        self.later.append((os.sched_getaffinity(0), os.sched_getscheduler(0)))
+
+    @property
+    def number(self):
+        return self._thread.native_id
+
+    def start_another(self):
+        self._start.set()
+        while not self.later:
+            self._ready.wait(0.001)
+        return self.later[0]
+
+    def close(self):
+        self._start.set()
+        self._end.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def sleeper():
+    made = Sleeper()
+    yield made
+    made.close()
+
+
+def test_by_default_nothing_is_asked_of_the_system(calls, monkeypatch):
+    apply(load("go2").settings.control.realtime)
+    assert calls == []
+    monkeypatch.delattr(os, "sched_setscheduler")
+    apply(RealtimeSettings())
+
+
+def test_every_thread_gets_the_class_and_the_priority(calls, sleeper):
+    apply(RealtimeSettings(scheduling="rr", priority=17))
+    assert {name for name, *_ in calls} == {"sched_setscheduler"}
+    assert {thread for _, thread, _, _ in calls} >= {os.getpid(), sleeper.number}
+    assert {(kind, parameter.sched_priority) for _, _, kind, parameter in calls} == {(os.SCHED_RR, 17)}
+
+
+def test_a_thread_that_has_ended_meanwhile_is_passed_over(monkeypatch):
+    asked = []
+
+    def schedule(thread, kind, parameter):
+        asked.append(thread)
+        if thread == 7:
+            raise ProcessLookupError(errno.ESRCH, "No such process")
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    monkeypatch.setattr(realtime, "_threads", lambda: [5, 7, 9])
+    apply(RealtimeSettings(scheduling="fifo"))
+    assert asked == [5, 7, 9]
+
+
+def test_what_is_mapped_and_what_will_be_is_locked(calls):
+    apply(RealtimeSettings(lock_memory=True))
+    assert calls == [("mlockall", 3)]  # MCL_CURRENT | MCL_FUTURE
+
+
+@pytest.fixture
+def waking(monkeypatch, tmp_path):
+    """A file in place of the system's."""
+    file, opened = tmp_path / "cpu_dma_latency", []
+    file.touch()
+    monkeypatch.setattr(realtime, "_WAKING", file)
+    monkeypatch.setattr(realtime, "_waking", opened)
+    yield file
+    for number in opened:
+        os.close(number)
+
+
+def test_how_long_processors_may_take_to_wake_is_asked_once_and_can_be_asked_anew(waking):
+    assert "cpu_dma_latency" not in in_force()
+    for latency in (0, 20):
+        apply(RealtimeSettings(cpu_dma_latency=latency))
+        assert waking.read_bytes()[-4:] == latency.to_bytes(4, sys.byteorder)
+    (number,) = realtime._waking
+    assert not os.get_inheritable(number)  # the request must not outlive the controller in the recorder's process
+    for process in (0, os.getpid()):
+        assert in_force(process).endswith(", cpu_dma_latency held")
+    assert "held" not in in_force(os.getppid())
+
+
+def test_a_system_that_does_not_let_processors_be_kept_awake_says_what_allows_it(waking, monkeypatch):
+    monkeypatch.setattr(realtime, "_WAKING", waking / "nowhere")
+    with pytest.raises(
+        ConfigurationError,
+        match=r'cpu_dma_latency = 0: the system refuses it \(Not a directory: .*KERNEL=="nowhere", GROUP="realtime".*'
+        r"rules\.d/99-realtime\.rules.*--device .*nowhere\); see docs/real_time\.md",
+    ):
+        apply(RealtimeSettings(cpu_dma_latency=0))
+
+
+def test_processors_are_kept_awake_for_real_or_it_is_refused():
+    script = (
+        "import os, sys\n"
+        "from wbc_controller.nodes.realtime import _WAKING, apply, in_force\n"
+        "from wbc_controller.settings import RealtimeSettings\n"
+        "apply(RealtimeSettings(cpu_dma_latency=0))\n"
+        "print(in_force(), int.from_bytes(_WAKING.open('rb').read(4), sys.byteorder))"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    if os.access(realtime._WAKING, os.R_OK | os.W_OK):
+        assert ran.stdout.rstrip().endswith(", cpu_dma_latency held 0"), ran.stderr
+    else:
+        assert "ConfigurationError: control.realtime.cpu_dma_latency = 0: the system refuses it" in ran.stderr
+
+
+def test_a_class_that_the_system_refuses_says_what_allows_it(monkeypatch):
+    def refuse(*words):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with pytest.raises(
+        ConfigurationError,
+        match=r"control\.realtime\.scheduling = fifo, priority = 30: .*not permitted.*rtprio 30.*LimitRTPRIO=30.*"
+        r"CAP_SYS_NICE; see docs/real_time\.md",
+    ):
+        apply(RealtimeSettings(scheduling="fifo", priority=30))
+
+
+def test_memory_that_may_not_be_locked_whole_is_not_locked_in_part(calls, monkeypatch):
+    """Below its limit mlockall succeeds, and a later allocation fails."""
+    monkeypatch.setattr(realtime, "_locked_memory_limit", lambda: 8 << 20)
+    with pytest.raises(ConfigurationError, match=r"lock_memory = true: the process may lock 8192 kB alone\. Allow"):
+        apply(RealtimeSettings(lock_memory=True))
+    assert calls == []
+
+
+@pytest.mark.parametrize(
+    ("number", "said"), [(errno.ENOMEM, "there is not enough memory"), (errno.EPERM, "Operation not permitted")]
+)
+def test_a_lock_that_the_system_refuses_says_why(calls, monkeypatch, number, said):
+    monkeypatch.setattr(realtime, "_mlockall", lambda flags: number)
+    with pytest.raises(ConfigurationError, match=f"refuses it \\({said}\\).*memlock unlimited"):
+        apply(RealtimeSettings(lock_memory=True))
+
+
+@pytest.mark.parametrize(("limit", "capabilities", "free"), [
+    (resource.RLIM_INFINITY, "0", True), (1 << 20, "0000000000004000", True), (1 << 20, "ffffffffffffbfff", False),
+])  # fmt: skip
+def test_the_limit_of_locked_memory_holds_without_the_capability(monkeypatch, limit, capabilities, free):
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, limit))
+    monkeypatch.setattr(realtime, "_status", lambda field: capabilities)
+    assert realtime._locked_memory_limit() == (None if free else limit)
+
+
+def test_another_system_is_refused_and_says_nothing_of_itself(monkeypatch):
+    monkeypatch.delattr(os, "sched_setscheduler")
+    monkeypatch.delattr(os, "sched_getscheduler")
+    with pytest.raises(ConfigurationError, match=f"control.realtime: {sys.platform} has none of it, Linux does"):
+        apply(RealtimeSettings(lock_memory=True))
+    assert in_force() == ""
+
+
+def test_all_threads_run_where_they_shall_and_so_do_later_ones(restored, sleeper):
+    apply(RealtimeSettings(affinity=[ONE, ONE]))
+    for thread in (0, sleeper.number):
+        assert os.sched_getaffinity(thread) == {ONE}
+    assert sleeper.start_another()[0] == {ONE}
+    assert in_force().endswith(f" on processor {ONE}")
+
+
+@pytest.mark.parametrize("affinity", [[NOWHERE], [ONE, NOWHERE]])
+def test_a_processor_that_there_is_not_is_refused_by_its_number_and_nothing_changes(restored, affinity):
+    os.sched_setaffinity(0, [ONE])
+    with pytest.raises(ConfigurationError) as refused:
+        apply(RealtimeSettings(affinity=affinity))
+    listed = ", ".join(map(str, affinity))
+    assert f"control.realtime.affinity = [{listed}]: this process has no processor {NOWHERE}. Valid:" in str(
+        refused.value
+    )
+    assert f" {', '.join(map(str, THERE))};" in str(refused.value).partition("Valid:")[2]
+    assert os.sched_getaffinity(0) == {ONE}
+
+
+def test_fifo_holds_for_all_threads_and_for_later_ones(restored, sleeper):
+    """For real where this process may, or a refusal for real."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        with pytest.raises(ConfigurationError, match="the system refuses it"):
+            apply(RealtimeSettings(scheduling="fifo", priority=1))
+        return
+    apply(RealtimeSettings(scheduling="fifo", priority=2))
+    for thread in (0, sleeper.number):
+        assert os.sched_getscheduler(thread) == os.SCHED_FIFO
+    assert sleeper.start_another()[1] == os.SCHED_FIFO
+    assert in_force().startswith("fifo 2 on ")
+
+
+@pytest.mark.parametrize(("name", "priority", "then"), [("fifo", 7, 6), ("rr", 7, 6), ("fifo", 1, 1), ("other", 0, 0)])
+def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, priority, then):
+    number, asked = getattr(os, realtime._CLASSES[name]), [priority]
+    monkeypatch.setattr(os, "sched_getscheduler", lambda thread: number)
+    monkeypatch.setattr(os, "sched_getparam", lambda thread: os.sched_param(priority))
+
+    def schedule(thread, kind, parameter):
+        assert (thread, kind) == (0, number)  # the calling thread alone, which keeps its class
+        asked.append(parameter.sched_priority)
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    step_back()
+    assert asked[-1] == then
+
+
+def test_memory_is_locked_for_real_or_refused():
+    script = (
+        "from wbc_controller.nodes.realtime import apply, in_force\n"
+        "from wbc_controller.settings import RealtimeSettings\n"
+        "apply(RealtimeSettings(lock_memory=True))\n"
+        "print(in_force())"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    if realtime._locked_memory_limit() is None:
+        assert ran.stdout.rstrip().endswith(", memory locked"), ran.stderr
+    else:
+        assert "ConfigurationError: control.realtime.lock_memory = true: the process may lock" in ran.stderr
+
+
+def test_what_is_in_force_is_in_the_diagnostics(bench):
+    controller = bench("go2")
+    controller.cycle()
+    values = {value.key: value.value for value in controller.received("diagnostics")[-1].status[0].values}
+    assert values["scheduling"] == in_force()
+    assert values["scheduling"].startswith(("other on processor", "fifo", "rr"))
+
+
+def test_a_controller_does_not_start_without_what_its_configuration_asks_for(restored):
+    opened, transport = [], MemoryTransport(MemoryBus())
+    transport.advertise = opened.append
+    settings = load("go2").replace({"control.realtime.affinity": [NOWHERE]}).settings
+    with pytest.raises(ConfigurationError, match=f"affinity = \\[{NOWHERE}\\]"):
+        run_controller(settings, transport, threading.Event())
+    assert opened == []
+
+
+def test_a_controller_runs_where_its_configuration_asks_for(restored):
+    stop = threading.Event()
+    settings = load("go2").replace({"control.realtime.affinity": [ONE]}).settings
+    seen = []
+
+    class Looks(MemoryTransport):
+        def advertise(self, endpoint):
+            seen.append(os.sched_getaffinity(0))
+            stop.set()
+            return super().advertise(endpoint)
+
+    run_controller(settings, Looks(MemoryBus()), stop)
+    assert set(map(frozenset, seen)) == {frozenset([ONE])}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"scheduling": "deadline"}, r"control\.realtime\.scheduling = 'deadline'.*'other', 'fifo' or 'rr'"),
+        ({"priority": 0}, r"control\.realtime\.priority = 0.*greater than or equal to 1"),
+        ({"priority": 100}, r"control\.realtime\.priority = 100.*less than or equal to 99"),
+        ({"affinity": [-1]}, r"control\.realtime\.affinity\.0 = -1.*greater than or equal to 0"),
+        ({"lock_memory": 7}, r"control\.realtime\.lock_memory = 7"),
+        ({"cpu_dma_latency": -1}, r"control\.realtime\.cpu_dma_latency = -1.*greater than or equal to 0"),
+        ({"nice": 3}, r"control\.realtime\.nice.*Valid: affinity, cpu_dma_latency, lock_memory, priority, scheduling"),
+    ],
+)
+def test_a_value_that_is_none_is_refused_with_the_valid_ones(change, said):
+    with pytest.raises(ConfigurationError, match=said):
+        load("go2").replace({"control": {"realtime": change}})
+
+
+def test_the_page_that_the_refusals_name_is_there():
+    page = (Path(__file__).parents[2] / "docs" / "real_time.md").read_text(encoding="utf-8")
+    for key in RealtimeSettings.model_fields:
+        assert f"`{key}" in page or f"{key}:" in page, key

@@ -1,0 +1,136 @@
+"""Ending on a signal."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+from domains import own_domain
+
+from wbc_controller import load
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.topics import COMMAND_OUT, LATCHED, Direction, Endpoint
+from wbc_controller.nodes.signals import set_by_signals
+
+#: Main thread that waits for the event again and again, as loops with a period do; a signal at any moment of it.
+WAITING = """
+import os, signal, threading, time
+from wbc_controller.nodes.signals import set_by_signals
+for _ in range(60):
+    stop = threading.Event()
+    with set_by_signals(stop):
+        threading.Timer(0.001, os.kill, (os.getpid(), signal.SIGINT)).start()
+        while not stop.wait(0.0):
+            pass
+"""
+
+
+#: A command that has started something, and is ended.
+STARTED = """
+import signal, sys, time
+from wbc_controller.nodes.signals import exit_by_signals
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup, which has processes go on
+exit_by_signals()
+try:
+    print("started", flush=True)
+    time.sleep(60.0)
+finally:
+    print("ended what was started", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_ended_ends_what_it_has_started(number):
+    process = subprocess.Popen([sys.executable, "-c", STARTED], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "started\n"
+    process.send_signal(number)
+    assert process.communicate(timeout=60.0)[0] == "ended what was started\n"
+    assert process.returncode == 128 + number
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_sets_the_event_and_the_handlers_come_back(number):
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        stop = threading.Event()
+        with set_by_signals(stop):
+            assert not stop.is_set()
+            os.kill(os.getpid(), number)
+            assert stop.wait(5.0)
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, before)
+    assert not [thread for thread in threading.enumerate() if thread.name == "signals"]
+
+
+def test_a_signal_in_the_midst_of_the_waiting_does_not_hang():
+    subprocess.run([sys.executable, "-c", WAITING], timeout=30, check=True)
+
+
+def test_a_process_that_nohup_started_goes_on():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        stop = threading.Event()
+        with set_by_signals(stop):
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not stop.wait(0.2)
+            os.kill(os.getpid(), signal.SIGTERM)
+            assert stop.wait(5.0)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.live
+def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_torques(tmp_path):
+    from wbc_controller.middleware.transports.dds import DdsTransport
+
+    domain = own_domain()
+    types = ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray"), ("/guard/state", "std_msgs/msg/String")
+    heard = {name: [] for name, _ in types}
+    transport = DdsTransport("listener", domain_id=domain, discovery_range="LOCALHOST")
+    for name, kind in types:
+        receive = partial(lambda kind, into, payload: into.append(decode(payload, kind).data), kind, heard[name])
+        qos = LATCHED if kind.endswith("String") else COMMAND_OUT
+        transport.subscribe(Endpoint("test", "", name, kind, Direction.IN, qos), receive)
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    # Patient, for a machine that does other work too.
+    path = tmp_path / "go2.yaml"
+    path.write_text(
+        load("go2").replace({"safety.state_timeout": 0.5, "guard.patience": 0.4, "mock.command_timeout": 1.0}).to_yaml()
+    )
+    torques, running = heard["/effort_controller/commands"], {}
+    try:
+        for words in (("mock",), ("guard",), ("run", "--activate")):
+            running[words[0]] = subprocess.Popen(
+                [sys.executable, "-m", "wbc_controller", words[0], str(path), *words[1:]],
+                env=environment, stderr=subprocess.PIPE, text=True,
+                preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
+            )  # fmt: skip
+        _until(lambda: len(torques) > 50 and np.any(torques[-1]) and heard["/guard/state"][-1:] == ["watching"])
+        for name in ("run", "guard", "mock"):
+            running[name].send_signal(signal.SIGHUP)
+            assert running[name].wait(20) == 0
+            if name == "run":
+                _until(lambda: not np.any(torques[-1]))
+        assert not np.any(torques[-1])
+        for process in running.values():
+            assert "Traceback" not in process.stderr.read()
+    finally:
+        for process in running.values():
+            process.kill()
+            process.wait(10)
+            process.stderr.close()
+        transport.close()
+
+
+def _until(condition, patience=40.0):
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

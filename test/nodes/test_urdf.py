@@ -1,0 +1,116 @@
+"""Waiting for the URDF that is published on a topic."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from chains import joint, robot
+from domains import own_domain
+
+from wbc_controller import load
+from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, LATCHED, Direction, Endpoint, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.urdf import wait_for_urdf
+
+
+class Kept(MemoryTransport):
+    """Notes which payloads its callbacks still hold."""
+
+    def subscribe(self, endpoint, callback):
+        self.callback = callback
+        super().subscribe(endpoint, callback)
+
+
+@pytest.fixture
+def told():
+    """What is waited for when some payloads have come, and the callback that they were given to."""
+
+    def tell(*payloads):
+        bus = MemoryBus()
+        (endpoint,) = endpoints([t for t in CONTROLLER_TOPICS if t.key == "robot_description"], "wbc_controller")
+        publish = MemoryTransport(bus).advertise(counterpart(endpoint))
+        transport, stop, found = Kept(bus), threading.Event(), []
+        waiting = threading.Thread(
+            target=lambda: found.append(wait_for_urdf(transport, stop, CONTROLLER_TOPICS, "wbc_controller"))
+        )
+        for payload in payloads:  # latched: the last one is received on subscribing
+            publish(payload)
+        waiting.start()
+        waiting.join(10.0)
+        stop.set()
+        assert not waiting.is_alive()
+        return found[0], transport.callback
+
+    return tell
+
+
+def text(content: str) -> bytes:
+    return encode(message("std_msgs/msg/String", data=content))
+
+
+def test_the_urdf_comes_and_later_ones_are_not_kept(told):
+    found, callback = told(text("<robot/>"))
+    assert found == "<robot/>"
+    before = [cell.cell_contents for cell in callback.__closure__]
+    for i in range(5):
+        callback(text(f"<robot name='{i}'/>"))
+    assert [cell.cell_contents for cell in callback.__closure__] == before
+    assert not [cell for cell in before if isinstance(cell, list)]
+
+
+def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goes_on(caplog):
+    bus, stop, found = MemoryBus(), threading.Event(), []
+    transport = Kept(bus)
+    waiting = threading.Thread(
+        target=lambda: found.append(wait_for_urdf(transport, stop, CONTROLLER_TOPICS, "wbc_controller"))
+    )
+    with caplog.at_level(logging.WARNING):
+        waiting.start()
+        while not hasattr(transport, "callback"):
+            time.sleep(0.01)
+        for _ in range(3):
+            transport.callback(text("x" * (LARGEST_URDF + 20)))
+            transport.callback(b"\0\1\0\0\xff\xff\xff\x7f")
+        assert waiting.is_alive()
+        transport.callback(text("x" * LARGEST_URDF))
+        waiting.join(10.0)
+    assert found == ["x" * LARGEST_URDF]
+    assert len(caplog.messages) == 1
+    assert caplog.messages[0].startswith("refused /robot_description: 40000")
+    assert caplog.messages[0].endswith(f"bytes are too long for a URDF; it may have {LARGEST_URDF}")
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("command", ["run", "guard"])
+def test_a_urdf_from_the_network_that_pinocchio_would_not_survive_ends_in_a_sentence(command, tmp_path):
+    from wbc_controller.middleware.transports.dds import DdsTransport
+
+    domain, path = own_domain(), tmp_path / "go2.yaml"
+    path.write_text(load("go2").replace({"robot.urdf": ""}).to_yaml())
+    names = [f"l{i}" for i in range(4000)]
+    joints = (joint(f"j{i}", *pair, kind="fixed") for i, pair in enumerate(itertools.pairwise(names)))
+    transport = DdsTransport("publisher", domain_id=domain, discovery_range="LOCALHOST")
+    try:
+        name, kind = "/robot_description", "std_msgs/msg/String"
+        publish = transport.advertise(Endpoint("robot_description", "", name, kind, Direction.OUT, LATCHED))
+        publish(text(robot(*(f'<link name="{name}"/>' for name in names), *joints)))
+        ended = subprocess.run(
+            [sys.executable, "-m", "wbc_controller", command, str(path)],
+            env=os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+            capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
+    finally:
+        transport.close()
+    assert ended.returncode == 2
+    assert ended.stderr == (
+        f"error: {path}: robot.urdf: link 'l1000' is number 1001 in a chain of links; it may have 1000\n"
+    )

@@ -1,0 +1,120 @@
+"""What is found from a recording, against the mock robot that made it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from wbc_controller import Simulation
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.recording.identification.equations import Equations, moments
+from wbc_controller.recording.identification.fit import fit
+from wbc_controller.recording.identification.identify_command import fitted, identify, report
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.faults.fault import Site
+from wbc_controller.simulation.faults.world import MassError
+
+HEAVIER, DRY, VISCOUS, SECONDS = 0.15, 0.8, 0.3, 6
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """Go2, heavier and with more friction than its model, moves for some seconds."""
+    config = load("go2").replace({"mock.joint_friction": DRY, "mock.joint_viscosity": VISCOUS})
+    simulation = Simulation(config, preflight=False)
+    controller = simulation.controller
+    rng, rows = np.random.default_rng(0), []
+    MassError(share=HEAVIER).begin(Site(controller.model, simulation.plant, controller.period, np.inf, rng))
+
+    def record(_):
+        r = simulation.result
+        if r.command is not None:
+            found = r.solution.forces if r.solution is not None else {}
+            forces = {f"force/{name}": found.get(name, np.full(3, np.nan)) for name in controller.contacts}
+            cycle = {"stamp": r.command.stamp, "mode": r.mode.value, "tau": r.command.tau, "q": r.state.q}
+            rows.append({**cycle, "v": r.state.v, **forces})
+
+    origin = controller.dynamics.com.copy()
+    for _ in range(SECONDS * 3):
+        controller.set("com", origin + rng.uniform(-1.0, 1.0, 3) * [0.04, 0.04, 0.03] - [0.0, 0.0, 0.03], duration=0.3)
+        controller.set(
+            "base", pin.Quaternion(pin.exp3(rng.uniform(-1.0, 1.0, 3) * [0.25, 0.15, 0.2])).coeffs(), duration=0.3
+        )
+        simulation.run(0.3, record)
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def test_masses_and_frictions_of_the_mock_robot_are_found_within_5_percent(recording):
+    found, model = fitted(load("go2").settings, recording)
+    text = report(found, model)
+    print(text)
+    values = dict(zip(found.names, found.values, strict=True))
+    told = {name for i, name in enumerate(found.names) if found.determined(i)}
+    assert {"mass base", *(f"dry {joint}" for joint in model.joints if "hip" not in joint)} <= told
+    assert values["mass base"] == pytest.approx(1.0 + HEAVIER, rel=0.05)
+    for joint in model.joints:
+        assert values[f"dry {joint}"] == pytest.approx(DRY, rel=0.05), joint
+    for name in told:
+        true = {"mass": 1.0 + HEAVIER, "armature": 0.01, "dry": DRY, "viscous": VISCOUS}[name.partition(" ")[0]]
+        assert values[name] == pytest.approx(true, rel=0.05), name
+    friction = yaml.safe_load(text[text.index("robot:") :])["robot"]["friction"]
+    assert friction["FL_calf_joint"]["dry"] == pytest.approx(DRY, rel=0.05)
+    load("go2").replace({"robot.friction": friction})  # it is one that can be used
+
+
+def test_what_the_equations_do_not_show_stays_as_the_model_has_it_and_nothing_is_negative():
+    rng = np.random.default_rng(0)
+    A = np.zeros((200, 3))
+    A[:, 1:] = rng.normal(size=(200, 2))
+    b = A @ [0.0, 2.0, -0.5] + 0.01 * rng.normal(size=200)
+    names = ("mass unseen", "dry knee", "viscous knee")
+    found = fit(Equations(A, b, names, np.array([1.0, 0.0, 0.0]), np.arange(200) // 10))
+    assert found.values[0] == pytest.approx(1.0)
+    assert found.values[2] == pytest.approx(0.0, abs=1e-6)
+    assert [found.determined(i) for i in range(3)] == [False, True, False]
+
+
+def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
+    settings = load("go2").settings
+    model = make_model(settings)
+    contacts = make_qp(settings, model).contacts
+    columns = {name: values[:300].copy() for name, values in recording.items()}
+    columns[f"force/{next(iter(contacts))}"][100:] = np.nan
+    columns["stamp"][200:] += 50_000_000
+    seen = moments(columns, model, contacts)
+    places = [int(np.flatnonzero((columns["q"] == q).all(axis=1))[0]) for q in seen.q]
+    assert {len(held) for place, held in zip(places, seen.contacts, strict=True) if place < 100} == {4}
+    assert {len(held) for place, held in zip(places, seen.contacts, strict=True) if place > 100} == {3}
+    half = round(0.5 * 0.03 / 0.002) - 1
+    for change in (100, 200):
+        assert min(place for place in places if place > change) >= change + half
+        assert max(place for place in places if place < change) < change - half
+    assert len(places) > 10
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda columns: columns.pop("q"), "the recording lacks q"),
+        (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values in each cycle; this robot has 12"),
+        (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "have regular states, an active"),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(recording, change, said):
+    columns = {name: values[:200].copy() for name, values in recording.items()}
+    change(columns)
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
+        fitted(load("go2").settings, columns)
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path):
+    (tmp_path / "text.mcap").write_text("nothing")
+    for name in ("text.mcap", "none.mcap"):
+        with pytest.raises(ConfigurationError, match=f"recording .*{name}: "):
+            identify(load("go2").settings, tmp_path / name)

@@ -1,0 +1,17 @@
+"""`wbc identify` reads what the flight recorder writes."""
+
+from __future__ import annotations
+
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.recording.identification.identify_command import identify
+from wbc_controller.settings.config import load
+
+
+def test_a_file_of_the_flight_recorder_is_read(record, tmp_path):
+    run = record(tmp_path / "run.mcap")
+    run.stand(200)
+    run.recorder.close()
+    with pytest.raises(ConfigurationError, match=r"run\.mcap: in no moment of the recording does anything move"):
+        identify(load("go2").settings, tmp_path / "run.mcap")

@@ -1,0 +1,232 @@
+"""Recordings solved again: bit for bit, explained, compared, reported."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.replay.comparing import compare
+from wbc_controller.recording.replay.reporting import recording_of
+from wbc_controller.recording.replay.solving import Replay
+from wbc_controller.recording.replay.telling import told
+
+
+def wbc(*words: object) -> tuple[int, str]:
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    return result.exit_code, result.output
+
+
+def busy(run, make) -> None:
+    """Stand, and change references, weights, gains and contacts on the way."""
+    bench = run.bench
+    run.stand(20)
+    com = bench.loop.controller.dynamics.com
+    bench.send("setpoint", make.point(com + [0.01, 0.0, -0.02]), "com")
+    run.go(20)
+    bench.send("update", make.string("{tasks: {com: {stiffness: 150.0, weight: 3.0}}, control: {weight_ramp: 0.1}}"))
+    run.go(30)
+    bench.send("contact_enable", make.bool(False), "front_left_foot")
+    run.go(20)
+    bench.command("deactivate")
+    run.go(10)
+    bench.command("activate")
+    run.go(150)
+
+
+@pytest.fixture
+def recorded(record, tmp_path, make):
+    run = record(tmp_path / "a.mcap")
+    busy(run, make)
+    run.recorder.close()
+    return Recorded(tmp_path / "a.mcap")
+
+
+def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
+    assert sorted(recorded.memories)[0] == 0
+    middle = sorted(recorded.memories)[-1]
+    assert 100 <= middle < recorded.last
+    replay = Replay(recorded)
+    solved = [(each.cycle.number, each.same, each.exact) for each in replay.run()]
+    assert solved == [(i, True, True) for i in range(recorded.count)]
+    assert replay.skipped == 0
+    later = [(each.cycle.number, each.same) for each in replay.run(recorded.last)]
+    assert later == [(i, True) for i in range(middle, recorded.count)]
+    assert any(each.result.solution is not None for each in replay.run(5, 8))
+
+
+def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, make):
+    friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
+    run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
+    busy(run, make)
+    run.recorder.close()
+    replay = Replay(Recorded(tmp_path / "b.mcap"))
+    middle = sorted(replay.recorded.memories)[-1]
+    solved = list(replay.run(replay.recorded.last))
+    assert [each.cycle.number for each in solved] == list(range(middle, replay.recorded.count))
+    assert all(each.same for each in solved)
+    assert np.abs(solved[-1].result.solution.disturbance.estimate).max() > 0.0
+
+
+def test_a_bit_that_is_another_one_is_found(recorded):
+    solved = list(Replay(recorded).run(0, 30))
+    assert all(each.same for each in solved)
+    cycle = solved[-1].cycle
+    for name in ("tau", "v_dot"):
+        values = {**cycle.values, name: np.nextafter(cycle.values[name], np.inf)}
+        assert not replace(solved[-1], cycle=replace(cycle, values=values)).same
+    recorded.events[3]["requests"] = []  # it is not activated then
+    assert [each.same for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
+
+
+def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded):
+    """An event is written after its cycle: a controller that is killed may have got to the one alone."""
+    asked = max(number for number, event in recorded.events.items() if "requests" in event)
+    del recorded.events[asked]
+    behind = sorted(number for number in recorded.memories if number > asked)
+    begun = behind[0]
+    replay = Replay(recorded)
+    solved = list(replay.run())
+    assert [each.cycle.number for each in solved] == [*range(asked), *range(begun, recorded.count)]
+    assert all(each.same for each in solved)
+    assert replay.skipped == begun - asked
+    for number in behind:
+        del recorded.memories[number]
+    assert [each.cycle.number for each in replay.run()] == [*range(asked)]
+    assert replay.skipped == recorded.count - asked
+
+
+def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_path, monkeypatch):
+    run = record(tmp_path / "a.mcap")
+    run.stand(20)
+    controller = run.bench.loop.controller
+    supervisor = controller.supervisor
+    step = supervisor.step
+    monkeypatch.setattr(supervisor, "step", lambda *words: [step(*words), 1 / 0])
+    with pytest.raises(ZeroDivisionError):
+        run.go(1)
+    monkeypatch.undo()
+    controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
+    run.go(60)
+    run.recorder.close()
+    recorded = Recorded(tmp_path / "a.mcap")
+    (fault,) = recorded.faults
+    assert fault.fault.code == "INTERNAL_ERROR"
+    replay = Replay(recorded)
+    solved = list(replay.run())
+    assert all(each.same for each in solved)
+    assert 0 < replay.skipped <= 16
+    assert len(solved) + replay.skipped == recorded.count
+
+
+def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record, tmp_path):
+    run = record(changes={"recorder": {"seconds": 0.3, "folder": str(tmp_path / "faults")}})
+    run.stand(900)
+    run.recorder.request()
+    run.go(2)
+    run.recorder.close()
+    (path,) = (tmp_path / "faults").iterdir()
+    recorded = Recorded(path)
+    assert recorded.first > 0
+    replay = Replay(recorded)
+    solved = [each.same for each in replay.run()]
+    assert len(solved) == recorded.count - replay.skipped > 0
+    assert all(solved)
+
+
+def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record, tmp_path):
+    run = record(tmp_path / "a.mcap", {"solver": {"name": "proxqp"}})
+    run.stand(130)
+    run.recorder.close()
+    recorded = Recorded(tmp_path / "a.mcap")
+    assert all(each.same and each.exact for each in Replay(recorded).run(0, 60))
+    later = list(Replay(recorded).run(125))
+    assert not any(each.exact for each in later)
+    assert max(each.difference for each in later) < 1.0e-2
+
+
+def test_the_commands(recorded, tmp_path):
+    path = recorded.path
+    status, said = wbc("replay", path)
+    assert status == 0
+    assert f"{recorded.count} cycles solved again: all torques are the same, bit for bit" in said
+    for words in ("no fault", "command activate", "contact front_left_foot off", "settings changed"):
+        assert words in said
+    status, said = wbc("replay", path, "--cycle", 60)
+    assert status == 0
+    for words in ("cycle 60 at", "com", "bit for bit", "equations_of_motion", "joint_states", "share of the solution"):
+        assert words in said
+    status, said = wbc("replay", path, "--cycle", 99999)
+    assert status == 2
+    assert f"--cycle 99999: the recording has the cycles 0 to {recorded.last}" in said
+    (tmp_path / "b.mcap").write_bytes(path.read_bytes()[:40])
+    assert wbc("replay", tmp_path / "b.mcap")[0] == 2
+    (tmp_path / "c.mcap").write_text("a text")
+    status, said = wbc("replay", tmp_path / "c.mcap")
+    assert (status, "it does not begin as an MCAP file" in said) == (2, True)
+
+
+def test_another_configuration_beside_it(recorded, tmp_path):
+    other = tmp_path / "other.yaml"
+    other.write_text(recorded.config.replace({"tasks.com.stiffness": 400.0}).to_yaml())
+    plots = tmp_path / "plots.html"
+    status, said = wbc("replay", recorded.path, "--config", other, "--plot", plots)
+    assert status == 0
+    assert "the mode differs in 0, " in said
+    assert float(re.search(r"the torques by up to ([\d.]+) N", said).group(1)) > 1e-3
+    assert "Plotly.newPlot" in plots.read_text()
+    same = compare(recorded, recorded.config)
+    np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
+    same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # as it has been updated
+    light = same.replace({"tasks.com.weight": 0.01, "tasks.base.weight": 500.0})
+    for config, differs in ((same, False), (light, True)):  # from a memory later on, which has the weights of then
+        solved = [each for each in Replay(recorded, config).run(recorded.last) if each.cycle.number > recorded.last - 5]
+        assert [each.difference > 1e-3 for each in solved] == [differs] * 5
+    status, said = wbc("replay", recorded.path, "--config", "g1")
+    assert (status, "its joints are not those of the recording" in said) == (2, True)
+    assert wbc("replay", recorded.path, "--plot", plots)[0] == 2
+
+
+def test_a_long_story_is_cut_in_the_middle(recorded):
+    event = recorded.events[3]
+    recorded.events.update({1000 + i: {**event, "cycle": 1000 + i} for i in range(200)})
+    recorded.count -= 5
+    said = told(recorded).splitlines()
+    assert said[1].startswith("5 cycles lack: ")
+    assert len(said) < 60
+    assert sum(line.endswith(" more") for line in said) == 1
+    assert "cycle 1199" in said[-1]
+
+
+def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("wbc_controller.recording.replay.reporting._MOST", 100)  # as of a longer one
+    every = -(-recorded.count // 100)
+    status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")
+    assert status == 0
+    assert "Left out, as the controller cannot know it" in said
+    page = (tmp_path / "a.html").read_text()
+    assert f"Of {every} cycles one is shown." in page
+    assert "Left out, as the controller cannot know it" in page
+    assert "given by the ground" not in page.split("plotly.js v", maxsplit=1)[0]
+    from wbc_controller.controller.cycle import ControlCycle
+
+    controller = ControlCycle(recorded.config, preflight=False)
+    fewer, found = recording_of(recorded, controller)
+    assert found == every > 1
+    monkeypatch.undo()
+    made, found = recording_of(recorded, controller)
+    assert found == 1
+    assert len(fewer.time) == pytest.approx(len(made.time) / every, abs=1)
+    assert not made.true_wrenches
+    assert made.tau.shape == (len(made.time), 12)
+    assert [mode for _, mode in made.modes] == ["active", "inactive", "active"]
+    reached = made.com_reference[60] - made.com_reference[20]
+    assert reached[0] > 0.0
+    assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, with no weight on its way
+    assert np.isfinite(made.frame_errors["com"]).all()
+    assert [event.name for event in made.events] == ["activate", "deactivate", "activate"]

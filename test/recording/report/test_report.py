@@ -1,0 +1,210 @@
+import base64
+import dataclasses
+import json
+import re
+import shutil
+import subprocess
+from importlib import resources
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from synthetic_run import squat
+
+from wbc_controller.recording.report.report_plots import POINTS, build_plots, decimate, friction_use, phases
+from wbc_controller.recording.report.run_record import Result
+from wbc_controller.recording.report.report import MAX_FRAMES, decode_poses, encode_poses, frame_indices, joint_poses, write_report
+from wbc_controller.errors import ConfigurationError
+
+
+@pytest.fixture(scope="module")
+def run():
+    return squat("g1", duration=6.0, rate=200.0)
+
+
+@pytest.fixture(scope="module")
+def page(run, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "demo.html"
+    write_report(*run, path)
+    return path.read_text(encoding="utf-8")
+
+
+def embedded(page, name):
+    return json.loads(re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S).group(1))
+
+
+def without_scripts(page):
+    return re.sub(r"<script.*?</script>", "", page, flags=re.S)
+
+
+def test_the_page_loads_nothing(page):
+    markup = without_scripts(page)
+    assert not re.search(r"(?:src|href)\s*=|@import|url\(|<link|<iframe|<img", markup, re.I)
+    assert re.search(r"default-src 'none'", markup)
+    assert not re.search(r"<script[^>]*\bsrc\b", page)
+    for name in ("replay.js", "page.js"):
+        code = (resources.files("wbc_controller.recording.report") / "page" / name).read_text(encoding="utf-8")
+        assert code in page
+        assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|WebSocket|sendBeacon", code), name
+    assert "{{" not in markup
+    assert len(page.encode()) < 8e6
+
+
+def test_the_page_holds_the_results(run, page):
+    for result in run[0].results:
+        assert result.name in page
+        assert result.measured in page
+    assert "All 9 targets met." in page
+    assert "friction use ≤ 1 &lt;always&gt;" in page
+
+
+def test_the_verdict_names_what_failed(run, tmp_path):
+    recording, model = run
+    failed = Result("Stays <up>", "yes", "no", False)
+    write_report(dataclasses.replace(recording, results=(*recording.results, failed)), model, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "1 of 10 targets missed: Stays &lt;up&gt;." in page
+    assert 'class="pill fail"' in page
+
+
+def test_poses_of_the_page_are_those_of_pinocchio(run, page):
+    recording, model = run
+    data = embedded(page, "replay-data")
+    poses = decode_poses(data["poses"])
+    frames = frame_indices(recording.time)
+    time = np.frombuffer(base64.b64decode(data["time"]), "<f4")
+    np.testing.assert_allclose(time, recording.time[frames], atol=1e-6)
+    assert np.diff(time).max() < 1.0 / 25.0
+    kinematics = model.pinocchio.createData()
+    index = {part["joint"] for part in data["parts"]}
+    assert index == set(range(data["joints"]))
+    arm = np.array([0.1, 0.1, 0.1])
+    for frame in (0, len(frames) // 3, len(frames) - 1):
+        pin.forwardKinematics(model.pinocchio, kinematics, recording.q[frames[frame]])
+        for i in range(data["joints"]):  # g1 has a visual on every joint but the world's
+            where = pin.XYZQUATToSE3(poses[frame, i] / np.r_[1, 1, 1, np.full(4, np.linalg.norm(poses[frame, i, 3:]))])
+            assert np.linalg.norm(where.act(arm) - kinematics.oMi[i + 1].act(arm)) < 1e-3
+
+
+def test_quaternions_do_not_jump_to_their_negatives(run):
+    _, model = run
+    q = np.tile(pin.neutral(model.pinocchio), (200, 1))
+    for i, angle in enumerate(np.linspace(0.0, 4.0 * np.pi, 200)):
+        q[i, 3:7] = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.0, angle), np.zeros(3)))[3:]
+    poses = joint_poses(q, model, [1, 5])
+    assert np.abs(np.diff(poses[:, :, 3:], axis=0)).max() < 0.1
+
+
+def test_packed_poses_are_exact_where_nothing_moves():
+    poses = np.tile(np.array([1.5, -2.0, 0.3, 0.0, 0.0, 0.0, 1.0]), (4, 2, 1))
+    np.testing.assert_allclose(decode_poses(encode_poses(poses)), poses, atol=1e-12)
+
+
+def test_forces_stand_in_the_page_in_world_axes(run, page):
+    recording, model = run
+    data = embedded(page, "replay-data")
+    forces = np.frombuffer(base64.b64decode(data["forces"]), "<f4").reshape(len(frame_indices(recording.time)), 2, 2, 6)
+    # The synthetic squat keeps its soles flat, so that the world's vertical is the contacts' normal.
+    np.testing.assert_allclose(forces[0, :, 0, 5], [w[0, 2] for w in recording.contact_wrenches.values()], rtol=1e-3)
+    np.testing.assert_allclose(forces[0, :, 0, 2], 0.0, atol=2e-3)
+    assert data["weight"] == pytest.approx(model.mass * model.gravity)
+
+
+def test_long_runs_stay_small():
+    frames = frame_indices(np.arange(0.0, 1000.0, 0.002))
+    assert len(frames) == MAX_FRAMES
+    assert frames[0] == 0
+    assert frames[-1] == 499999
+    assert list(frame_indices(np.array([3.0]))) == [0]
+
+
+def test_every_plot_has_titles_and_units(run):
+    plots = build_plots(run[0])
+    assert [plot.key for plot in plots] == ["com", "torques", "forces", "friction", "errors", "cycles", "stages"]
+    for plot in plots:
+        assert plot.title
+        assert all("[" in axis.title.text or plot.key == "stages" for axis in plot.figure.select_yaxes())
+        assert any("[" in (axis.title.text or "") for axis in plot.figure.select_xaxes())
+        assert all(trace.type in ("scatter", "bar") for trace in plot.figure.data)  # SVG, not WebGL
+
+
+def test_a_bare_recording_makes_a_page(run, tmp_path):
+    recording, model = run
+    nothing = {name: {} for name in ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
+    bare = dataclasses.replace(
+        recording, **nothing, cycle_seconds=np.zeros(0), events=(), results=(), modes=(),
+        com_reference=np.full_like(recording.com, np.nan),
+    )  # fmt: skip
+    write_report(bare, model, tmp_path / "page.html")
+    assert "Nothing was checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_shown_is_refused(run, tmp_path):
+    recording, model = run
+    with pytest.raises(ValueError, match="19 columns"):
+        write_report(dataclasses.replace(recording, q=np.zeros((len(recording.time), 19))), model, tmp_path / "x")
+    lost = {name: dataclasses.replace(support, frame="foo") for name, support in recording.supports.items()}
+    with pytest.raises(ConfigurationError, match=r"contacts.left_foot.frame = 'foo'"):
+        write_report(dataclasses.replace(recording, supports=lost), model, tmp_path / "x")
+    assert not (tmp_path / "x").exists()
+
+
+def test_decimation_keeps_peaks_and_gaps():
+    time = np.arange(50000.0)
+    values = np.sin(time / 3000.0)
+    values[31234] = 7.0
+    values[40000:41000] = np.nan
+    x, y = decimate(time, values)
+    assert len(x) <= POINTS
+    assert np.all(np.diff(x) > 0)
+    assert np.nanmax(y) == 7.0
+    assert np.isnan(y).any()
+    assert not np.isfinite(y[(x >= 40000) & (x < 41000)]).any()
+
+
+def test_friction_use():
+    wrench = np.array([[30.0, 40.0, 100.0], [0.0, 0.0, 1.0], [np.nan] * 3])
+    np.testing.assert_allclose(friction_use(wrench, 0.5), [1.0, np.nan, np.nan])
+    assert np.isnan(friction_use(np.full((3, 6), np.nan), 0.5)).all()
+
+
+def test_phases_fill_the_run(run):
+    spans = phases(run[0])
+    assert spans[0][0] == 0.0
+    assert spans[-1][1] == run[0].time[-1]
+    assert all(a[1] == b[0] for a, b in pairwise(spans))
+
+
+def test_mathematics_of_the_replay(tmp_path):
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed: the functions of replay.js are not run")
+    source = resources.files("wbc_controller.recording.report") / "page" / "replay.js"
+    quaternion = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.7, 1.9), np.zeros(3)))[3:]
+    script = tmp_path / "run.js"
+    script.write_text(f"""
+        const Replay = require({json.dumps(str(source))});
+        const [v, t] = Replay.subdivide([0, 0, 0, 1, 0, 0, 0, 1, 0], [0, 1, 2], 0.3);
+        let area = 0, longest = 0;
+        for (let k = 0; k < t.length; k += 3) {{
+          const [a, b, c] = [0, 1, 2].map(i => [v[3 * t[k + i]], v[3 * t[k + i] + 1]]);
+          area += ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])) / 2;
+          longest = Math.max(longest, Math.hypot(b[0] - a[0], b[1] - a[1]));
+        }}
+        console.log(JSON.stringify({{
+          R: Replay.rotation(...{json.dumps(quaternion.tolist())}), area, longest,
+          hull: Replay.hull([[0, 0], [1, 0], [0.5, 0.5], [1, 1], [0, 1], [0.5, 0]]),
+          locate: [-1, 0, 0.5, 2.5, 9].map(t => Replay.locate([0, 1, 3], t)),
+          numbers: [...Replay.decode({json.dumps(base64.b64encode(np.int16([1, -2]).tobytes()).decode())}, Int16Array)],
+        }}));
+    """)
+    out = subprocess.run([node, str(script)], capture_output=True, text=True, check=True, timeout=60)
+    answer = json.loads(out.stdout)
+    rotation = pin.Quaternion(np.array(quaternion)).toRotationMatrix()
+    np.testing.assert_allclose(np.reshape(answer["R"], (3, 3)), rotation, atol=1e-12)
+    assert answer["hull"] == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert answer["locate"] == [[0, 0], [0, 0], [0, 0.5], [1, 0.75], [2, 0]]
+    assert answer["numbers"] == [1, -2]
+    assert answer["area"] == pytest.approx(0.5)
+    assert answer["longest"] <= 0.3

@@ -1,0 +1,248 @@
+"""The live audit on the mock robot: silent with the right model, and a named warning for each thing that is wrong.
+
+Acceptance of the audit: the energy residual stays below 2 % of the mechanical power with the right model, and a wrong
+mass, a torque with the wrong sign and an unknown push are each named within a second.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
+from wbc_controller.inverse_dynamics.references.trajectories import Knot
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.mechanics.energy import energy_residual
+from wbc_controller.mechanics.external import ExternalWrench
+from wbc_controller.mechanics.momentum import momentum_residual
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.audit import make_audit
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.records import CycleReport
+from wbc_controller.safety.model_audit import ModelAudit
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.simulation.simulation import Simulation
+
+LET_GO, CALM = 0.2, 0.9  # s: the hoist lets go, and all is quiet
+
+
+def heavier(urdf: str, link: str, factor: float) -> str:
+    """The same robot with one link's mass and inertia scaled."""
+    tree = ElementTree.fromstring(urdf)  # noqa: S314  # our own robot
+    inertial = tree.find(f"link[@name='{link}']/inertial")
+    assert inertial is not None
+    for element in (inertial.find("mass"), inertial.find("inertia")):
+        for key, value in element.attrib.items():
+            element.set(key, repr(factor * float(value)))
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+@dataclass
+class Run:
+    """A controller and a mock robot in one thread."""
+
+    robot: str = "g1"
+    plant: RobotModel | None = None
+    reports: list[CycleReport] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        settings = load_settings(find_configuration(self.robot))
+        quick = settings.safety.model_copy(update={"activation_ramp": 0.1})
+        self.settings = settings.model_copy(update={"safety": quick})
+        self.model = make_model(self.settings)
+        bus = MemoryBus()
+        self.mock = MockRobot(self.plant or self.model, self.settings, MemoryTransport(bus))
+        self.clock = ManualClock()
+        topics = controller_endpoints(self.settings, self.model)
+        self.loop = make_loop(
+            Controller(self.settings, preflight=False, model=self.model),
+            MemoryTransport(bus),
+            self.clock,
+            topics,
+            observers=(self.reports.append,),
+        )
+        transport = MemoryTransport(bus)
+        self.publish = {
+            topic.key: transport.advertise(counterpart(topic)) for topic in topics if topic.key == "command"
+        }
+        self.publish["command"](encode(message("std_msgs/msg/String", data="activate")))
+        self.until(LET_GO)
+        self.mock.plant.hold(False)
+        self.until(CALM)
+
+    @property
+    def time(self) -> float:
+        return self.mock.stamp * 1e-9
+
+    def until(self, time: float) -> None:
+        while self.time < time - 1e-9:
+            self.clock.time = self.time
+            self.mock.publish()
+            self.loop.cycle()
+            self.mock.advance()
+            if self.mock.plant.fallen:
+                return
+
+    def change(self, *changes) -> None:
+        self.loop.controller.board.apply(changes, self.loop.controller.qp.dynamics, self.time)
+
+    def audits(self, since: float):
+        return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
+
+    def warned(self, since: float, within: float) -> set[str]:
+        """Names of the warnings in a span of time."""
+        return {
+            warning.partition(":")[0]
+            for report in self.reports
+            if report.audit and since < report.stamp * 1e-9 <= since + within
+            for warning in report.audit.warnings
+        }
+
+
+def squat(run: Run) -> None:
+    still = np.zeros(3)
+    com = run.loop.controller.qp.dynamics.com.copy()
+    down = com - np.array([0.0, 0.0, 0.10 if run.robot != "go2" else 0.06])
+    run.change(SetTrajectory("com", None, (Knot(1.5, down, still, still), Knot(3.0, com, still, still))))
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
+def test_with_the_right_model_nothing_is_left_over(robot):
+    run = Run(robot)
+    squat(run)
+    run.until(CALM + 3.5)
+    audits = run.audits(CALM + 0.5)
+    moving = [audit for audit in audits if audit.throughput > 5.0]
+    share = max(abs(audit.energy) / audit.throughput for audit in moving)
+    force = max(np.linalg.norm(audit.force) for audit in audits) / (run.model.mass * run.model.gravity)
+    print(f"{robot}: energy residual {100 * share:.3f} % of the power, force {100 * force:.3f} % of the weight")
+    assert len(moving) > 200
+    assert share < 0.02
+    assert force < 0.001
+    assert not run.warned(CALM, 10.0)
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_the_residuals_are_those_of_the_laws_of_motion(robot):
+    """Without its filter, against the functions of `mechanics` (S5, S6), with a wrong link and a known wrench."""
+    simulation = Simulation(robot)
+    controller, plant = simulation.controller, simulation.plant
+    limits = make_audit(controller.config.settings, controller.model)._limits
+    audit = ModelAudit(controller.model, dataclasses.replace(limits, time_constant=1.0e-15))
+    base, known = controller.model.base_link, np.array([5.0, 12.0, -3.0, 0.5, -0.3, 0.2])
+    controller.board.apply([SetExternalWrench(base, known)], controller.dynamics, simulation.time)
+    plant.push(base, known + [9.0, 0.0, 4.0, 0.0, 0.0, 0.0], 1.0)  # more than is known: a residual to compare
+    model, seen = controller.model.pinocchio, []
+    before = None
+
+    def compare(now):
+        nonlocal before
+        result = now.result
+        report = audit.look(result.state, controller.dynamics, result.solution, result.command)
+        if before is not None and report is not None and np.array_equal(before.solution.tau, before.command.tau):
+            wrenches = [ExternalWrench(base, known)]
+            force = controller.model.actuation.generalized_force(before.command.tau)
+            if controller.model.actuation.rotors is not None:
+                force = (
+                    force - controller.model.actuation.rotors @ (result.state.v - before.state.v) / controller.period
+                )
+            energy = energy_residual(model, before.state, result.state, force, wrenches)
+            momentum = momentum_residual(model, before.state, result.state, [*contacts, *wrenches]).residual[:3]
+            seen.append(
+                (report.energy, energy.residual, report.throughput, energy.throughput, *report.force, *momentum)
+            )
+        contacts[:] = [
+            ExternalWrench(base, controller.contacts[name].wrench_in_world(controller.dynamics, f), "WORLD")
+            for name, f in result.solution.forces.items()
+        ]
+        before = result
+
+    contacts = []
+    simulation.run(0.1, compare)
+    values = np.array(seen)
+    assert len(values) > 40
+    assert np.abs(values[:, 0]).max() > 0.1
+    assert np.abs(values[:, 4:7]).max() > 2.0
+    np.testing.assert_allclose(values[:, 0], values[:, 1], atol=1e-6)
+    np.testing.assert_allclose(values[:, 2], values[:, 3], rtol=1e-9)
+    np.testing.assert_allclose(values[:, 4:7], values[:, 7:10], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("link", "factor"), [("torso_link", 1.2), ("torso_link", 0.8), ("left_knee_link", 1.2), ("right_elbow_link", 0.8)]
+)
+def test_a_wrong_mass_is_named_within_a_second(link, factor):
+    settings = load_settings(find_configuration("g1"))
+    run = Run(plant=make_model(settings, heavier(make_model(settings).urdf, link, factor)))
+    run.until(CALM + 1.0)
+    assert "UNMODELLED_FORCE" in run.warned(CALM, 1.0)
+    assert "UNMODELLED_FORCE" in run.reports[-1].audit.warnings[0]
+
+
+@pytest.mark.parametrize("joint", ["left_shoulder_pitch_joint", "left_ankle_pitch_joint"])
+def test_a_torque_with_the_wrong_sign_is_named_within_a_second(joint):
+    run = Run()
+    i, apply = run.model.joints.index(joint), run.mock.plant.apply
+    sign = np.ones(run.model.na)
+    sign[i] = -1.0
+    run.mock.plant.apply = lambda tau: apply(sign * tau)
+    run.until(CALM + 1.0)
+    assert run.warned(CALM, 1.0) & {"UNMODELLED_TORQUE", "ENERGY_RESIDUAL"}
+
+
+@pytest.mark.parametrize("push", [(3.0, 0.0, 0.0), (0.0, 0.0, -10.0)])
+def test_an_unknown_push_is_named_within_a_second(push):
+    run = Run()
+    run.mock.plant.push(run.model.base_link, np.array([*push, 0.0, 0.0, 0.0]), 1.0)
+    run.until(CALM + 1.0)
+    assert "UNMODELLED_FORCE" in run.warned(CALM, 1.0)
+    # The ground takes up a part of it, so that the direction is told, and the size only roughly.
+    force, size = run.audits(CALM)[-1].force, np.linalg.norm(push)
+    assert force @ push > 0.9 * np.linalg.norm(force) * size
+    assert 0.5 * size < np.linalg.norm(force) < 1.5 * size
+
+
+def test_a_push_that_is_known_is_no_surprise():
+    run = Run()
+    push = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])
+    run.change(SetExternalWrench(run.model.base_link, push))
+    run.mock.plant.push(run.model.base_link, push, 1.0)
+    run.until(CALM + 0.9)
+    assert not run.warned(CALM, 1.0)
+
+
+def test_the_warning_reaches_diagnostics_and_goes_away():
+    run = Run()
+    run.mock.plant.push(run.model.base_link, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]), 0.8)
+    run.until(CALM + 0.8)
+    assert run.reports[-1].audit.warnings
+    run.until(CALM + 2.5)
+    assert not run.reports[-1].audit.warnings
+
+
+def test_short_pushes_with_rests_between_them_do_not_add_up():
+    run = Run()
+    for i in range(3):
+        run.mock.plant.push(run.model.base_link, np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), 0.1)
+        run.until(CALM + 1.5 * (i + 1))
+        assert max(np.linalg.norm(audit.force) for audit in run.audits(CALM + 1.5 * i)) > run.loop._audit._limits.force
+    assert not run.warned(CALM, 5.0)
+
+
+def test_a_setpoint_is_no_surprise():
+    run = Run()
+    target = run.loop.controller.qp.dynamics.com + np.array([0.02, 0.02, -0.03])
+    run.change(SetSetpoint("com", target))
+    run.until(CALM + 1.5)
+    assert not run.warned(CALM, 2.0)

@@ -1,0 +1,96 @@
+"""States and torques in a MuJoCo scene of a user's own, which holds other things too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.simulation.plant import Plant
+
+mujoco = pytest.importorskip("mujoco")
+
+
+A1 = Path(__file__).parents[3] / "examples" / "a1.yaml"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Unitree A1 in a scene where a free ball comes first, so that no address is what one would guess."""
+    model = wbc.Controller(A1).model
+    spec = mujoco.MjSpec.from_string(model.urdf)
+    ball = spec.worldbody.add_body(name="ball", pos=[2.0, 0.0, 1.0])
+    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0])
+    ball.add_freejoint()
+    spec.body(model.base_link).add_freejoint()
+    compiled = spec.compile()
+    return SimpleNamespace(model=model, mujoco=compiled, data=mujoco.MjData(compiled))
+
+
+def random_state(model, seed):
+    rng = np.random.default_rng(seed)
+    q = pin.integrate(model.pinocchio, pin.neutral(model.pinocchio), rng.uniform(-0.5, 0.5, model.nv))
+    return q, rng.normal(size=model.nv)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_placed_is_read_again(scene, seed):
+    interface = wbc.MujocoInterface(scene.model, scene.mujoco)
+    q, v = random_state(scene.model, seed)
+    interface.place(scene.data, q, v)
+    again_q, again_v = interface.state(scene.data)
+    np.testing.assert_allclose(again_q, q, atol=1e-12)
+    np.testing.assert_allclose(again_v, v, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_frames_and_their_velocities_are_the_same_in_both(scene, seed):
+    """Positions, orientations and velocities of a link, by MuJoCo's own kinematics and by Pinocchio's."""
+    interface = wbc.MujocoInterface(scene.model, scene.mujoco)
+    q, v = random_state(scene.model, seed)
+    interface.place(scene.data, q, v)
+    mujoco.mj_forward(scene.mujoco, scene.data)
+    dynamics = wbc.Dynamics(scene.model)
+    dynamics.update(*interface.state(scene.data))
+    for link in ("FL_calf", "RR_thigh"):
+        frame = scene.model.frame_id(link, "link")
+        body = scene.mujoco.body(link).id
+        np.testing.assert_allclose(dynamics.placement(frame).translation, scene.data.xpos[body], atol=1e-9)
+        np.testing.assert_allclose(dynamics.placement(frame).rotation.reshape(-1), scene.data.xmat[body], atol=1e-9)
+        twist = np.zeros(6)
+        mujoco.mj_objectVelocity(scene.mujoco, scene.data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+        expected = dynamics.velocity(frame, pin.LOCAL_WORLD_ALIGNED)
+        np.testing.assert_allclose(twist, [*expected[3:], *expected[:3]], atol=1e-9)
+
+
+def test_torques_go_to_their_joints(scene):
+    interface = wbc.MujocoInterface(scene.model, scene.mujoco)
+    tau = np.arange(1.0, scene.model.na + 1.0)
+    interface.apply(scene.data, tau)
+    for name, torque in zip(scene.model.actuators, tau, strict=True):
+        assert scene.data.qfrc_applied[scene.mujoco.joint(name).dofadr[0]] == torque
+    assert np.count_nonzero(scene.data.qfrc_applied) == scene.model.na
+
+
+def test_it_reads_what_the_mock_robot_reads(robot_of):
+    settings, model = robot_of("g1")
+    plant = Plant(model, settings)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        plant.apply(rng.normal(size=model.na))
+        plant.step()
+    interface = wbc.MujocoInterface(model, plant._model)
+    for ours, theirs in zip(interface.state(plant._data), plant.state(), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+def test_a_joint_or_a_free_joint_that_is_missing_is_named(scene):
+    with pytest.raises(wbc.ConfigurationError, match="the MuJoCo model has no joint 'left_hip_pitch_joint'"):
+        wbc.MujocoInterface(wbc.Controller("g1", preflight=False).model, scene.mujoco)
+    bolted = mujoco.MjSpec.from_string(scene.model.urdf).compile()
+    with pytest.raises(wbc.ConfigurationError, match=r"has no free joint; give it one, or set robot\.base: fixed"):
+        wbc.MujocoInterface(scene.model, bolted)

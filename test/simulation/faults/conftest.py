@@ -1,0 +1,65 @@
+"""A robot on a bench: its measurements, messages and torques pass through the faults, its physics only where asked."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.simulation.faults.catalogue import KINDS
+from wbc_controller.simulation.faults.injector import Injector
+from wbc_controller.simulation.measurement import measure
+from wbc_controller.simulation.plant import Plant
+
+
+class Bench:
+    """Go2 that hangs on its hoist, with its joints moving as they are told."""
+
+    def __init__(self, model, settings) -> None:
+        self.model = model
+        self.plant = Plant(model, settings)
+        self.period = 1.0 / settings.control.rate
+        self.faults = Injector(model, self.plant, self.period)
+        self.true_speed = np.linspace(0.1, 0.5, model.nj)
+
+    def plan(self, kind: str, **parameters) -> None:
+        self.faults.plan([KINDS[kind].model_validate(parameters)], self.plant.time)
+
+    def pass_period(self) -> None:
+        for _ in range(self.plant.steps_per_period):
+            self.plant.step()
+
+    def measure(self):
+        """What is measured now, and what is true."""
+        stamp = self.plant.stamp + 1_000_000_000
+        self.faults.pass_time()
+        measured, true = (measure(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
+        time = self.plant.time
+        for values in (measured, true):
+            values.position = self.model.posture + self.true_speed * time
+            values.velocity = self.true_speed.copy()
+            values.pose[:3] = [0.3 * time, 0.2 * time, 0.5]
+            values.twist[:] = [0.3, 0.2, 0.0, 0.0, 0.0, 0.0]
+        self.faults.spoil(measured)
+        return SimpleNamespace(measured=measured, true=true)
+
+    def measures(self, periods: int) -> list:
+        found = []
+        for _ in range(periods):
+            found.append(self.measure())
+            self.pass_period()
+        return found
+
+    def arrivals(self, stream: str, periods: int, *, messages: bool = True) -> list[list[int]]:
+        """Numbers of the messages that arrive in each period, of those that are sent one per period from 0 on."""
+        arrived = []
+        for number in range(periods):
+            self.faults.pass_time()
+            payload = str(number).encode() if messages else None
+            arrived.append([int(parcel.payload) for parcel in self.faults.post(stream, number, payload)])
+            self.pass_period()
+        return arrived
+
+
+@pytest.fixture
+def bench(go2) -> Bench:
+    return Bench(*go2)

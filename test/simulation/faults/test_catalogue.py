@@ -1,0 +1,118 @@
+"""Faults are read from YAML with sentences about mistakes, drawn within their ranges, and documented."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.simulation.faults.catalogue import KINDS, by_place, draw, faults_table, read_faults
+from wbc_controller.validation.campaign.trial import ALL_KINDS
+
+PAGE = (Path(__file__).parents[3] / "docs" / "faults.md").read_text(encoding="utf-8")
+
+
+def test_there_are_at_least_45_kinds_and_each_has_a_place_and_a_sentence():
+    assert len(KINDS) >= 45
+    for name, kind in KINDS.items():
+        assert kind.place, name
+        assert kind.__doc__.strip().endswith("."), name
+
+
+def test_one_fault_or_a_list_is_read():
+    (one,) = read_faults("{kind: joint_noise, sigma: 0.01, start: 0.5, duration: 2.0, seed: 7}", "x")
+    assert (one.kind(), one.sigma, one.start, one.duration, one.seed) == ("joint_noise", 0.01, 0.5, 2.0, 7)
+    assert [fault.kind() for fault in read_faults("[{kind: kick}, {kind: odom_frozen}]", "x")] == [
+        "kick",
+        "odom_frozen",
+    ]
+
+
+def test_a_script_says_when():
+    (fault,) = read_faults("- {at: 12.5, kind: kick}", "x", script=True)
+    assert fault.start == 12.5
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: joint_noize}", ["kind 'joint_noize' is unknown", "did you mean 'joint_noise'?", "Valid: "]),
+        ("{sigma: 1}", ["kind None is unknown"]),
+        ("{kind: [1]}", ["is unknown"]),
+        ("{kind: joint_noise, sigma: 3.0}", ["joint_noise.sigma = 3.0", "1e-05 to 0.05 rad", "standard deviation"]),
+        ("{kind: joint_noise, sigma: .nan}", ["joint_noise.sigma = nan"]),
+        ("{kind: joint_noise, sigmma: 0.01}", ["unknown key 'sigmma'", "did you mean 'sigma'?"]),
+        ("{kind: message_loss, stream: odometry}", ["stream = 'odometry'", "joint_states, odom, imu, both"]),
+        ("{kind: kick, duration: -1}", ["kick.duration = -1"]),
+        ("{kind: kick, seed: -1}", ["kick.seed = -1"]),
+        ("{kind: kick, at: 1.0}", ["unknown key 'at'"]),
+        ("[{kind: kick}, 5]", ["fault 2: 5 is no mapping", "{kind: joint_noise"]),
+        ("[{kind: kick}, {kind: kick, link: 3}]", ["fault 2", "kick.link = 3"]),
+        ("", ["None is no mapping"]),
+        ("{kind: kick", ["not valid YAML"]),
+        (f"[{', '.join(['{kind: kick}'] * 101)}]", ["101 faults", "at most 100"]),
+    ],
+)
+def test_a_mistake_is_named_with_the_value_and_the_valid_ones(text, said):
+    with pytest.raises(ConfigurationError) as error:
+        read_faults(text, "here")
+    assert str(error.value).startswith("here")
+    for part in said:
+        assert part in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["[{kind: kick}]", "[{kind: kick, at: 1.0, start: 2.0}]", "[{kind: kick, start: 1.0}]"]
+)
+def test_an_entry_of_a_script_needs_its_time(text):
+    with pytest.raises(ConfigurationError, match="'at'"):
+        read_faults(text, "here", script=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: joint_bias, joint: FL_knee}", "joint 'FL_knee' is unknown.*Valid: FL_calf_joint"),
+        ("{kind: actuator_dead, actuator: x}", "actuator 'x' is unknown; Valid"),
+        ("{kind: payload, link: trunk}", "link 'trunk' is unknown"),
+        ("{kind: floor_hole, contact: left}", "contact 'left' is unknown.*front_left_foot"),
+    ],
+)
+def test_a_name_that_the_robot_has_not_is_refused_when_it_is_planned_and_nothing_of_the_list_happens(bench, text, said):
+    faults = [*read_faults("{kind: kick}", "x"), *read_faults(text, "x")]
+    with pytest.raises(InputRefused, match=said):
+        bench.faults.plan(faults, 0.0)
+    assert not bench.faults.busy
+
+
+def test_too_many_are_refused(bench):
+    faults = read_faults("{kind: kick, start: 1.0}", "x") * 600
+    bench.faults.plan(faults, 0.0)
+    with pytest.raises(InputRefused, match="too many; at most 1000"):
+        bench.faults.plan(faults, 0.0)
+
+
+@pytest.mark.parametrize("kind", ALL_KINDS)
+def test_every_kind_is_drawn_within_its_ranges_and_begins_on_a_robot(bench, kind):
+    for seed in range(5):
+        fault = draw(ALL_KINDS[kind], np.random.default_rng(seed), start=0.0, duration=0.004)
+        again = draw(ALL_KINDS[kind], np.random.default_rng(seed), start=0.0, duration=0.004)
+        assert fault == again
+        if kind in KINDS:
+            bench.faults.plan([fault], bench.plant.time)
+    bench.measures(3)
+    for stream in ("joint_states", "odom"):
+        bench.faults.post(stream, 0, b"0")
+
+
+def test_wide_ranges_are_drawn_by_their_logarithm():
+    rng = np.random.default_rng(0)
+    sigmas = [draw(KINDS["joint_noise"], rng).sigma for _ in range(400)]
+    assert 1e-5 <= min(sigmas) < 1.2e-5
+    assert 4e-2 < max(sigmas) <= 5e-2
+    assert 3e-4 < np.median(sigmas) < 2e-3  # of a uniform draw it would be 2.5e-2
+
+
+@pytest.mark.parametrize("place", by_place(ALL_KINDS.values()))
+def test_the_page_has_the_table_of_every_place(place):
+    assert faults_table(by_place(ALL_KINDS.values())[place]) in PAGE

@@ -1,0 +1,101 @@
+"""Each fault of the delivery lets messages arrive as it says."""
+
+import numpy as np
+import pytest
+
+from wbc_controller.simulation.faults import delivery
+
+KEPT = [[n] for n in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "arrivals"),
+    [
+        ("message_delay", {"delay": 0.006}, [[], [], [], *[[n] for n in range(7)]]),
+        ("message_growing_delay", {"growth": 1.0}, [[0], [], [1], [], [2], [], [3], [], [4], []]),
+        ("message_dropout", {}, [[]] * 10),
+        ("message_loss", {"share": 1.0}, [[]] * 10),
+        ("message_duplication", {"gap": 0.0}, [[n, n] for n in range(10)]),
+        ("message_duplication", {"gap": 0.004}, [[0], [1], *[[n - 2, n] for n in range(2, 10)]]),
+        ("message_reordering", {"share": 1.0, "periods": 2}, [[], [], *[[n] for n in range(8)]]),
+        ("message_replay", {"length": 0.006}, [[0], [1], [2], [0], [1], [2], [0], [1], [2], [0]]),
+        ("message_queue", {}, [[]] * 10),
+    ],
+)
+def test_messages_arrive_as_the_fault_says(bench, kind, given, arrivals):
+    bench.plan(kind, stream="joint_states", duration=1.0, **given)
+    assert bench.arrivals("joint_states", 10) == arrivals
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "arrivals"),
+    [
+        ("command_loss", {"share": 1.0}, [[]] * 5),
+        ("command_delay", {"delay": 0.004}, [[], [], [0], [1], [2]]),
+        ("command_twice", {"gap": 0.002}, [[0], [0, 1], [1, 2], [2, 3], [3, 4]]),
+    ],
+)
+def test_commands_arrive_as_the_fault_says(bench, kind, given, arrivals):
+    bench.plan(kind, duration=1.0, **given)
+    assert bench.arrivals(delivery.COMMAND, 5) == arrivals
+
+
+def test_the_table_of_kinds_has_no_other():
+    assert {kind.kind() for kind in delivery.KINDS} == {
+        "message_delay", "message_growing_delay", "message_jitter", "message_loss", "message_dropout",
+        "message_duplication", "message_reordering", "message_replay", "message_queue", "command_loss", "command_delay",
+        "command_twice",
+    }  # fmt: skip
+
+
+def test_a_queue_is_released_at_once_and_in_order(bench):
+    bench.plan("message_queue", stream="odom", duration=0.01)
+    assert bench.arrivals("odom", 7) == [[], [], [], [], [], [0, 1, 2, 3, 4, 5], [6]]
+
+
+def test_what_is_late_arrives_after_the_end_too(bench):
+    bench.plan("message_delay", stream="odom", delay=0.006, duration=0.004)
+    assert bench.arrivals("odom", 6) == [[], [], [2], [0, 3], [1, 4], [5]]
+    assert not bench.faults.busy
+
+
+def test_a_stream_that_is_not_named_is_left_alone(bench):
+    bench.plan("message_dropout", stream="odom", duration=1.0)
+    assert bench.arrivals("joint_states", 10) == KEPT
+
+
+def test_both_are_the_joint_states_and_the_odometry(bench):
+    bench.plan("message_dropout", stream="both", duration=1.0)
+    assert bench.arrivals("joint_states", 3) == bench.arrivals("odom", 3) == [[]] * 3
+    assert bench.arrivals("imu", 3) == [[0], [1], [2]]
+
+
+def test_loss_has_its_share(bench):
+    bench.plan("message_loss", stream="odom", share=0.3, duration=10.0)
+    arrived = bench.arrivals("odom", 600)
+    assert 0.63 < np.mean([bool(numbers) for numbers in arrived]) < 0.77
+
+
+def test_jitter_delays_within_its_bound_and_lets_messages_overtake(bench):
+    bench.plan("message_jitter", stream="odom", jitter=0.02, duration=10.0)
+    arrived = bench.arrivals("odom", 200)
+    delays = [period - number for period, numbers in enumerate(arrived) for number in numbers]
+    assert min(delays) >= 0
+    assert 8 <= max(delays) <= 10
+    order = [number for numbers in arrived for number in numbers]
+    assert order != sorted(order)
+
+
+def test_messages_are_delivered_where_no_new_one_is_sent(bench):
+    bench.plan("message_delay", stream="odom", delay=0.004, duration=0.002)
+    assert bench.arrivals("odom", 1) == [[]]
+    assert bench.arrivals("odom", 2, messages=False) == [[], [0]]
+
+
+def test_clear_ends_all_and_loses_what_is_on_its_way(bench):
+    bench.plan("message_delay", stream="odom", delay=0.004, duration=10.0)
+    bench.plan("joint_noise", start=1.0)
+    bench.arrivals("odom", 2)
+    bench.faults.clear()
+    assert not bench.faults.busy
+    assert bench.arrivals("odom", 3) == [[0], [1], [2]]

@@ -1,0 +1,275 @@
+"""Each fault of a sensor changes what is measured as it says, and nothing else."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.simulation.faults import base_sensors, joint_sensors, stamps
+from wbc_controller.simulation.measurement import STREAMS
+
+JOINT = "FL_calf_joint"
+VALUES = (
+    "position", "velocity", "effort", "pose", "twist", "orientation", "angular_velocity", "specific_force",
+)  # fmt: skip
+
+
+def column(found, quantity: str, joint: int):
+    return np.array([getattr(each.measured, quantity)[joint] for each in found])
+
+
+def changed(found) -> set[str]:
+    """What differs from the truth in any of the measurements."""
+    names = {
+        name
+        for each in found
+        for name in VALUES
+        if not np.array_equal(getattr(each.measured, name), getattr(each.true, name))
+    }
+    for each in found:
+        names |= {
+            f"stamp of {stream}" for stream in STREAMS if each.measured.stamps[stream] != each.true.stamps[stream]
+        }
+        names |= {
+            name for name in ("base", "silent", "absent") if getattr(each.measured, name) != getattr(each.true, name)
+        }
+    return names
+
+
+#: By kind: what it changes.
+CHANGES = {
+    "joint_noise": {"position", "velocity"},
+    "joint_bias": {"position"},
+    "joint_scale": {"position", "velocity"},
+    "joint_quantization": {"position"},
+    "joint_lag": {"position"},
+    "joint_spike": {"position"},
+    "joint_jump": {"position"},
+    "joint_frozen": {"position"},
+    "joint_states_frozen": {"position"},
+    "joint_not_a_number": {"position"},
+    "joint_absurd": {"velocity"},
+    "joint_missing": {"absent"},
+    "joints_swapped": {"position", "velocity"},
+    "velocity_lag": set(),  # the velocities of the bench are constant
+    "velocity_sign": {"velocity"},
+    "velocity_dead": {"velocity"},
+    "odom_noise": {"pose"},
+    "odom_velocity_noise": {"twist"},
+    "odom_drift": {"pose"},
+    "odom_turn_drift": {"pose"},
+    "odom_jump": {"pose"},
+    "odom_turn_jump": {"pose"},
+    "odom_tilt": {"pose"},
+    "odom_frozen": {"pose"},
+    "odom_lag": {"pose"},
+    "odom_slow": {"silent"},
+    "odom_bad_quaternion": {"pose"},
+    "odom_not_a_number": {"pose", "twist"},
+    "odom_absurd": {"pose"},
+    "odom_wrong_frame": {"base"},
+    "imu_noise": {"angular_velocity", "specific_force"},
+    "imu_bias": {"angular_velocity"},
+    "imu_shock": {"angular_velocity", "specific_force"},
+    "stamp_zero": {"stamp of joint_states", "stamp of odom"},
+    "stamp_frozen": {"stamp of joint_states", "stamp of odom"},
+    "stamp_back": {"stamp of joint_states", "stamp of odom"},
+    "stamp_ahead": {"stamp of joint_states", "stamp of odom"},
+    "stamp_drift": {"stamp of joint_states", "stamp of odom"},
+    "clock_jump": {"stamp of clock"},
+    "clock_frozen": {"stamp of clock"},
+    "clock_drift": {"stamp of clock"},
+}
+
+
+def test_the_table_below_has_every_fault_of_a_sensor():
+    rooms = (joint_sensors, base_sensors, stamps)
+    assert set(CHANGES) == {kind.kind() for room in rooms for kind in room.KINDS}
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_a_fault_changes_what_it_says_while_it_lasts_and_nothing_else(bench, kind):
+    given = {"share": 0.3} if kind == "joint_spike" else {}
+    bench.plan(kind, start=0.004, duration=0.02, seed=3, **given)
+    assert changed(bench.measures(2)) == set()
+    during = changed(bench.measures(10))
+    assert during <= CHANGES[kind]
+    assert bool(during) == bool(CHANGES[kind])
+    assert changed(bench.measures(2)) == set()
+    assert not bench.faults.busy
+
+
+def test_noise_has_its_standard_deviations(bench):
+    bench.plan("joint_noise", sigma=0.01, velocity_sigma=0.2, duration=1.0)
+    bench.plan("odom_noise", sigma=0.003, turn_sigma=0.002, duration=1.0)
+    found = bench.measures(300)
+    for quantity, sigma in (("position", 0.01), ("velocity", 0.2)):
+        noise = [getattr(each.measured, quantity) - getattr(each.true, quantity) for each in found]
+        assert np.std(noise) == pytest.approx(sigma, rel=0.05)
+        assert abs(np.mean(noise)) < 0.1 * sigma
+    assert np.std([each.measured.pose[:3] - each.true.pose[:3] for each in found]) == pytest.approx(0.003, rel=0.1)
+    turned = [
+        pin.log3(pin.XYZQUATToSE3(each.true.pose).rotation.T @ pin.XYZQUATToSE3(each.measured.pose).rotation)
+        for each in found
+    ]
+    assert np.std(turned) == pytest.approx(0.002, rel=0.1)
+
+
+def test_equal_seeds_give_equal_noise_and_others_other_noise(go2, bench):
+    def noisy(seed):
+        other = type(bench)(*go2)
+        other.plan("joint_noise", duration=1.0, seed=seed)
+        return other.measures(3)[-1].measured.position
+
+    assert np.array_equal(noisy(1), noisy(1))
+    assert not np.array_equal(noisy(1), noisy(2))
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "offset"),
+    [
+        ("joint_bias", {"bias": 0.2, "ramp": 0.02}, lambda t, true: 0.2 * np.minimum(1.0, t / 0.02)),
+        ("joint_bias", {"bias": -0.2, "ramp": 0.0}, lambda t, true: -0.2 + 0.0 * t),
+        ("joint_scale", {"factor": 1.5}, lambda t, true: 0.5 * true),
+        ("joint_frozen", {}, lambda t, true: true[0] - true),
+        ("joint_quantization", {"step": 0.1}, lambda t, true: np.round(true / 0.1) * 0.1 - true),
+    ],
+)
+def test_the_position_of_the_named_joint_is_off_as_it_says(bench, kind, given, offset):
+    joint = bench.model.joints.index(JOINT)
+    if kind != "joint_quantization":
+        given = {**given, "joint": JOINT}
+    bench.plan(kind, duration=1.0, **given)
+    found = bench.measures(20)
+    times, true = np.arange(20) * bench.period, np.array([each.true.position[joint] for each in found])
+    assert column(found, "position", joint) - true == pytest.approx(offset(times, true), abs=1e-12)
+
+
+def test_a_jump_has_its_size_and_stays(bench):
+    bench.plan("joint_jump", joint=JOINT, size=0.4, duration=1.0)
+    bench.plan("odom_jump", size=0.7, duration=1.0)
+    found = bench.measures(5)
+    joint = bench.model.joints.index(JOINT)
+    off = column(found, "position", joint) - np.array([each.true.position[joint] for each in found])
+    assert np.abs(off) == pytest.approx(0.4)
+    assert np.ptp(off) < 1e-9
+    moved = np.array([each.measured.pose[:3] - each.true.pose[:3] for each in found])
+    assert np.linalg.norm(moved, axis=1) == pytest.approx(0.7)
+    assert np.ptp(moved, axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert moved[:, 2] == pytest.approx(0.0)
+
+
+def test_all_joint_states_repeat_bit_for_bit_while_stamps_go_on(bench):
+    bench.plan("joint_states_frozen", duration=1.0)
+    found = bench.measures(5)
+    assert len({each.measured.position.tobytes() + each.measured.velocity.tobytes() for each in found}) == 1
+    assert len({each.measured.stamps["joint_states"] for each in found}) == 5
+
+
+def test_a_spike_comes_in_its_share_of_the_measurements(bench):
+    bench.plan("joint_spike", joint=JOINT, size=2.0, share=0.1, duration=2.0)
+    joint = bench.model.joints.index(JOINT)
+    found = bench.measures(500)
+    off = np.abs(column(found, "position", joint) - np.array([each.true.position[joint] for each in found])) > 1.0
+    assert 0.06 < off.mean() < 0.14
+
+
+def test_a_lag_follows_a_ramp_by_its_time_constant(bench):
+    bench.plan("joint_lag", time_constant=0.01, duration=1.0)
+    bench.plan("odom_lag", time_constant=0.01, duration=1.0)
+    last = bench.measures(100)[-1]
+    # A sampled filter of first order lags behind a ramp by dt k / (1 - k).
+    keep = np.exp(-bench.period / 0.01)
+    lag = bench.period * keep / (1.0 - keep)
+    assert last.true.position - last.measured.position == pytest.approx(bench.true_speed * lag, rel=1e-3)
+    assert last.true.pose[:2] - last.measured.pose[:2] == pytest.approx(np.array([0.3, 0.2]) * lag, rel=1e-3)
+
+
+@pytest.mark.parametrize(("kind", "key", "value"), [("odom_drift", "speed", 0.5), ("odom_turn_drift", "rate", 0.5)])
+def test_a_drift_grows_in_time(bench, kind, key, value):
+    bench.plan(kind, duration=1.0, **{key: value})
+    found = bench.measures(26)
+    if kind == "odom_drift":
+        off = np.linalg.norm(found[-1].measured.pose[:3] - found[-1].true.pose[:3])
+    else:
+        off = turn_between(found[-1])
+    assert off == pytest.approx(value * 25 * bench.period)
+
+
+@pytest.mark.parametrize(("kind", "upright"), [("odom_tilt", False), ("odom_turn_jump", True)])
+def test_a_turned_base_is_turned_by_the_angle(bench, kind, upright):
+    given = {"ramp": 0.0} if kind == "odom_tilt" else {}
+    bench.plan(kind, angle=0.3, duration=1.0, **given)
+    found = bench.measures(2)[-1]
+    assert turn_between(found) == pytest.approx(0.3)
+    assert (pin.XYZQUATToSE3(found.measured.pose).rotation[2, 2] == pytest.approx(1.0)) == upright
+
+
+def turn_between(found) -> float:
+    rotations = [pin.XYZQUATToSE3(values.pose).rotation for values in (found.true, found.measured)]
+    return float(np.linalg.norm(pin.log3(rotations[0].T @ rotations[1])))
+
+
+def test_slow_odometry_comes_at_its_period(bench):
+    bench.plan("odom_slow", period=0.01, duration=1.0)
+    sent = ["odom" not in each.measured.silent for each in bench.measures(20)]
+    assert np.flatnonzero(sent).tolist() == [0, 5, 10, 15]
+
+
+def test_a_missing_joint_is_missing_from_the_message_whatever_else_happens_to_the_joints(bench):
+    bench.plan("joint_missing", joint=bench.model.joints[0], duration=1.0)
+    bench.plan("joint_bias", joint=bench.model.joints[-1], bias=0.5, ramp=0.0, duration=1.0)
+    found = bench.measures(1)[0]
+    content = found.measured.message("joint_states")
+    assert content.name == list(bench.model.joints[1:])
+    assert content.position == pytest.approx([*found.true.position[1:-1], found.true.position[-1] + 0.5])
+    assert len(content.velocity) == len(content.effort) == bench.model.nj - 1
+
+
+def test_values_that_are_none_are_what_they_say(bench):
+    bench.plan("joint_not_a_number", joint=JOINT, duration=0.004)
+    bench.plan("odom_not_a_number", duration=0.004)
+    bench.plan("odom_bad_quaternion", start=0.004, length=0.5, duration=0.004)
+    bench.plan("odom_absurd", start=0.004, value=1e150, duration=0.004)
+    bench.plan("joint_absurd", start=0.004, joint=JOINT, value=1e100, quantity="position", duration=0.004)
+    first, _, third, _ = bench.measures(4)
+    assert np.isnan(first.measured.position).sum() == 1
+    assert np.isnan([*first.measured.pose, *first.measured.twist]).sum() == 1
+    assert np.linalg.norm(third.measured.pose[3:]) == pytest.approx(0.5)
+    assert third.measured.pose[:3].max() == 1e150
+    assert third.measured.position[bench.model.joints.index(JOINT)] == 1e100
+
+
+def test_two_joints_have_each_others_values(bench):
+    bench.plan("joints_swapped", joint=JOINT, duration=1.0)
+    found = bench.measures(1)[0]
+    (pair,) = [np.flatnonzero(found.measured.velocity != found.true.velocity)]
+    assert len(pair) == 2
+    assert bench.model.joints.index(JOINT) in pair
+    assert found.measured.velocity[pair].tolist() == found.true.velocity[pair[::-1]].tolist()
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "expected"),
+    [
+        ("stamp_zero", {}, lambda true: 0 * true),
+        ("stamp_frozen", {}, lambda true: true[0] + 0 * true),
+        ("stamp_back", {"by": 0.05}, lambda true: true - 50_000_000),
+        ("stamp_ahead", {"by": 0.05}, lambda true: true + 50_000_000),
+        ("stamp_drift", {"rate": -0.25}, lambda true: true[0] + 3 * (true - true[0]) // 4),
+    ],
+)
+def test_stamps_are_off_as_they_say(bench, kind, given, expected):
+    bench.plan(kind, stream="joint_states", duration=1.0, **given)
+    found = bench.measures(5)
+    true = np.array([each.true.stamps["joint_states"] for each in found])
+    assert [each.measured.stamps["joint_states"] for each in found] == expected(true).tolist()
+    assert all(each.measured.stamps["odom"] == each.true.stamps["odom"] for each in found)
+
+
+def test_no_stamp_leaves_what_a_message_can_hold(bench):
+    bench.plan("stamp_back", by=100.0, duration=1.0)
+    bench.plan("clock_jump", by=-10.0, duration=1.0)
+    found = bench.measures(1)[0].measured
+    for stream in STREAMS:
+        assert found.stamps[stream] >= 0
+        found.message(stream)

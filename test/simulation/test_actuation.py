@@ -1,0 +1,163 @@
+"""The mock robot's transmissions, springs, followers and locked joints against the controller's own model of them."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from chains import MENAGERIE, TENDON, menagerie
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.references.changes import SetSetpoint
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.nodes.audit import joint_efforts, make_audit
+from wbc_controller.records import JointCommand, RobotState, frozen
+from wbc_controller.simulation.plant import Plant
+
+#: Relative difference of accelerations that MuJoCo's soft coupling of a follower may make.
+SOFT = 0.02
+
+
+def forward(model, q, v, tau):
+    """Equations of motion with the couplings, as one linear system in v̇ and λ."""
+    dynamics, C = Dynamics(model), model.actuation.C
+    dynamics.update(q, v)
+    matrix = np.block([[dynamics.M, -C.T], [C, np.zeros((len(C), len(C)))]])
+    right = np.concatenate([model.actuation.generalized_force(tau) - dynamics.h, np.zeros(len(C))])
+    return np.linalg.solve(matrix, right)[: model.nv]
+
+
+def states(model, count, seed=0):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        base = (pin.SE3ToXYZQUAT(pin.SE3.Random()), rng.normal(size=6)) if model.floating_base else ()
+        q, v = model.state(rng.uniform(-0.4, 0.4, model.nj), rng.normal(size=model.nj), *base)
+        yield q, v, 0.5 * rng.uniform(-1.0, 1.0, model.na) * model.effort_limits
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+@pytest.mark.parametrize(
+    ("follower", "changes"), [(False, {}), (True, {}), (True, TENDON)], ids=["stiff", "follower", "tendon"]
+)
+def test_it_accelerates_as_the_controllers_model_does(base, follower, changes):
+    if not follower:  # the elbow is locked, and its wrist with it: nothing in MuJoCo's model is soft then
+        changes = {
+            "joints": ["hip", "shoulder", "knee", "ankle", "rail"], "posture": [0.2, 0.1, -0.3, 0.1, 0.05],
+            "actuators": ["rail", "both", "shoulder", "knee_motor"],
+            "locked_joints": {"tail": 0.7, "slide": -0.2, "elbow": 0.5},
+        }  # fmt: skip
+    settings = menagerie(base=base, **changes)
+    model = make_model(settings, MENAGERIE)
+    plant = Plant(model, settings)
+    plant.hold(False, ramp=0.0)
+    worst = 0.0
+    for q, v, tau in states(model, 10):
+        plant.set_state(q, v)
+        plant.apply(tau)
+        plant.forward()
+        np.testing.assert_allclose(plant.state()[0], q, atol=1e-12)
+        expected, found = forward(model, q, v, tau), plant.acceleration()
+        worst = max(worst, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
+    print(f"{base}, {'with' if follower else 'without'} a follower: largest relative difference {worst:.1e}")
+    assert worst < (SOFT if follower else 1e-9)
+
+
+def test_the_follower_stays_where_it_belongs():
+    settings = menagerie()
+    model = make_model(settings, MENAGERIE)
+    plant = Plant(model, settings)
+    tau = np.zeros(model.na)
+    tau[model.actuators.index("elbow")] = 6.0
+    plant.apply(tau)
+    elbow = model.q_index[model.joints.index("elbow")]
+    start, worst = plant.state()[0][elbow], 0.0
+    for _ in range(300):
+        plant.step()
+        worst = max(worst, plant.coupling_error())
+    assert abs(plant.state()[0][elbow] - start) > 0.3
+    assert 0.0 < worst < 2e-3
+
+
+def test_a_rotor_between_two_branches_is_refused():
+    settings = menagerie(
+        transmission={"across": {"ratios": {"hip": 1.0, "shoulder": -1.0}, "effort_limit": 50.0, "rotor_inertia": 0.1}},
+        actuators=["rail", "across", "shoulder", "knee", "elbow"],
+    )
+    model = make_model(settings, MENAGERIE)
+    dynamics = Dynamics(model)
+    hip, shoulder = (model.v_index[model.joints.index(name)] for name in ("hip", "shoulder"))
+    for _ in range(3):  # the coupling does not add up from cycle to cycle
+        dynamics.update(model.configuration(model.posture), np.zeros(model.nv))
+        assert dynamics.M[hip, shoulder] == pytest.approx(-0.1)
+    with pytest.raises(
+        ConfigurationError, match=r"robot.transmission.across.rotor_inertia = 0.1: it couples .* branch"
+    ):
+        Plant(model, settings)
+
+
+def test_actuators_saturate_and_work_through_their_ratios():
+    settings = menagerie()
+    model = make_model(settings, MENAGERIE)
+    plant = Plant(model, settings)
+    tau = np.zeros(model.na)
+    tau[1] = 1000.0  # both: 70 N·m at most, twice that at the hip and at the knee
+    plant.apply(tau)
+    plant.forward()
+    torques = plant._data.qfrc_applied[plant._dof]
+    np.testing.assert_allclose(torques, [140.0, 0.0, 0.0, 140.0, 0.0, 0.0])
+
+
+def test_damping_never_drives_a_joint():
+    settings = menagerie()
+    model = make_model(settings, MENAGERIE)
+    plant = Plant(model, settings)
+    for q, v, _ in states(model, 10, seed=1):
+        plant.set_state(q, v)
+        plant.damp(2.0)
+        at_joints = model.actuation.at_joints(plant.applied_torques)
+        assert at_joints @ v[model.v_index] < 0.0
+        passive = model.joints.index("ankle")
+        np.testing.assert_allclose(at_joints[passive], 0.0)
+        others = np.delete(np.arange(model.nj), passive)
+        # R is square at the joints that are driven: each of them is damped by the same.
+        damping = -at_joints[others] / v[model.v_index][others]
+        np.testing.assert_allclose(damping, damping[0])
+        assert 0.0 < damping[0] <= 2.0
+
+
+def test_the_audit_accounts_for_springs_transmissions_and_followers():
+    """A move of one second under the controller: power and torques are those of the model."""
+    settings = menagerie()
+    model = make_model(settings, MENAGERIE)
+    plant = Plant(model, settings)
+    controller = make_qp(settings, model)
+    controller.dynamics.update(*plant.state())
+    board = make_board(settings, controller)
+    board.reset(controller.dynamics, 0.0)
+    board.apply([SetSetpoint("posture", np.array([-0.3, 0.5, -0.6, 0.4, -0.2]))], controller.dynamics, 0.0)
+    audit, limits = make_audit(settings, model), settings.audit.torque * joint_efforts(model)
+    nothing = frozen(np.full(model.nj, np.nan))
+    energies, torques = [], []
+    for _ in range(500):
+        q, v = plant.state()
+        state = RobotState(plant.stamp, frozen(q), frozen(v))
+        solution = controller.solve(state, board.sample(plant.time))
+        plant.apply(solution.tau)
+        command = JointCommand(state.stamp, solution.tau, nothing, nothing)
+        report = audit.look(state, controller.dynamics, solution, command)
+        if report is not None and report.throughput > 1.0:
+            energies.append(abs(report.energy) / report.throughput)
+            torques.append(np.max(np.abs(report.joint_torques) / limits))
+        for _ in range(plant.steps_per_period):
+            plant.step()
+    print(f"energy residual: {max(energies):.2%} of the power; torques {max(torques):.2f} of their limits")
+    assert len(energies) > 200
+    assert max(energies) < 0.015
+    assert max(torques) < 0.5
+
+
+def test_the_audit_measures_torques_against_what_can_be_given():
+    efforts = joint_efforts(make_model(menagerie(), MENAGERIE))
+    # Hip: 2 · 70; shoulder, elbow and rail: 60; knee: 2 · 70 + 3 · 50; the passive ankle: the median of them.
+    np.testing.assert_allclose(efforts, [140.0, 60.0, 60.0, 290.0, 60.0, 60.0])

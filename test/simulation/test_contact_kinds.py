@@ -1,0 +1,269 @@
+"""The mock robot's polygons, wheels, tilted floor, contacts between links, grips and closed loops."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.nodes.audit import make_audit
+from wbc_controller.records import JointCommand, RobotState, frozen
+from wbc_controller.settings import LoopSettings, Settings
+from wbc_controller.settings.config import load
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.simulation.grips import HINGE_LENGTH, closures_of, points_of
+from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.simulation import Simulation
+
+POLYGON = [[0.085, 0.0], [0.05, 0.03], [0.05, -0.03], [-0.085, 0.02], [-0.085, -0.02]]
+FOOT = {"type": "surface", "frame": "left_ankle_roll_link", "translation": [0.035, 0.0, -0.035], "vertices": POLYGON,
+        "max_normal_force": 1000.0}  # fmt: skip
+GRIP = {"type": "fixed", "frame": "left_rubber_hand", "rpy": [0.3, 0.2, 0.1], "translation": [0.05, 0.02, 0.01],
+        "max_force": 300.0, "max_moment": 30.0}  # fmt: skip
+PALM = {"type": "surface", "frame": "right_rubber_hand", "against": "left_rubber_hand", "rpy": [1.756, -0.799, 0.022],
+        "half_length": 0.04, "half_width": 0.04, "min_normal_force": 5.0, "max_normal_force": 60.0}  # fmt: skip
+KNOB = {"type": "point", "frame": "right_rubber_hand", "against": "left_rubber_hand", "normal": [0.154, -0.98, -0.129],
+        "radius": 0.03, "min_normal_force": 5.0, "max_normal_force": 60.0}  # fmt: skip
+
+
+def g1_with(name, contact, **others):
+    values = load_settings(find_configuration("g1")).model_dump()
+    if name == "left_foot":
+        values["contacts"].pop(name)
+    values["contacts"][name] = contact
+    if contact["type"] == "fixed":  # what nobody asks for is zero between two links
+        target = [10.0, -8.0, 6.0, 0.5, -0.4, 0.3]
+        values["tasks"]["pull"] = {"type": "contact_wrench", "contact": name, "target": target, "weight": 0.01}
+    return Settings.model_validate(values | others)
+
+
+def masked(*held):
+    return [axis in held for axis in range(6)]
+
+
+CASES = {
+    "polygon": ("left_foot", FOOT),
+    "bolted": ("grip", GRIP),
+    "pinned": ("grip", GRIP | {"mask": masked(0, 1, 2)}),
+    "hinged": ("grip", GRIP | {"mask": masked(0, 1, 2, 3, 5)}),
+    "held by the other hand": ("grip", GRIP | {"against": "right_rubber_hand"}),
+    "pinned to the other hand": ("grip", GRIP | {"against": "right_rubber_hand", "mask": masked(0, 1, 2)}),
+    "palm": ("palm", PALM),
+    "knob": ("knob", KNOB),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_wrenches_that_are_read_explain_the_acceleration(case):
+    """M v̇ + h = Sᵀτ + Σ Jᵀ f, with MuJoCo's v̇ and f, and J of the controller's contacts; and its own forecast of f."""
+    name, contact = CASES[case]
+    robot = Simulation(g1_with(name, contact))
+    robot.controller.set("com", robot.controller.dynamics.com + np.array([0.0, 0.02, 0.0]))
+    robot.run(0.3)
+    dynamics, model, plant = robot.controller.dynamics, robot.controller.model, robot.plant
+    wrenches = plant.contact_wrenches()
+    q, v = plant.state()
+    dynamics.update(q, v)
+    force = dynamics.M @ plant.acceleration() + dynamics.h
+    force[model.v_index] -= plant.applied_torques
+    for key, made in robot.controller.contacts.items():
+        wrench = np.pad(wrenches[key], (0, 6 - len(wrenches[key])))
+        force -= made.jacobian(dynamics).T @ (made.basis.T @ wrench)
+    weight = model.mass * model.gravity
+    print(f"unexplained: {np.abs(force).max() / weight:.1e} of the weight")
+    assert np.abs(force).max() < 1.0e-3 * weight
+    made = robot.controller.contacts[name]
+    wrench = np.pad(wrenches[name], (0, 6 - len(wrenches[name])))
+    planned = robot.result.solution.forces[name]
+    assert np.abs(planned).max() > 0.5
+    np.testing.assert_allclose(made.basis.T @ wrench, planned, atol=0.01 * weight)
+    assert np.linalg.norm(made.jacobian(dynamics) @ v) < 0.02
+
+
+# A cart --------------------------------------------------------------------------------------------------------------
+
+RADIUS = 0.1
+LINK = """<link name="{0}"><inertial><origin xyz="0 0 {1}"/><mass value="{2}"/>
+  <inertia ixx="{3}" ixy="0" ixz="0" iyy="{4}" iyz="0" izz="{3}"/></inertial></link>"""
+WHEEL = """<joint name="{0}_joint" type="revolute"><parent link="base"/><child link="{0}"/><origin xyz="{1}"/>
+  <axis xyz="0 1 0"/><limit lower="-100" upper="100" effort="20" velocity="50"/></joint>"""
+
+
+def cart(slope=0.0):
+    wheels = {"fl": "0.3 0.2 0", "fr": "0.3 -0.2 0", "rl": "-0.3 0.2 0", "rr": "-0.3 -0.2 0"}
+    urdf = '<robot name="cart">' + LINK.format("base", 0.1, 10.0, 0.2, 0.2)
+    urdf += "".join(LINK.format(n, 0, 1.0, 0.003, 0.005) + WHEEL.format(n, xyz) for n, xyz in wheels.items())
+    normal = [np.sin(slope), 0.0, np.cos(slope)]
+    wheel = {"type": "rolling", "axis": [0, 2, 0], "radius": RADIUS, "friction": 0.8, "max_normal_force": 300.0}
+    drive = {"type": "frame_position", "frame": "base", "mask": [True, False, False], "setpoint_duration": 0.8}
+    return Settings.model_validate(
+        {
+            "robot": {"joints": [f"{n}_joint" for n in wheels], "posture": [0.0] * 4},
+            "limits": {"position": False},
+            "contacts": {n: wheel | {"frame": n, "normal": normal} for n in wheels},
+            "tasks": {"drive": drive},
+            "mock": {"floor_normal": normal},
+        }
+    ), urdf + "</robot>"
+
+
+def test_a_cart_rolls_to_where_it_is_sent_and_its_wheels_turn_as_far():
+    settings, urdf = cart()
+    robot = Simulation(load(settings, urdf=urdf))
+    robot.run(0.1)
+    start = np.array(robot.controller.dynamics.q)
+    robot.controller.set("drive", np.array([start[0] + 0.5, 0.0, 0.0]))
+    wrong = []
+
+    def look(robot):
+        robot.plant.forward()
+        wrong.append(np.abs(robot.result.solution.v_dot - robot.plant.acceleration()).max())
+
+    robot.run(1.2, look)
+    way = robot.controller.dynamics.q - start
+    print(f"way {way[0]:.4f} m, wheels {way[7:]} rad; accelerations at most {max(wrong):.3f} off")
+    assert way[0] == pytest.approx(0.5, abs=2e-3)
+    assert np.abs(way[7:] - way[0] / RADIUS).max() < 0.02
+    assert max(wrong) < 0.5  # of some 10 rad/s² of the wheels
+
+
+def test_the_robot_starts_with_its_lowest_contact_on_a_tilted_floor():
+    settings, urdf = cart(0.2)
+    model = make_model(settings, urdf)
+    controller = make_qp(settings, model)
+    q, _ = Plant(model, settings).state()
+    np.testing.assert_allclose(q, stance(model, controller, list(settings.contacts), settings.mock.floor_normal))
+    normal = np.array(settings.mock.floor_normal)
+    controller.dynamics.update(q, np.zeros(model.nv))
+    heights = [contact.points(controller.dynamics)[0] @ normal for contact in controller.contacts.values()]
+    assert min(heights) == pytest.approx(0.0, abs=1e-9)
+
+
+# Grips and loops -----------------------------------------------------------------------------------------------------
+
+
+def test_a_grip_holds_the_hand_where_it_is_and_lets_it_go():
+    settings = g1_with("grip", GRIP | {"enabled": False})
+    model = make_model(settings)
+    plant, dynamics = Plant(model, settings), Dynamics(model)
+    hand = model.frame_id("left_rubber_hand", "")
+
+    def moved(seconds):
+        dynamics.update(*plant.state())
+        before = dynamics.placement(hand).copy()
+        for _ in range(round(seconds / plant.step_seconds)):
+            plant.step()
+        dynamics.update(*plant.state())
+        return np.linalg.norm(before.translation - dynamics.placement(hand).translation)
+
+    assert moved(0.1) > 5.0e-3  # without torques the arm falls
+    plant.grip("grip", True)
+    plant.set_state(plant.state()[0], np.zeros(model.nv))
+    assert moved(0.1) < 1.0e-3
+    assert np.linalg.norm(plant.contact_wrenches()["grip"]) > 1.0
+    plant.grip("grip", False)
+    assert moved(0.1) > 5.0e-3
+    assert np.linalg.norm(plant.contact_wrenches()["grip"]) == 0.0
+    with pytest.raises(InputRefused, match=r"a grip at 'left_foot'.*grip"):
+        plant.grip("left_foot", True)
+
+
+@pytest.mark.parametrize(
+    ("mask", "points"),
+    [
+        (masked(0, 1, 2, 3, 4, 5), None),
+        (masked(0, 1, 2), [[0, 0, 0]]),
+        (masked(0, 1, 2, 3, 5), [[0, 0, 0], [0, HINGE_LENGTH, 0]]),
+        (masked(0, 1, 2, 4, 5), [[0, 0, 0], [HINGE_LENGTH, 0, 0]]),
+    ],
+)
+def test_what_holds_the_axes_of_a_mask(mask, points):
+    found = points_of(mask, "key")
+    assert (found is None) if points is None else (np.array_equal(found, points))
+
+
+@pytest.mark.parametrize("mask", [masked(0, 1), masked(0, 1, 2, 3), masked(3, 4, 5), masked(1, 2, 3, 4, 5)])
+def test_what_the_simulator_cannot_hold_is_refused(mask):
+    with pytest.raises(ConfigurationError, match=r"key = \[.*\]: the mock robot can hold all six axes"):
+        points_of(mask, "key")
+
+
+def test_of_a_planar_loop_the_axes_out_of_its_plane_are_held_too():
+    rod = LINK.format("{}", 0, 1.0, 0.01, 0.01)
+    joint = '<joint name="{0}_joint" type="revolute"><parent link="{1}"/><child link="{0}"/><origin xyz="{2} 0 0"/>'
+    joint += '<axis xyz="0 1 0"/><limit lower="-4" upper="4" effort="20" velocity="20"/></joint>'
+    bars = (("crank", "ground", 0.0), ("coupler", "crank", 0.2), ("rocker", "ground", 0.5))
+    urdf = '<robot name="r"><link name="ground"/>'
+    urdf += "".join(rod.format(n) + joint.format(n, parent, at) for n, parent, at in bars) + "</robot>"
+    names = [f"{n}_joint" for n, _, _ in bars]
+    values = {
+        "robot": {"base": "fixed", "joints": names, "posture": [0.0, 0.0, 0.0]},  # in line
+        "tasks": {"posture": {"type": "posture"}},
+    }
+    model = make_model(Settings.model_validate(values), urdf)
+    loop = {"frame_a": "coupler", "frame_b": "rocker", "translation_a": [0.5, 0.0, 0.0]}
+    found = [
+        closures_of(model, {"pin": LoopSettings.model_validate(loop | {"mask": mask})})["pin"].points
+        for mask in (masked(0, 2), masked(0, 1, 2, 3, 5), masked(0, 2, 4))
+    ]
+    np.testing.assert_array_equal(found[0], [[0, 0, 0], [0, HINGE_LENGTH, 0]])
+    np.testing.assert_array_equal(found[1], found[0])
+    assert found[2] is None  # a weld
+    with pytest.raises(ConfigurationError, match=r"loops\.pin\.mask"):
+        closures_of(model, {"pin": LoopSettings.model_validate(loop | {"mask": masked(0)})})
+    assert pin.SE3.Identity().isApprox(closures_of(model, {"pin": LoopSettings(**loop)})["pin"].placements[1])
+
+
+@pytest.mark.parametrize("case", ["polygon", "hinged", "palm", "knob"])
+def test_the_audit_counts_on_what_each_contact_exerts(case):
+    """On the robot as a whole a contact with the world acts, one between two links does not."""
+    name, contact = CASES[case]
+    robot = Simulation(g1_with(name, contact))
+    model, reports = robot.controller.model, []
+    audit = make_audit(robot.controller.config.settings, robot.controller.model)
+
+    def look(robot):
+        q, v = robot.plant.state()
+        state = RobotState(1 + robot.plant.stamp, frozen(q), frozen(v))
+        tau = robot.result.solution.tau
+        command = JointCommand(state.stamp, tau, frozen(np.zeros(model.na)), frozen(np.zeros(model.na)))
+        reports.append(audit.look(state, robot.controller.dynamics, robot.result.solution, command))
+
+    robot.controller.set("com", robot.controller.dynamics.com + np.array([0.0, 0.03, 0.0]))
+    robot.run(0.5, look)
+    assert np.abs(robot.result.solution.forces[name]).max() > 1.0
+    assert reports[-1].warnings == ()
+    assert np.linalg.norm(reports[-1].force) < 0.5
+
+
+def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jump():
+    """Several in one cycle, in both directions, over and over."""
+    pinned = {"translation": [0.0] * 3, "mask": masked(0, 1, 2), "max_force": 100.0, "enabled": False}
+    contacts = {"grip": GRIP | pinned, "palm": PALM | {"enabled": False}}
+    values = load_settings(find_configuration("g1")).model_dump()
+    robot = Simulation(Settings.model_validate(values | {"contacts": values["contacts"] | contacts}))
+    rng, made, torques = np.random.default_rng(4), dict.fromkeys(contacts, False), []
+    start = np.array(robot.controller.dynamics.com)
+
+    def look(robot):
+        assert not robot.result.solution.relaxed
+        torques.append(robot.result.solution.tau)
+
+    for _ in range(10):
+        robot.controller.set("com", start + rng.uniform(-0.02, 0.02, 3) * [0.5, 1.0, 0.5])
+        for name in rng.permutation(list(contacts))[: rng.integers(1, 3)]:
+            made[name] = not made[name]
+            robot.controller.enable(str(name), made[name])
+        if made["grip"]:
+            robot.plant.grip("grip", True)
+        robot.run(0.22, look)
+        assert {name for name in contacts if name in robot.result.solution.forces} == {n for n in made if made[n]}
+        if not made["grip"]:
+            robot.plant.grip("grip", False)
+    steps = np.abs(np.diff(torques, axis=0) / robot.controller.model.effort_limits)
+    print(f"largest torque step {steps.max():.3f} of the effort limit")
+    assert steps.max() < 0.15  # the torque rate allows 0.2
+    assert not robot.plant.fallen

@@ -1,0 +1,184 @@
+"""Faults of the mock robot by topic and by script: what is measured and what arrives passes through them."""
+
+import logging
+import threading
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.middleware import codec as messages
+from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.simulation.faults.catalogue import read_faults
+from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+from wbc_controller.simulation.mock_service import run_mock
+
+
+class Peer:
+    """Keeps what the robot publishes, and sends what it is told."""
+
+    def __init__(self, settings, **options) -> None:
+        bus = MemoryBus()
+        self.received: list[tuple[str, object]] = []
+        transport, self._send = MemoryTransport(bus), {}
+        for endpoint in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
+            if endpoint.direction is Direction.IN:
+                self._send[endpoint.key] = transport.advertise(counterpart(endpoint))
+            else:
+                transport.subscribe(
+                    counterpart(endpoint), lambda payload, endpoint=endpoint: self._take(endpoint, payload)
+                )
+        self.transport = MemoryTransport(bus)
+        self.options = options
+
+    def _take(self, endpoint, payload) -> None:
+        self.received.append((endpoint.key, messages.decode(payload, endpoint.type)))
+
+    def all(self, key: str) -> list:
+        return [content for received, content in self.received if received == key]
+
+    def fault(self, text: str) -> None:
+        self._send["fault"](messages.encode(messages.message("std_msgs/msg/String", data=text)))
+
+    def effort(self, tau) -> None:
+        self._send["effort"](messages.encode(messages.torques(np.asarray(tau, dtype=np.float64))))
+
+
+@pytest.fixture
+def stand(go2):
+    model, settings = go2
+    peer = Peer(settings)
+    return MockRobot(model, settings, peer.transport), peer
+
+
+def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
+    robot, peer = stand
+    for _ in range(3):
+        robot.step_period()
+    peer.fault("{kind: odom_jump, size: 1.0, start: 0.004, duration: 0.006}")
+    for _ in range(9):
+        robot.step_period()
+    off = [abs(content.pose.pose.position.x) + abs(content.pose.pose.position.y) > 0.5 for content in peer.all("odom")]
+    # It arrives in the period that begins at 0.006 s, so that it acts from 0.010 s on: sample 5.
+    assert np.flatnonzero(off).tolist() == [5, 6, 7]
+
+
+def test_clear_ends_every_fault(stand):
+    robot, peer = stand
+    peer.fault("[{kind: joint_missing, duration: 10.0}, {kind: message_dropout, stream: odom, duration: 10.0}]")
+    for _ in range(3):
+        robot.step_period()
+    assert robot.faults.busy
+    assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (1, 11)
+    peer.fault("clear")
+    for _ in range(2):
+        robot.step_period()
+    assert not robot.faults.busy
+    assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (2, 12)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
+        ("{kind: odom_jump, size: 50.0}", "odom_jump.size = 50.0: input should be less than or equal to 3"),
+        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "joint 'knee' is unknown"),
+        ("stop", "'stop' is no mapping"),
+    ],
+)
+def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
+    robot, peer = stand
+    with caplog.at_level(logging.WARNING):
+        peer.fault(text)
+        robot.step_period()
+    (record,) = caplog.records
+    assert record.getMessage().startswith("fault refused: ")
+    assert said in record.getMessage()
+    assert not robot.faults.busy
+
+
+def test_commands_are_lost_and_torques_are_changed_on_their_way(stand):
+    robot, peer = stand
+    applied = []
+    peer.fault("[{kind: actuator_gain, actuator: FL_calf_joint, factor: 0.5, duration: 0.006}, "
+               "{kind: command_loss, share: 1.0, start: 0.006, duration: 1.0}]")  # fmt: skip
+    robot.step_period()
+    for number in range(1, 5):
+        robot.publish()
+        peer.effort(np.full(12, float(number)))
+        robot.advance()
+        applied.append(robot.plant.applied_torques.tolist())
+    assert [values[0] for values in applied] == [1.0, 2.0, 2.0, 2.0]
+    assert [values[2] for values in applied] == [0.5, 1.0, 2.0, 2.0]
+
+
+def test_of_commands_that_arrive_together_the_newest_acts(stand):
+    robot, peer = stand
+    robot.plan(read_faults("{kind: command_twice, gap: 0.002, duration: 1.0}", "x"))
+    for number in range(1, 4):
+        robot.publish()
+        peer.effort(np.full(12, float(number)))
+        robot.advance()
+        assert robot.plant.applied_torques[0] == number
+
+
+def test_what_is_sent_is_told_with_the_true_time_of_what_it_tells(stand):
+    robot, _ = stand
+    sent = []
+    robot.sent = lambda stream, taken: sent.append((stream, taken))
+    robot.plan(read_faults("{kind: message_delay, stream: joint_states, delay: 0.004, duration: 1.0}", "x"))
+    for _ in range(4):
+        robot.step_period()
+    assert [taken for stream, taken in sent if stream == "joint_states"] == [2_000_000, 4_000_000]
+    assert [taken for stream, taken in sent if stream == "odom"] == [2_000_000, 4_000_000, 6_000_000, 8_000_000]
+
+
+def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
+    robot, peer = stand
+    for name in ("pass_time", "spoil", "post", "torques"):
+        monkeypatch.setattr(robot.faults, name, lambda *arguments, name=name: pytest.fail(f"{name} was called"))
+    peer.effort(np.ones(12))
+    robot.step_period()
+
+
+@pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
+def test_in_lockstep_faults_after_which_no_answer_comes_are_refused(go2, kind):
+    model, settings = go2
+    robot = MockRobot(model, settings, Peer(settings).transport, lockstep=True)
+    with pytest.raises(InputRefused, match=f"{kind}: the mock robot waits for an answer"):
+        robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
+    robot.plan(read_faults("{kind: joint_noise}", "x"))
+
+
+def test_a_script_acts_at_its_times(go2, tmp_path):
+    _, settings = go2
+    script = tmp_path / "faults.yaml"
+    script.write_text("- {at: 0.004, kind: joint_missing, duration: 0.004}\n", encoding="utf-8")
+    peer, stop = Peer(settings), threading.Event()
+
+    def received(payload: bytes) -> None:
+        if len(peer.all("joint_states")) >= 6:
+            stop.set()
+
+    (joint_states,) = (e for e in endpoints(MOCK_TOPICS, NODE_NAME) if e.key == "joint_states")
+    MemoryTransport(peer.transport._bus).subscribe(counterpart(joint_states), received)
+    run_mock(settings, peer.transport, stop, real_time_factor=100.0, faults=script)
+    assert [len(content.name) for content in peer.all("joint_states")][:6] == [12, 12, 11, 11, 12, 12]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("- {kind: kick}", "'at'"),
+        ("- {at: 1.0, kind: payload, link: x}", "link 'x' is unknown"),
+        ("{", "not valid YAML"),
+    ],
+)
+def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path, text, said):
+    _, settings = go2
+    script = tmp_path / "faults.yaml"
+    script.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=said) as error:
+        run_mock(settings, Peer(settings).transport, threading.Event(), faults=script)
+    assert str(error.value).startswith(str(script))

@@ -1,0 +1,464 @@
+import itertools
+import logging
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from starved import StarvedThread
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware import codec as messages
+from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.settings import Settings
+from wbc_controller.simulation import mock_robot as module
+from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+
+
+class Peer:
+    """The other side of the mock robot's topics: keeps what comes, in order, and sends what it is told."""
+
+    def __init__(self, bus: MemoryBus, settings) -> None:
+        self.received: list[tuple[str, str, object]] = []
+        self.on_joint_states = lambda content: None
+        transport = MemoryTransport(bus)
+        self._publish = {}
+        for endpoint in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
+            if endpoint.direction is Direction.IN:
+                qos = endpoint.qos
+                other = Endpoint(endpoint.key, endpoint.subject, endpoint.name, endpoint.type, Direction.OUT, qos)
+                self._publish[endpoint.key, endpoint.subject] = transport.advertise(other)
+            else:
+                transport.subscribe(endpoint, lambda payload, endpoint=endpoint: self._take(endpoint, payload))
+
+    def _take(self, endpoint: Endpoint, payload: bytes) -> None:
+        content = messages.decode(payload, endpoint.type)
+        self.received.append((endpoint.key, endpoint.subject, content))
+        if endpoint.key == "joint_states":
+            self.on_joint_states(content)
+
+    def all(self, key: str) -> list:
+        return [content for received, _, content in self.received if received == key]
+
+    def raw(self, key: str, payload: bytes, subject: str = "") -> None:
+        self._publish[key, subject](payload)
+
+    def effort(self, tau) -> None:
+        layout = messages.message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        data = np.asarray(tau, dtype=np.float64)
+        self.raw(
+            "effort", messages.encode(messages.message("std_msgs/msg/Float64MultiArray", layout=layout, data=data))
+        )
+
+    def answer(self, stamp: int, names, tau) -> None:
+        content = messages.message(
+            "sensor_msgs/msg/JointState",
+            header=messages.header(stamp),
+            name=list(names),
+            position=np.zeros(0),
+            velocity=np.zeros(0),
+            effort=np.asarray(tau, dtype=np.float64),
+        )
+        self.raw("joint_commands", messages.encode(content))
+
+    def push(self, frame: str, force) -> None:
+        vectors = [messages.message("geometry_msgs/msg/Vector3", x=x, y=0.0, z=0.0) for x in (force, 0.0)]
+        wrench = messages.message("geometry_msgs/msg/Wrench", force=vectors[0], torque=vectors[1])
+        content = messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(0, frame), wrench=wrench)
+        self.raw("push", messages.encode(content))
+
+    def hold(self, held: bool) -> None:
+        self.raw("hold", messages.encode(messages.message("std_msgs/msg/Bool", data=held)))
+
+
+def stamp_of(content) -> int:
+    return messages.nanoseconds(content.header.stamp)
+
+
+@pytest.fixture
+def make(go2):
+    model, shipped = go2
+
+    def build(contacts=None, transport=MemoryTransport, **options):
+        settings = shipped
+        if contacts:
+            values = shipped.model_dump()
+            settings = Settings.model_validate(values | {"contacts": values["contacts"] | contacts})
+        bus = MemoryBus()
+        peer = Peer(bus, settings)
+        return MockRobot(model, settings, transport(bus), **options), peer
+
+    return build
+
+
+def test_a_period_publishes_the_state_with_one_stamp(make, go2):
+    model, settings = go2
+    robot, peer = make()
+    assert [content.data for content in peer.all("robot_description")] == [model.urdf]
+    robot.step_period()
+    keys = [key for key, _, _ in peer.received]
+    assert keys.index("odom") < keys.index("joint_states")
+    (odom,), (joints,), (imu,) = peer.all("odom"), peer.all("joint_states"), peer.all("imu")
+    assert stamp_of(odom) == stamp_of(joints) == stamp_of(imu) == 2_000_000
+    assert (odom.header.frame_id, odom.child_frame_id, imu.header.frame_id) == ("world", "base", "imu")
+    ((transform,),) = (content.transforms for content in peer.all("tf"))
+    assert (transform.header, transform.child_frame_id) == (odom.header, "base")
+    position, translation = odom.pose.pose.position, transform.transform.translation
+    assert (position.x, position.y, position.z) == (translation.x, translation.y, translation.z)
+    assert transform.transform.rotation == odom.pose.pose.orientation
+    assert joints.name == list(model.joints)
+    np.testing.assert_array_equal(joints.position, model.posture)
+    assert {subject for key, subject, _ in peer.received if key == "contact_wrench"} == set(settings.contacts)
+    robot.step_period()
+    assert stamp_of(peer.all("joint_states")[1]) == 4_000_000
+
+
+def test_a_late_subscriber_is_given_the_description(go2):
+    model, settings = go2
+    bus = MemoryBus()
+    MockRobot(model, settings, MemoryTransport(bus))
+    assert len(Peer(bus, settings).all("robot_description")) == 1
+
+
+def test_contact_wrenches_come_at_their_own_rate(make, go2):
+    _, settings = go2
+    robot, peer = make()
+    for _ in range(10):
+        robot.step_period()
+    assert len(peer.all("contact_wrench")) == 2 * len(settings.contacts)
+
+
+def test_torques_are_applied_and_reported(make, go2):
+    model, _ = go2
+    robot, peer = make()
+    tau = np.linspace(-3.0, 3.0, model.na)
+    robot.publish()
+    peer.effort(tau)
+    robot.advance()
+    robot.publish()
+    np.testing.assert_array_equal(peer.all("joint_states")[-1].effort, tau)
+    assert robot.plant.time == pytest.approx(0.002)
+
+
+def test_old_torques_give_way_to_damping(make, go2):
+    model, settings = go2
+    robot, peer = make()
+    tau = np.ones(model.na)
+    peer.effort(tau)
+    periods = round(settings.mock.command_timeout * settings.control.rate)
+    for _ in range(periods):
+        robot.step_period()
+        np.testing.assert_array_equal(robot.plant.applied_torques, tau)
+    for _ in range(3):
+        robot.step_period()
+    _, v = robot.plant.state()
+    damped = robot.plant.applied_torques
+    assert (damped != tau).all()
+    assert damped @ v[model.v_index] < 0.0
+    peer.effort(tau)
+    robot.step_period()
+    np.testing.assert_array_equal(robot.plant.applied_torques, tau)
+
+
+@pytest.mark.parametrize(
+    ("tau", "said"),
+    [([1.0] * 11, "got 11 torques; expected 12"), ([], "got 0"), ([np.nan] + [1.0] * 11, "FL_hip_joint: nan")],
+)
+def test_unusable_torques_are_refused_and_the_joints_damped(make, caplog, tau, said):
+    robot, peer = make()
+    peer.effort(np.ones(12))
+    robot.step_period()
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            peer.effort(tau)
+            robot.step_period()
+    assert [said in record.getMessage() for record in caplog.records] == [True]  # said once
+    assert (robot.plant.applied_torques != 1.0).all()
+
+
+def test_bytes_that_are_no_message_are_refused(make, caplog):
+    robot, peer = make()
+    for key in ("effort", "push", "hold"):
+        peer.raw(key, b"\x00\x01\x00\x00")
+    with caplog.at_level(logging.WARNING):
+        robot.step_period()
+    assert sum("are not a" in record.getMessage() for record in caplog.records) == 3
+
+
+def test_the_base_is_held_until_it_is_let_go(make):
+    robot, peer = make()
+    for _ in range(200):
+        robot.step_period()
+    assert robot.plant.held
+    assert robot.plant.state()[0][2] == pytest.approx(0.3348, abs=1e-3)
+    peer.hold(False)
+    for _ in range(500):
+        robot.step_period()
+    assert not robot.plant.held
+    assert robot.plant.state()[0][2] < 0.3
+
+
+@pytest.mark.parametrize("let_down", [False, True])
+def test_the_joints_are_braked_until_the_first_torques_or_until_it_is_let_down(make, let_down):
+    robot, peer = make()
+    posture = robot.plant.state()[0][7:]
+    for _ in range(300):
+        robot.step_period()
+    np.testing.assert_allclose(robot.plant.state()[0][7:], posture, atol=2e-3)
+    (imu,) = peer.all("imu")[-1:]
+    force = imu.linear_acceleration
+    np.testing.assert_allclose([force.x, force.y, force.z], [0.0, 0.0, robot._robot.gravity], atol=0.05)
+    if let_down:
+        peer.hold(False)
+    else:
+        peer.effort(np.zeros(robot._robot.na))
+    for _ in range(150):
+        robot.step_period()
+    assert np.abs(robot.plant.state()[0][7:] - posture).max() > 0.01
+
+
+def test_grips_by_topic(make, caplog):
+    contact = {"type": "fixed", "frame": "FL_hip", "max_force": 500.0, "max_moment": 100.0, "enabled": False}
+    robot, peer = make(contacts={"grip": contact})
+    close, loose = (messages.encode(messages.message("std_msgs/msg/Bool", data=held)) for held in (True, False))
+    peer.raw("grip", close, "grip")
+    peer.hold(False)
+    for _ in range(300):
+        robot.step_period()
+    assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=0.03)  # it hangs from one hip
+    last = [content for key, subject, content in peer.received if (key, subject) == ("contact_wrench", "grip")][-1]
+    assert last.header.frame_id == "grip"
+    assert abs(last.wrench.force.z) > 50.0
+    peer.raw("grip", loose, "grip")
+    with caplog.at_level(logging.WARNING):
+        peer.raw("grip", close, "front_left_foot")
+        for _ in range(200):
+            robot.step_period()
+    assert robot.plant.state()[0][2] < 0.25
+    assert any("a grip at 'front_left_foot'" in record.getMessage() for record in caplog.records)
+
+
+def test_pushes_by_topic(make, caplog):
+    robot, peer = make()
+    peer.hold(False)
+    for _ in range(160):
+        robot.step_period()
+    for frame in ("", "FR_foot"):
+        before = robot.plant.acceleration()[0]
+        peer.push(frame, 100.0)
+        robot.step_period()
+        assert robot.plant.acceleration()[0] > before + 0.5
+    with caplog.at_level(logging.WARNING):
+        peer.push("FR_fot", 100.0)
+        peer.push("base", np.inf)
+        robot.step_period()
+    said = [record.getMessage() for record in caplog.records]
+    assert "did you mean 'FR_foot'" in said[0]
+    assert "finite" in said[1]
+
+
+def test_lockstep_answers_within_the_publication(make, go2):
+    model, _ = go2
+    robot, peer = make(lockstep=True)
+    torques = []
+
+    def controller(content):
+        torques.append(np.full(model.na, 0.01 * len(torques)))
+        peer.answer(stamp_of(content), reversed(model.joints), torques[-1])
+
+    peer.on_joint_states = controller
+    for index in range(50):
+        assert robot.step_period()
+        np.testing.assert_array_equal(robot.plant.applied_torques, torques[index])
+    assert len(torques) == 50
+
+
+def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
+    model, _ = go2
+    robot, peer = make(lockstep=True)
+    stop = threading.Event()
+    thread = threading.Thread(target=robot.run, args=(stop,))
+    thread.start()
+    try:
+        time.sleep(0.18)
+        states = peer.all("joint_states")
+        assert 2 <= len(states) <= 5  # published again while nobody answers
+        assert {stamp_of(state) for state in states} == {2_000_000}
+        peer.answer(1_000_000, model.joints, np.zeros(model.na))
+        time.sleep(0.02)
+        assert robot.plant.time == 0.0
+        peer.answer(2_000_000, model.joints, np.ones(model.na))
+        time.sleep(0.1)
+        assert stamp_of(peer.all("joint_states")[-1]) == 4_000_000
+    finally:
+        stop.set()
+        thread.join(timeout=2.0)
+    assert not thread.is_alive()
+    np.testing.assert_array_equal(peer.all("joint_states")[-1].effort, np.ones(model.na))
+
+
+@pytest.mark.parametrize(
+    ("names", "tau", "said"),
+    [
+        (slice(1, None), [1.0] * 11, "FL_hip_joint are missing"),
+        (slice(None), [1.0] * 11, "got 11 efforts for 12 names"),
+        (slice(None), [np.inf] * 12, "not finite"),
+    ],
+)
+def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, names, tau, said):
+    model, _ = go2
+    robot, peer = make(lockstep=True)
+    peer.on_joint_states = lambda content: peer.answer(stamp_of(content), model.joints[names], tau)
+    with caplog.at_level(logging.WARNING):
+        assert robot.step_period()
+    assert said in caplog.records[0].getMessage()
+    assert (np.abs(robot.plant.applied_torques) < 0.9).all()
+
+
+def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
+    model, _ = go2
+
+    def run():
+        robot, peer = make(lockstep=True)
+        seen = []
+
+        def controller(content):
+            seen.append(content.position.tobytes() + content.velocity.tobytes())
+            peer.answer(stamp_of(content), model.joints, 20.0 * (model.posture - content.position))
+
+        peer.on_joint_states = controller
+        peer.hold(False)
+        for _ in range(100):
+            robot.step_period()
+        return seen
+
+    assert run() == run()
+
+
+def test_real_time_keeps_absolute_deadlines(make):
+    """On a clock that only waiting and the controller move: what a period takes is not waited for again."""
+    now, took = [0.0], itertools.cycle([0.0, 0.0004, 0.0007])
+    robot, peer = make(clock=lambda: now[0], real_time_factor=2.0)
+
+    class Stop(threading.Event):
+        def wait(self, timeout=None):
+            now[0] += timeout
+            return self.is_set()
+
+    stop = Stop()
+
+    def controller(content):
+        now[0] += next(took)
+        if len(peer.all("joint_states")) == 200:
+            stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert robot.rebased == 0
+    assert len(peer.all("joint_states")) == 200
+    assert robot.plant.time == pytest.approx(2.0 * now[0], abs=1e-9)
+
+
+def test_torques_are_let_in_while_it_computes(make):
+    """The interpreter changes threads often meanwhile, and as before afterwards."""
+    robot, peer = make(clock=lambda: 0.0)
+    stop, seen, before = threading.Event(), [], sys.getswitchinterval()
+
+    def controller(content):
+        seen.append(sys.getswitchinterval())
+        stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert seen == [pytest.approx(1e-4)]
+    assert sys.getswitchinterval() == before
+
+
+def test_lateness_is_given_up_and_counted(make):
+    now = [0.0]
+    robot, peer = make(clock=lambda: now[0])
+    stop = threading.Event()
+    late_once = iter([0.15, 1.0])
+
+    def controller(content):
+        now[0] += next(late_once, 0.002)
+        if len(peer.all("joint_states")) == 5:
+            stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert robot.rebased == 1
+    assert robot.plant.time == pytest.approx(0.01)
+
+
+def test_a_patient_robot_waits_for_a_controller_that_is_late(make, monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", 600.0)
+    robot, peer = make(patient=True)
+    stop, seen = threading.Event(), []
+
+    def answers():
+        while len(seen) < 8:
+            time.sleep(0.03)  # 15 periods
+            seen.append(len(peer.all("joint_states")))
+            peer.effort(np.zeros(robot.plant.model.nu))
+        stop.set()
+
+    controller = threading.Thread(target=answers)
+    controller.start()
+    robot.run(stop)
+    controller.join()
+    waited = np.diff(seen[1:])  # the robot waits from the first torques on
+    assert waited.max() <= 7  # 10 ms, the period in which they came, and the one that is published
+    assert waited.min() >= 1
+
+
+def test_a_patient_robot_goes_on_where_nobody_sends_torques_any_more(make, monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", 0.01)
+    robot, peer = make(patient=True)
+    stop = threading.Event()
+
+    def controller(content):
+        count = len(peer.all("joint_states"))
+        if count == 20:
+            peer.effort(np.zeros(robot.plant.model.nu))
+        if count == 60:
+            stop.set()
+
+    peer.on_joint_states = controller
+    robot.run(stop)
+    assert robot.plant.time == pytest.approx(0.12)
+
+
+def test_torques_are_taken_though_the_transport_s_thread_is_starved(make, go2):
+    """Their age is judged in simulated time, which does not wait for that thread."""
+    robot, peer = make(transport=StarvedThread)
+    tau = np.full(go2[0].na, 0.5)
+    for _ in range(2 * round(go2[1].mock.command_timeout * go2[1].control.rate)):
+        peer.effort(tau)
+        robot.step_period()
+        assert robot.plant.applied_torques == pytest.approx(tau)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_real_time_factor_must_be_positive(make, factor):
+    with pytest.raises(ConfigurationError, match="real-time factor"):
+        make(real_time_factor=factor)
+
+
+def test_absolute_poses_come_at_their_rate_and_late(robot_of, changed):
+    settings, model = robot_of("go2")
+    mock = {"pose_rate": 20.0, "pose_delay": 0.1, "pose_noise": 0.002, "pose_turn_noise": 0.003}
+    bus, heard = MemoryBus(), []
+    robot = MockRobot(model, changed(settings, {"mock": mock}), MemoryTransport(bus))
+    (row,) = [each for each in endpoints(MOCK_TOPICS, "mock_robot") if each.key == "pose"]
+    MemoryTransport(bus).subscribe(row, lambda payload: heard.append((robot.stamp, messages.decode(payload, row.type))))
+    for _ in range(200):
+        robot.step_period()
+    truth = robot.plant.state()[0]
+    assert [round(1e-6 * (at - messages.nanoseconds(pose.header.stamp))) for at, pose in heard] == [100] * len(heard)
+    assert len(heard) == 6  # in 0.4 s, the first after 0.1 s
+    places = np.array([[getattr(each.pose.pose.position, axis) for axis in "xyz"] for _, each in heard])
+    assert 0.0005 < (places - truth[:3]).std() < 0.005
+    np.testing.assert_allclose(heard[0][1].pose.covariance[[0, 35]], [4e-6, 9e-6])

@@ -1,0 +1,651 @@
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+import wbc_controller as wbc
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
+from wbc_controller.settings.files import parse_settings
+from wbc_controller.simulation.mechanism import contact_frame
+from wbc_controller.simulation.plant import Plant
+
+ROBOTS = ("g1", "talos", "go2")
+IN_THE_AIR = 10.0
+
+
+def random_state(model, rng):
+    joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
+    base = pin.SE3.Random()
+    base.rotation = pin.exp3(rng.normal(size=3))
+    base.translation = np.array([rng.normal(), rng.normal(), IN_THE_AIR])
+    return model.configuration(joints, base), rng.normal(size=model.nv, scale=2.0)
+
+
+@pytest.fixture(scope="module")
+def flying(load):
+    """One plant per robot, let go."""
+    plants = {name: Plant(*load(name)) for name in ROBOTS}
+    for plant in plants.values():
+        plant.hold(False, ramp=0.0)
+    return plants
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@hypothesis_settings(deadline=None, max_examples=30, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_free_acceleration_is_that_of_the_articulated_body_algorithm(flying, load, name, seed):
+    model, _ = load(name)
+    plant = flying[name]
+    rng = np.random.default_rng(seed)
+    q, v = random_state(model, rng)
+    tau = rng.uniform(-1.0, 1.0, model.na) * plant.effort_limits
+    plant.apply(tau)
+    plant.set_state(q, v)
+    generalized = np.zeros(model.nv)
+    generalized[model.v_index] = tau
+    expected = pin.aba(model.pinocchio, model.pinocchio.createData(), q, v, generalized)
+    assert np.linalg.norm(plant.acceleration() - expected) < 1e-6 * np.linalg.norm(expected)
+
+
+def test_joints_that_are_not_actuated_are_locked(go2):
+    full, settings = go2
+    joints = full.joints[3:9][::-1]
+    own = settings.robot.model_copy(update={"joints": list(joints), "posture": [0.0, 0.8, -1.5] * 2})
+    model = build_model(full.urdf, joints, [-1.5, 0.8, 0.0] * 2, armature=0.02)
+    plant = Plant(model, settings.model_copy(update={"robot": own}))
+    plant.hold(False, ramp=0.0)
+    q, v = random_state(model, np.random.default_rng(0))
+    plant.apply(np.arange(6.0))
+    plant.set_state(q, v)
+    tau = np.zeros(model.nv)
+    tau[model.v_index] = np.arange(6.0)
+    expected = pin.aba(model.pinocchio, model.pinocchio.createData(), q, v, tau)
+    np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_states_go_in_and_out_unchanged(flying, load, name):
+    model, _ = load(name)
+    q, v = random_state(model, np.random.default_rng(1))
+    flying[name].set_state(q, v)
+    q_out, v_out = flying[name].state()
+    np.testing.assert_allclose(q_out, q, atol=1e-12)
+    np.testing.assert_allclose(v_out, v, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_velocity_is_the_derivative_of_the_configuration(flying, load, name):
+    model, _ = load(name)
+    plant = flying[name]
+    plant.set_state(*random_state(model, np.random.default_rng(2)))
+    plant.apply(np.zeros(model.na))
+    before, _ = plant.state()
+    plant.step()
+    after, v = plant.state()
+    # A semi-implicit step moves the configuration by the new velocity; the base's axes turn meanwhile.
+    moved = pin.difference(model.pinocchio, before, after) / plant.step_seconds
+    np.testing.assert_allclose(moved, v, atol=0.05 * np.abs(v).max() * np.abs(v[3:6]).max() * 0.02 + 0.02)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_in_free_fall_momentum_grows_by_the_weight_alone(flying, load, name):
+    model, _ = load(name)
+    plant = flying[name]
+    plant.set_state(*random_state(model, np.random.default_rng(3)))
+    plant.apply(np.zeros(model.na))
+    v_dot = plant.acceleration()
+    q, v = plant.state()
+    data = model.pinocchio.createData()
+    pin.computeCentroidalMomentumTimeVariation(model.pinocchio, data, q, v, v_dot)
+    np.testing.assert_allclose(data.dhg.linear, [0.0, 0.0, -model.mass * model.gravity], atol=1e-8)
+    np.testing.assert_allclose(data.dhg.angular, np.zeros(3), atol=1e-8)
+
+
+def test_the_posture_stands_on_the_floor(any_robot, standing):
+    model, settings = any_robot
+    plant = Plant(model, settings)
+    assert plant.held
+    assert not plant.fallen
+    assert plant.time == 0.0
+    control = standing(model, settings, plant.state()[0])
+    for _ in range(20):
+        plant.apply(control(plant))
+        plant.step()
+    assert 0.0 <= plant.penetration() < 1e-4
+    touching = [name for name, wrench in plant.contact_wrenches().items() if np.linalg.norm(wrench) > 0.0]
+    assert touching == list(settings.contacts)
+    assert plant.links_on_the_floor() == frozenset()
+
+
+def test_links_without_a_contact_that_come_down_are_named(load):
+    model, settings = load("go2")
+    plant = Plant(model, settings)
+    plant.hold(False, ramp=0.0)
+    plant.damp(0.5)
+    while not (down := plant.links_on_the_floor()):
+        assert plant.time < 3.0
+        plant.step()
+    assert down <= {"base", *(f"{leg}_{link}" for leg in ("FL", "FR", "RL", "RR") for link in ("hip", "thigh", "calf"))}
+
+
+def test_a_held_robot_without_torques_stays(any_robot):
+    model, settings = any_robot
+    plant = Plant(model, settings)
+    start, _ = plant.state()
+    plant.damp(2.0)
+    for _ in range(300):
+        plant.step()
+    q, _ = plant.state()
+    np.testing.assert_allclose(q[:7], start[:7], atol=1e-4)
+    assert plant.penetration() < 1e-3
+
+
+def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot, standing):
+    model, settings = any_robot
+    plant = Plant(model, settings)
+    start, _ = plant.state()
+    control = standing(model, settings, start)
+    weight = model.mass * model.gravity
+    forces, depth, speed = [], 0.0, 0.0
+
+    def run(steps):
+        nonlocal depth, speed
+        forces.clear()
+        for _ in range(steps):
+            plant.apply(control(plant))
+            plant.step()
+            depth = max(depth, plant.penetration())
+            speed = max(speed, float(np.abs(plant.state()[1][:6]).max()))
+            forces.append(sum(wrench[2] for wrench in plant.contact_wrenches().values()))
+
+    run(200)
+    plant.hold(False)
+    assert not plant.held
+    run(700)
+    assert max(abs(force - weight) for force in forces) < 0.02 * weight  # neither drop nor kick
+    assert np.ptp(forces[-100:]) < 1e-3 * weight  # no chatter
+    assert abs(forces[-1] - weight) < 1e-3 * weight
+    assert depth < 1e-3
+    assert speed < 0.02
+    assert not plant.fallen
+    assert np.linalg.norm(plant.state()[0][:3] - start[:3]) < 1e-3
+
+
+def test_contact_wrenches_explain_the_acceleration(any_robot):
+    model, settings = any_robot
+    plant = Plant(model, settings)
+    plant.hold(False, ramp=0.0)
+    tau = 0.2 * plant.effort_limits * np.sin(np.arange(model.na))
+    plant.apply(tau)
+    for _ in range(3):
+        plant.step()
+    q, v = plant.state()
+    data = model.pinocchio.createData()
+    pin.forwardKinematics(model.pinocchio, data, q)
+    external = pin.StdVec_Force()
+    external.extend([pin.Force.Zero() for _ in range(model.pinocchio.njoints)])
+    for name, wrench in plant.contact_wrenches().items():
+        joint, placement = contact_frame(model, name, settings.contacts[name])
+        if wrench.size == 6:
+            external[joint] += placement.act(pin.Force(wrench))
+        else:
+            # The ball touches the floor a radius below its centre; its force there has a moment about the centre.
+            rotation = (data.oMi[joint] * placement).rotation
+            arm = np.array([0.0, 0.0, -settings.contacts[name].radius])
+            local = pin.Force(rotation.T @ wrench, rotation.T @ np.cross(arm, wrench))
+            external[joint] += placement.act(local)
+    generalized = np.zeros(model.nv)
+    generalized[model.v_index] = tau
+    assert any(np.linalg.norm(wrench) > 1.0 for wrench in plant.contact_wrenches().values())
+    expected = pin.aba(model.pinocchio, data, q, v, generalized, external)
+    assert np.linalg.norm(plant.acceleration() - expected) < 1e-3 * np.linalg.norm(expected)
+
+
+def test_friction_is_that_of_the_floor(go2, standing):
+    model, settings = go2
+    friction = settings.mock.friction
+    assert friction != settings.contacts["front_left_foot"].friction
+    foot = model.pinocchio.getFrameId("FL_foot")
+    data = model.pinocchio.createData()
+    for share, slides in ((0.4, False), (1.3, True)):
+        plant = Plant(model, settings)
+        control = standing(model, settings, plant.state()[0])
+        plant.hold(False, ramp=0.0)
+
+        def foot_after(steps, plant=plant, control=control):
+            for _ in range(steps):
+                plant.apply(control(plant))
+                plant.step()
+                for force in plant.contact_wrenches().values():
+                    assert math.hypot(force[0], force[1]) <= friction * force[2] * (1.0 + 1e-4) + 1e-6
+            pin.framesForwardKinematics(model.pinocchio, data, plant.state()[0])
+            return data.oMf[foot].translation[:2].copy()
+
+        start = foot_after(200)
+        force = share * friction * model.mass * model.gravity
+        plant.push(model.base_link, [force, 0.0, 0.0, 0.0, 0.0, 0.0], 0.3)
+        way = np.linalg.norm(foot_after(300) - start)
+        assert (way > 0.02) if slides else (way < 0.01), (share, way)  # the balls roll a little
+
+
+def test_the_same_calls_give_the_same_bits(any_robot):
+    model, settings = any_robot
+
+    def run():
+        plant = Plant(model, settings)
+        rng = np.random.default_rng(5)
+        plant.hold(False, ramp=0.05)
+        plant.push(model.base_link, [50.0, 0.0, 0.0, 0.0, 0.0, 5.0], 0.05)
+        out = []
+        for _ in range(100):
+            plant.apply(rng.normal(size=model.na, scale=5.0))
+            plant.step()
+            out += [*plant.state(), plant.acceleration(), *plant.contact_wrenches().values()]
+            out += plant.imu(model.base_link)
+        return np.concatenate(out).tobytes()
+
+    assert run() == run()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_push_changes_the_momentum_by_its_impulse(load, name):
+    model, settings = load(name)
+    frame = str(model.pinocchio.frames[-1].name)
+    wrench = np.array([30.0, -20.0, 10.0, 1.0, 2.0, -3.0])
+
+    def momentum(pushed):
+        plant = Plant(model, settings)
+        plant.hold(False, ramp=0.0)
+        plant.set_state(
+            model.configuration(model.posture, pin.SE3(np.eye(3), np.array([0.0, 0.0, IN_THE_AIR]))), np.zeros(model.nv)
+        )
+        data = model.pinocchio.createData()
+        arm = np.zeros(3)
+        plant.damp(50.0)
+        if pushed:
+            plant.push(frame, wrench / 2.0, 0.02)
+            plant.push(frame, wrench / 2.0, 0.02)
+        for _ in range(30):
+            q, _ = plant.state()
+            pin.framesForwardKinematics(model.pinocchio, data, q)
+            com = pin.centerOfMass(model.pinocchio, data, q)
+            if plant.time < 0.02 - 1e-9:
+                arm += (data.oMf[model.pinocchio.getFrameId(frame)].translation - com) / 20.0
+            plant.step()
+        q, v = plant.state()
+        h = pin.computeCentroidalMomentum(model.pinocchio, data, q, v)
+        return h.linear.copy(), h.angular.copy(), arm
+
+    linear, angular, arm = momentum(True)
+    linear_free, angular_free, _ = momentum(False)
+    np.testing.assert_allclose(linear - linear_free, 0.02 * wrench[:3], rtol=0.01)
+    expected = 0.02 * (wrench[3:] + np.cross(arm, wrench[:3]))
+    np.testing.assert_allclose(angular - angular_free, expected, atol=0.01 * np.linalg.norm(expected))
+
+
+def test_motors_saturate(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    plant.apply(np.full(model.na, 1e6))
+    np.testing.assert_array_equal(plant.applied_torques, plant.effort_limits)
+
+
+def test_joints_stop_at_their_limits(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    plant.hold(False, ramp=0.0)
+    plant.set_state(
+        model.configuration(model.posture, pin.SE3(np.eye(3), np.array([0.0, 0.0, IN_THE_AIR]))), np.zeros(model.nv)
+    )
+    plant.apply(0.5 * plant.effort_limits)
+    for _ in range(500):
+        plant.step()
+    q, _ = plant.state()
+    assert (q[model.q_index] <= model.position_upper + 0.02).all()
+    assert (q[model.q_index] > model.position_upper - 0.02).any()
+
+
+def test_damping_of_any_size_is_stable_and_saturates(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    q, v = plant.state()
+    v[model.v_index] = 5.0
+    plant.set_state(q, v)
+    plant.damp(1e5)
+    assert (plant.applied_torques < 0.0).all()
+    assert (plant.applied_torques >= -plant.effort_limits).all()
+    assert (plant.applied_torques == -plant.effort_limits).any()
+    for _ in range(200):
+        plant.step()
+    assert np.abs(plant.state()[1]).max() < 0.05
+
+
+def test_the_hoist_carries_a_fallen_robot_back(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    start, _ = plant.state()
+    plant.damp(2.0)
+    plant.hold(False)
+    for _ in range(2000):
+        plant.step()
+    assert plant.fallen
+    plant.hold(True)
+    assert plant.held
+    speed = 0.0
+    for _ in range(2500):
+        plant.step()
+        speed = max(speed, float(np.abs(plant.state()[1][:3]).max()))
+    np.testing.assert_allclose(plant.state()[0][:7], start[:7], atol=1e-3)
+    assert not plant.fallen
+    assert speed < 2.0
+
+
+def test_an_imu_at_rest_feels_the_floor(go2, standing):
+    model, settings = go2
+    plant = Plant(model, settings)
+    control = standing(model, settings, plant.state()[0])
+    for _ in range(300):
+        plant.apply(control(plant))
+        plant.step()
+    quaternion, omega, force = plant.imu("base")
+    np.testing.assert_allclose(quaternion, [0.0, 0.0, 0.0, 1.0], atol=1e-4)
+    np.testing.assert_allclose(omega, np.zeros(3), atol=1e-3)
+    np.testing.assert_allclose(force, [0.0, 0.0, model.gravity], atol=1e-2)
+
+
+@pytest.mark.parametrize("frame", ["base", "FL_calf", "RR_foot", "imu"])
+def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
+    model, settings = go2
+    plant, data = Plant(model, settings), model.pinocchio.createData()
+    rng = np.random.default_rng(0)
+    q, v = plant.state()
+    q[:7] = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.5, 2.0), np.array([0.1, -0.2, 1.0])))
+    plant.hold(False, ramp=0.0)
+    plant.set_state(q, v + rng.normal(size=model.nv))
+    plant.apply(rng.normal(size=model.na))
+    for _ in range(20):
+        plant.step()
+        quaternion, omega, force = plant.imu(frame)
+        q, v = plant.state()
+        pin.forwardKinematics(model.pinocchio, data, q, v, plant.acceleration())
+        pin.updateFramePlacements(model.pinocchio, data)
+        place = data.oMf[model.frame_id(frame, "frame")]
+        at = (model.pinocchio, data, model.frame_id(frame, "frame"), pin.LOCAL)
+        np.testing.assert_allclose(pin.Quaternion(quaternion).matrix(), place.rotation, atol=1e-9)
+        np.testing.assert_allclose(omega, pin.getFrameVelocity(*at).angular, atol=1e-9)
+        expected = pin.getFrameClassicalAcceleration(*at).linear - place.rotation.T @ model.pinocchio.gravity.linear
+        np.testing.assert_allclose(force, expected, atol=1e-6)
+        plant.set_state(q, v)  # which begins a new period: it measures the force of the instant
+
+
+@pytest.mark.parametrize("frame", ["base", "imu"])
+def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing, frame):
+    model, settings = go2
+    plant, data = Plant(model, settings), model.pinocchio.createData()
+    control, period = standing(model, settings, plant.state()[0]), 1.0 / settings.control.rate
+    plant.hold(False, ramp=0.0)
+    plant.push(model.base_link, [30.0, 20.0, -80.0, 3.0, 2.0, 1.0], 0.1)
+
+    def velocity():
+        pin.forwardKinematics(model.pinocchio, data, *plant.state())
+        pin.updateFramePlacements(model.pinocchio, data)
+        at = (model.pinocchio, data, model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
+        return np.array(pin.getFrameVelocity(*at).linear)
+
+    plant.imu(frame)
+    start, total, largest = velocity(), np.zeros(3), 0.0
+    for _ in range(100):
+        plant.apply(control(plant))
+        turned = pin.Quaternion(plant.imu(frame)[0]).matrix()
+        for _ in range(plant.steps_per_period):
+            plant.step()
+        _, omega, force = plant.imu(frame)
+        middle = turned @ pin.exp3(0.5 * period * omega)
+        total += period * (middle @ force + model.pinocchio.gravity.linear)
+        largest = max(largest, float(np.linalg.norm(velocity() - start)))
+    assert largest > 0.1
+    np.testing.assert_allclose(total, velocity() - start, atol=0.002)
+
+
+def test_a_joint_moves_again_when_all_its_locks_are_gone(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    before = plant.model.joint("FL_calf_joint").range.copy()
+    place = model.q_index[model.joints.index("FL_calf_joint")]
+
+    def moved():
+        start = plant.state()[0][place]
+        plant.apply(np.where(np.array(model.joints) == "FL_calf_joint", -20.0, 0.0))
+        for _ in range(20):
+            plant.step()
+        return abs(plant.state()[0][place] - start)
+
+    first, second = plant.lock("FL_calf_joint"), plant.lock("FL_calf_joint")
+    assert moved() < 1e-2
+    first()
+    assert moved() < 1e-3
+    second()
+    assert moved() > 0.05
+    np.testing.assert_array_equal(plant.model.joint("FL_calf_joint").range, before)
+
+
+def test_an_imu_on_no_link_is_refused(go2):
+    with pytest.raises(ConfigurationError, match="nose"):
+        Plant(*go2).imu("nose")
+
+
+def test_time_is_counted_in_steps(go2):
+    model, settings = go2
+    plant = Plant(model, settings)
+    for _ in range(7):
+        plant.step()
+    assert plant.stamp == 7_000_000
+    settings = settings.model_copy(update={"control": settings.control.model_copy(update={"rate": 300.0})})
+    plant = Plant(model, settings)
+    assert plant.steps_per_period == 4
+    assert plant.step_seconds == pytest.approx(1.0 / 1200.0)
+
+
+@pytest.mark.parametrize("tau", [[0.0] * 11, [0.0] * 13, [[0.0] * 12], [math.nan] + [0.0] * 11, [math.inf] * 12])
+def test_unusable_torques_are_refused_and_change_nothing(go2, tau):
+    plant = Plant(*go2)
+    plant.apply(np.ones(12))
+    with pytest.raises(InputRefused, match="expected"):
+        plant.apply(tau)
+    np.testing.assert_array_equal(plant.applied_torques, np.ones(12))
+
+
+@pytest.mark.parametrize(
+    ("frame", "wrench", "duration", "said"),
+    [
+        ("FR_fot", [0.0] * 6, 0.1, "did you mean 'FR_foot'"),
+        ("universe", [0.0] * 6, 0.1, "no moving link"),
+        ("base", [0.0] * 3, 0.1, r"expected \(6,\)"),
+        ("base", [math.nan] + [0.0] * 5, 0.1, "finite"),
+        ("base", [1e9] + [0.0] * 5, 0.1, "at most"),
+        ("base", [0.0] * 6, math.nan, "positive"),
+        ("base", [0.0] * 6, 0.0, "positive"),
+    ],
+)
+def test_unusable_pushes_are_refused(go2, frame, wrench, duration, said):
+    with pytest.raises(InputRefused, match=said):
+        Plant(*go2).push(frame, wrench, duration)
+
+
+def test_unusable_states_are_refused(go2):
+    plant = Plant(*go2)
+    q, v = plant.state()
+    for bad_q, bad_v in ((q[1:], v), (q, v[1:]), (q * math.nan, v), (q * 0.0, v)):
+        with pytest.raises(InputRefused, match="expected"):
+            plant.set_state(bad_q, bad_v)
+
+
+ARM = """<robot name="arm"><link name="world"/><link name="upper"><inertial><origin xyz="0 0 -0.5"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0 0 -0.5" rpy="0.1 0.2 0.3"/><mass value="1"/>
+<inertia ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="world"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="10"/><dynamics damping="1" friction="1"/></joint>
+<joint name="elbow" type="revolute"><origin xyz="0 0 -1"/><parent link="upper"/><child link="lower"/><axis xyz="1 0 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="10"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+def test_a_robot_rooted_in_a_link_called_world(base):
+    joints = ["elbow", "shoulder"]  # not in the order of the tree
+    settings = parse_settings(
+        {
+            "robot": {"joints": joints, "posture": [0.3, 0.2], "base": base},
+            "tasks": {"posture": {"type": "posture"}},
+        },
+        "here",
+    )
+    urdf = ARM.replace("IXX", "0.1")
+    if base == "floating":
+        urdf = urdf.replace(
+            '<link name="world"/>',
+            '<link name="world"><inertial><mass value="3"/><inertia ixx="1" '
+            'iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>',
+        )
+    model = build_model(urdf, joints, [0.3, 0.2], floating_base=base == "floating", armature=0.02)
+    plant = Plant(model, settings)
+    plant.hold(False, ramp=0.0)
+    plant.apply([1.0, -2.0])
+    plant.forward()
+    q, v = plant.state()
+    tau = np.zeros(model.nv)
+    tau[model.v_index] = [1.0, -2.0]
+    expected = pin.aba(model.pinocchio, model.pinocchio.createData(), q, v, tau)
+    np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-9, atol=1e-9)
+    assert plant.contact_wrenches() == {}
+    plant.step()
+    assert not plant.fallen
+
+
+def carriage(base):
+    """An arm on a base that drives in a plane about an axis; `base` is the joint, or the joints, below the arm."""
+    return ARM.replace("IXX", "0.1").replace(
+        '<joint name="shoulder" type="revolute"><parent link="world"/>',
+        '<link name="cart"><inertial><mass value="20"/><inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/>'
+        f'</inertial></link>{base}<joint name="shoulder" type="revolute"><parent link="cart"/>',
+    )
+
+
+LIMIT = '<limit lower="-9" upper="9" effort="50" velocity="10"/>'
+DUMMIES = (
+    '<link name="dx"/><link name="dy"/>'
+    f'<joint name="x" type="prismatic"><parent link="world"/><child link="dx"/>{LIMIT}</joint>'
+    f'<joint name="y" type="prismatic"><parent link="dx"/><child link="dy"/><axis xyz="0 1 0"/>{LIMIT}</joint>'
+    f'<joint name="yaw" type="revolute"><parent link="dy"/><child link="cart"/><axis xyz="0 0 1"/>{LIMIT}</joint>'
+)
+PLANAR = (
+    '<joint name="drive" type="planar"><origin xyz="0 0 0.1" rpy="0.1 0 0.2"/><parent link="world"/>'
+    '<child link="cart"/><axis xyz="AXIS"/><limit effort="500" velocity="10"/></joint>'
+)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "base"),
+    [
+        (carriage(DUMMIES), ["x", "y", "yaw"]),
+        (carriage(PLANAR.replace("AXIS", "0 0 1")), ["drive/x", "drive/y", "drive/theta"]),
+        (carriage(PLANAR.replace("AXIS", "0 1 0")), ["drive/x", "drive/y", "drive/theta"]),
+    ],
+    ids=["links without mass", "planar", "planar in x and z"],
+)
+def test_a_base_that_drives_in_a_plane(urdf, base):
+    joints, posture = [*base, "shoulder", "elbow"], [0.1, -0.2, 0.5, 0.4, -0.3]
+    values = {
+        "robot": {"joints": joints, "posture": posture, "base": "fixed"},
+        "tasks": {"posture": {"type": "posture"}},
+    }
+    wbc.check(wbc.load(values, urdf=urdf))
+    model = build_model(urdf, joints, posture, floating_base=False)
+    plant = Plant(model, parse_settings(values, "here"))
+    q, v = model.configuration(np.array(posture)), np.linspace(1.0, -1.0, model.nv)
+    tau = np.array([3.0, -2.0, 1.0, 4.0, 5.0])
+    plant.apply(tau)
+    plant.set_state(q, v)
+    generalized = np.zeros(model.nv)
+    generalized[model.v_index] = tau
+    expected = pin.aba(model.pinocchio, model.pinocchio.createData(), q, v, generalized)
+    # The simulator's own links without mass have a millionth of the robot's.
+    np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("axis", ["0 0 1", "0 1 0", "1 0 0", "1 2 -3"])
+def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
+    urdf, normal = carriage(PLANAR.replace("AXIS", axis)), np.array([float(part) for part in axis.split()])
+    joints = ["drive/x", "drive/y", "drive/theta"]
+    model = build_model(urdf, joints, [0.0] * 3, floating_base=False).pinocchio
+    data, origin = model.createData(), pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.2), np.array([0.0, 0.0, 0.1]))
+    q = np.array([2.0, -1.0, 0.7])
+    pin.framesForwardKinematics(model, data, q)
+    moved = origin.actInv(data.oMf[model.getFrameId("cart")])
+    assert abs(moved.translation @ normal) < 1e-12
+    assert np.linalg.norm(moved.translation) == pytest.approx(math.hypot(2.0, 1.0))
+    np.testing.assert_allclose(pin.log3(moved.rotation), 0.7 * normal / np.linalg.norm(normal), atol=1e-12)
+    if axis == "0 0 1":  # as MoveIt has it
+        np.testing.assert_allclose(moved.translation, [2.0, -1.0, 0.0], atol=1e-12)
+
+
+def test_a_flat_link_is_not_refused_for_rounding():
+    settings = parse_settings(
+        {
+            "robot": {"joints": ["shoulder", "elbow"], "posture": [0.0, 0.0], "base": "fixed"},
+            "tasks": {"posture": {"type": "posture"}},
+        },
+        "here",
+    )
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        rotation = pin.exp3(rng.normal(size=3))
+        x, y = rng.uniform(0.01, 1.0, size=2)
+        tensor = rotation @ np.diag([x, y, x + y]) @ rotation.T
+        inertia = (
+            " ".join(
+                f'i{a}{b}="{tensor["xyz".index(a), "xyz".index(b)]!r}"' for a, b in ("xx", "yy", "zz", "xy", "xz", "yz")
+            )
+            .replace("np.float64(", "")
+            .replace(")", "")
+        )
+        urdf = ARM.replace('ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"', inertia)
+        Plant(build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False), settings)
+
+
+def test_a_urdf_that_mujoco_refuses_is_a_configuration_error():
+    settings = parse_settings(
+        {
+            "robot": {"joints": ["shoulder"], "posture": [0.0], "base": "fixed"},
+            "tasks": {"posture": {"type": "posture"}},
+        },
+        "here",
+    )
+    urdf = ARM.replace("IXX", "0.1").replace('<mass value="1"/>', '<mass value="0"/>')
+    model = build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False)
+    with pytest.raises(ConfigurationError, match=r"robot\.urdf: MuJoCo"):
+        Plant(model, settings)
+
+
+def test_an_inertia_that_no_body_has_is_balanced_and_named(caplog):
+    """Links that are there for a frame often have one; MuJoCo refuses it, and Pinocchio does not look."""
+    joints = ["shoulder", "elbow"]
+    settings = parse_settings(
+        {
+            "robot": {"joints": joints, "posture": [0.0, 0.0], "base": "fixed"},
+            "tasks": {"posture": {"type": "posture"}},
+        },
+        "here",
+    )
+    with caplog.at_level("WARNING"):
+        Plant(build_model(ARM.replace("IXX", "0.1"), joints, [0.0, 0.0], floating_base=False), settings)
+        assert not caplog.text
+        plant = Plant(build_model(ARM.replace("IXX", "9"), joints, [0.0, 0.0], floating_base=False), settings)
+    assert "no body has the inertia of lower: " in caplog.text
+    body = plant._model.body("lower")
+    np.testing.assert_allclose(body.inertia, (9.0 + 0.1 + 0.01) / 3.0)

@@ -1,0 +1,129 @@
+"""What the mock robot's sensors make of the truth: noise of the stated density, biases, steps, errors of torque."""
+
+from __future__ import annotations
+
+import math
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.topics import MOCK_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.settings.service import SensorQuality
+from wbc_controller.simulation.measurement import measure
+from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
+
+PERIOD, MANY = 0.002, 4000
+
+
+@pytest.fixture(scope="module")
+def standing(robot_of):
+    settings, model = robot_of("go2")
+    plant = Plant(model, settings)
+    return model, lambda stamp: measure(model, plant, stamp, model.base_link)
+
+
+@pytest.mark.parametrize("quality", PARTS)
+def test_noise_is_of_the_stated_density_and_biases_stay(standing, quality):
+    (model, look), parts = standing, PARTS[quality]
+    sensors = ImperfectSensors(parts, model, PERIOD, 3)
+    errors = {name: [] for name in ("angular_velocity", "specific_force", "position", "velocity")}
+    for i in range(MANY):
+        measured, true = look(i), look(i)
+        sensors.measure(measured)
+        for name, of in errors.items():
+            of.append(getattr(measured, name) - getattr(true, name))
+    deviation = {name: np.std(np.diff(of, axis=0), axis=0) / math.sqrt(2.0) for name, of in errors.items()}
+    np.testing.assert_allclose(deviation["angular_velocity"], parts.gyroscope_noise / math.sqrt(PERIOD), rtol=0.06)
+    np.testing.assert_allclose(deviation["specific_force"], parts.accelerometer_noise / math.sqrt(PERIOD), rtol=0.06)
+    np.testing.assert_allclose(deviation["velocity"], parts.velocity_noise, rtol=0.06)
+    rounding = parts.encoder_resolution / math.sqrt(12.0)
+    np.testing.assert_allclose(deviation["position"], math.hypot(parts.encoder_noise, rounding), rtol=0.15)
+    for name, size in (
+        ("angular_velocity", parts.gyroscope_bias),
+        ("specific_force", parts.accelerometer_bias),
+        ("position", parts.encoder_offset),
+    ):
+        mean = np.mean(errors[name], axis=0)
+        assert 0.2 * size < np.abs(mean).max() < 4.0 * size, name
+    assert np.abs(np.mean(errors["velocity"], axis=0)).max() < 0.1 * parts.velocity_noise
+
+
+def test_positions_come_in_steps(standing):
+    model, look = standing
+    measured = look(0)
+    ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).measure(measured)
+    steps = measured.position / (2.0 * math.pi / 2**14)
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(standing):
+    model, look = standing
+    first, second, other = (ImperfectSensors(PARTS["good"], model, PERIOD, seed) for seed in (5, 5, 6))
+    seen = []
+    for sensors in (first, second, other, first):
+        seen.append(look(0))
+        sensors.measure(seen[-1])
+    np.testing.assert_array_equal(seen[0].specific_force, seen[1].specific_force)
+    np.testing.assert_array_equal(seen[0].position, seen[3].position)
+    assert (seen[0].specific_force != seen[2].specific_force).all()
+    later = look(1)
+    first.measure(later)
+    assert (later.specific_force != seen[0].specific_force).all()
+    np.testing.assert_array_equal(later.pose, seen[0].pose)  # odometry stays true
+
+
+def test_each_motor_has_an_error_of_its_own(standing):
+    model, _ = standing
+    tau = np.linspace(-20.0, 20.0, model.na)
+    sent = ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(tau)
+    errors = sent[tau != 0.0] / tau[tau != 0.0] - 1.0
+    assert 0.01 < np.abs(errors).max() < 0.5
+    np.testing.assert_allclose(ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(2.0 * tau), 2.0 * sent)
+
+
+def test_every_quality_but_the_ideal_one_has_parts():
+    assert {*PARTS, "ideal"} == {*get_args(SensorQuality)}
+
+
+@pytest.mark.parametrize("quality", ["ideal", "good"])
+def test_the_mock_robot_measures_and_pulls_as_its_parts_do(robot_of, changed, quality):
+    settings, model = robot_of("go2")
+    settings = changed(settings, {"mock": {"sensors": quality}})
+    robot = MockRobot(model, settings, MemoryTransport(MemoryBus()))
+    robot._tau, robot._tau_time = np.linspace(1.0, 2.0, model.na), 0.0
+    robot.advance()
+    off = np.abs(robot.plant.applied_torques / robot._tau - 1.0).max()
+    assert (off == 0.0) == (quality == "ideal")
+    assert off < 0.1
+    sent = {}
+    robot._send = lambda stream, taken, payload: sent.update({stream: payload})
+    robot.publish()
+    measured, (q, _) = decode(sent["joint_states"], "sensor_msgs/msg/JointState").position, robot.plant.state()
+    off = np.abs(measured - q[model.q_index]).max()
+    assert (off == 0.0) == (quality == "ideal")
+    assert off < 0.01
+
+
+def test_an_imu_may_be_on_any_link_of_the_robot(robot_of, changed):
+    settings, model = robot_of("go2")
+    with pytest.raises(ConfigurationError, match="nose"):
+        MockRobot(model, changed(settings, {"estimation": {"imu_frame": "nose"}}), MemoryTransport(MemoryBus()))
+
+
+def test_it_may_measure_no_joint_velocities(robot_of, changed):
+    settings, model = robot_of("go2")
+    bus, heard = MemoryBus(), []
+    robot = MockRobot(model, changed(settings, {"mock": {"joint_velocity": False}}), MemoryTransport(bus))
+    for topic in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
+        if topic.key == "joint_states":
+            MemoryTransport(bus).subscribe(counterpart(topic), heard.append)
+    robot.publish()
+    content = decode(heard[0], "sensor_msgs/msg/JointState")
+    assert len(content.velocity) == 0
+    assert len(content.position) == model.nj

@@ -1,0 +1,261 @@
+"""The commands of `wbc accuracy`: their figures on short runs, and the statistics behind them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.errors import NoSolution
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.faults.fault import LONGEST
+from wbc_controller.simulation.faults.world import SlipperyFloor
+from wbc_controller.simulation.sensors import PARTS
+from wbc_controller.validation.accuracy.accuracy_commands import accuracy
+from wbc_controller.validation.accuracy.flaws import FLAWS, Cost, chatter, cost_of
+from wbc_controller.validation.accuracy.mishaps import Outcome, come_of, longest
+from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, stand, told
+
+SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
+
+
+def test_a_robot_stands_on_its_estimate_and_the_figures_are_those_of_the_truth():
+    found = stand("go2", "good", 0, 0.5)
+    assert found.ended == ""
+    assert 0.0 < found.tilt < np.deg2rad(0.4)
+    assert found.height < 0.003
+    assert 0.0 < found.velocity < 0.02
+    assert len(found.seen) == 5
+    assert len(found.drifting) == 4
+    assert (found.seen > 0.0).all()
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_tall_robot_with_light_ankles_is_let_down_on_cheap_sensors(seed):
+    found = stand("talos", "cheap", seed, 0.5)
+    assert found.ended == ""
+    assert found.velocity < 0.005
+
+
+def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
+    rig = Rig("go2", SHORT)
+    rig.stand()
+    error, P = error_of(rig)
+    assert np.abs(error[:6]).max() < 2e-3
+    assert (np.diag(P) > 0.0).all()
+    filter = rig.estimator.filter
+    filter.columns[:, 0] += [0.1, 0.0, 0.0]
+    filter.columns[:, 1] += [0.0, 0.2, 0.0]
+    np.testing.assert_allclose(error_of(rig)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
+
+
+def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch):
+    class Still:
+        def __init__(self, *_):
+            self.settings = SimpleNamespace(control=SimpleNamespace(rate=10.0))
+
+        def stand(self):
+            pass
+
+        def run(self, seconds, look):
+            for _ in range(4):
+                look()
+
+    error, P = np.arange(1.0, 10.0), np.eye(9)
+    looks = iter([(error, P), (2.0 * error, P), (2.0 * error, 2.0 * P), (3.0 * error, 5.0 * P)])
+    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.Rig", Still)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.error_of", lambda rig: next(looks))
+    found = stand("go2", "good", 3, 1.0)
+    factor = np.sqrt((1.0 + 4.0 + 4.0 + 9.0) / 4.0)
+    assert found.tilt == pytest.approx(factor * np.hypot(1.0, 2.0))
+    assert found.velocity == pytest.approx(factor * np.linalg.norm([4.0, 5.0, 6.0]))
+    assert found.height == pytest.approx(9.0 * np.sqrt((0.0 + 1.0 + 1.0 + 4.0) / 4.0))
+    assert found.drift == pytest.approx(2.0 * np.hypot(7.0, 8.0) / (0.3 / 60.0))
+    tilt_and_velocity, heading_and_position = 1 + 4 + 16 + 25 + 36, 9 + 49 + 64 + 81
+    np.testing.assert_allclose(found.seen, tilt_and_velocity * np.array([1.0, 4.0, 4.0 / 2.0, 9.0 / 5.0]))
+    np.testing.assert_allclose(found.drifting[1:], heading_and_position * np.array([1.0, 4.0 / 4.0]))
+
+
+def test_the_filter_is_told_the_figures_of_its_sensors():
+    settings = load("go2").replace(told("cheap")).settings.estimation
+    assert settings.accelerometer_bias == PARTS["cheap"].accelerometer_bias
+    assert settings.gyroscope_noise == PARTS["cheap"].gyroscope_noise
+    rounding = 2.0 * np.pi / 2**14 / np.sqrt(12.0)
+    assert settings.joint_position_noise == pytest.approx(np.linalg.norm([2e-4, rounding, 5e-3]))
+    assert told("ideal") == {}
+
+
+def test_what_goes_wrong_is_said():
+    rig = Rig("go2", {"safety.activation_ramp": 0.0})
+    rig.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
+
+    def slip():
+        rig.stand()
+        rig.follow([0.3], [rig.origin + [0.1, 0.1, 0.0]])
+        rig.run(3.0)
+
+    with pytest.raises(NoSolution, match=r"FALLEN|IMPLAUSIBLE|NO_SOLUTION|fell"):
+        slip()
+
+
+@pytest.mark.parametrize(("factor", "share"), [(1.0, 0.95), (0.1, 0.0), (3.0, 0.0)])
+def test_consistency_is_the_share_of_the_time_within_the_bounds(factor, share):
+    rng = np.random.default_rng(0)
+    squares = [factor * rng.chisquare(5, 2000) for _ in range(20)]
+    within, mean = consistency(squares, 5)
+    assert within == pytest.approx(share, abs=0.02)
+    assert mean == pytest.approx(factor, rel=0.02)
+    assert np.isnan(consistency([], 5)).all()
+
+
+def test_chatter_is_the_torque_above_8_hz():
+    time = np.arange(0.0, 4.0, 0.002)
+    slow, fast = 10.0 * np.sin(2.0 * np.pi * 3.0 * time), 2.0 * np.sin(2.0 * np.pi * 30.0 * time)
+    torques = np.column_stack([slow, slow + fast])
+    assert chatter(torques[:, :1], 500.0, np.array([100.0])) == pytest.approx(0.0, abs=1e-4)
+    assert chatter(torques, 500.0, np.array([100.0, 100.0])) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.02)
+
+
+class Motions:
+    """In place of a rig: its centre of mass is off by 5 mm, and by twice that in the second motion."""
+
+    made: Motions
+    ends = False
+
+    def __init__(self, config, changes, force_sensors):
+        Motions.made = self
+        self.shift = np.zeros(3)
+        self.settings, self.asked, self.faults = config.settings, [], ()
+        self.controller = SimpleNamespace(
+            model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.array([10.0, 10.0]))
+        )
+        self.origin = np.zeros(3)
+        self.report = SimpleNamespace(command=SimpleNamespace(tau=np.ones(2)))
+
+    def stand(self):
+        pass
+
+    def follow(self, times, points):
+        self.asked.append(np.array(points) - self.origin)
+
+    def wanted(self):
+        return self.origin
+
+    def com(self):
+        return self.origin + len(self.asked) * np.array([0.003, 0.0, 0.004])
+
+    def run(self, seconds, look):
+        for _ in range(50):
+            look()
+        if self.ends and len(self.asked) == 2:
+            raise NoSolution("FALLEN: it fell", "damping", None)
+
+
+def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.Rig", Motions)
+    cost = cost_of("go2", "joint friction 2 N·m", disturbance="never", known_friction=True)
+    assert (cost.sway, cost.squat, cost.ended) == (pytest.approx(0.005), pytest.approx(0.010), "")
+    settings, (sway, squat) = Motions.made.settings, Motions.made.asked
+    assert (np.abs(sway).max(axis=0).tolist(), squat.min(axis=0).tolist()) == ([0.0, 0.03, 0.0], [0.0, 0.0, -0.05])
+    assert (settings.estimation.base_state, settings.estimation.disturbance) == ("imu", "never")
+    assert {friction.dry for friction in settings.robot.friction.values()} == {settings.mock.joint_friction} == {2.0}
+    assert set(settings.robot.friction) == set(settings.robot.joints)
+    monkeypatch.setattr(Motions, "ends", True)
+    cost = cost_of("go2", "torques 20 % too small")
+    assert [fault.actuator for fault in Motions.made.faults] == ["a", "b"]
+    assert (cost.sway, cost.ended.startswith("FALLEN: it fell")) == (pytest.approx(0.005), True)
+    assert np.isnan(cost.squat)
+
+
+def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
+    def made_up(robot, sensors, seed, seconds):
+        return Stand(
+            seed,
+            (0.001, 0.001, 0.002)[seed],
+            0.002,
+            0.003,
+            0.02 if robot == "g1" else 0.004,
+            np.full(9, 5.0),
+            np.full(9, 4.0),
+        )
+
+    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.stand", made_up)
+    standing = accuracy.commands["standing"]  # without its group, which takes over the process's signals
+    run = CliRunner().invoke(standing, ["go2", "--seeds", "3", "--jobs", "1"])
+    assert "| go2 | 0.081° (0.115°) | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in run.output
+    assert run.exit_code == 0
+    assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # it drifts too far
+
+
+def test_the_table_of_flaws_is_printed(monkeypatch):
+    def made_up(robot, name, *settings):
+        return Cost(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
+
+    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.cost_of", made_up)
+    run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
+    assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
+    assert run.exit_code == 1
+
+
+def test_a_flaw_that_is_unknown_is_refused_with_the_valid_ones():
+    run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
+    assert "flaw 'nothing' is unknown" in str(run.exception)
+    assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
+
+
+def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and_a_wrong_estimate_is_seen(monkeypatch):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._WATCHED", 0.3)
+    short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
+    for name in ("one foot on ice, friction 0.05", "IMU silent for 20 ms"):
+        found = come_of("go2", name, force_sensors=True, changes=short)
+        assert (found.said, found.ended, found.silently_wrong, found.unsaid) == ((), False, False, 0.0)
+        assert 0.0 < found.error < 0.1
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [
+        ("g1", "gyroscope bias of 0.2 rad/s about x"),
+        ("go2", "IMU shock of 20 m/s² along z for 50 ms"),
+        ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist"),
+    ],
+)
+def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_again(monkeypatch, robot, name):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._LIFTED", 2.0)
+    found = come_of(robot, name, changes={"safety.activation_ramp": 0.0})
+    assert [sentence.partition(":")[0] for sentence in found.said] == ["ESTIMATE_LOST"]
+    assert "the IMU contradicts all contacts" in found.said[0]
+    assert (found.silently_wrong, found.fell, found.ended) == (False, False, "hoist" not in name)
+    assert 0.4 < found.recovery < 2.0  # 'reset' has restarted the settling of 0.5 s
+
+
+def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
+    fine = Outcome(0.01, 0.0, ())
+    found = {
+        "one foot pulled up": Outcome(
+            0.3, 0.1, ("left", "right"), ("NO_SOLUTION: there is none (daqp)",), ended=True, recovery=0.5
+        ),
+        "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.31, ()),
+    }
+    monkeypatch.setattr(
+        "wbc_controller.validation.accuracy.mishaps.come_of",
+        lambda robot, name, *_: found.get(name, Outcome(0.01, 0.0, ())) if robot == "go2" else Outcome(0.01, 0.0, ()),
+    )
+    run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
+    assert (
+        "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | 0.50 s | left, right |"
+        in run.output
+    )
+    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 310 ms | – | – |" in run.output
+    assert run.exit_code == 1
+    assert CliRunner().invoke(accuracy.commands["mishaps"], ["g1", "--jobs", "1"]).exit_code == 0
+    found["one foot pulled up"], found["gyroscope bias of 0.05 rad/s"] = Outcome(0.3, 0.1, (), recovery=np.inf), fine
+    run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
+    assert "| go2 | one foot pulled up | goes on | 0.300 m/s | 100 ms | **refused** | – |" in run.output
+    assert run.exit_code == 1
+    assert Outcome(np.nan, np.nan, ()).silently_wrong
+    assert Outcome(0.0, 0.0, (), fell=True).silently_wrong
+    assert [longest(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]

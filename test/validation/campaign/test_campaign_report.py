@@ -1,0 +1,102 @@
+"""The report counts what came of the trials, and names the worst."""
+
+import csv
+import io
+import json
+from html.parser import HTMLParser
+
+import pytest
+from outcomes import outcome
+from rich.console import Console
+from scipy import stats
+
+from wbc_controller.validation.campaign.campaign_report import (
+    _WORST,
+    command_that_repeats,
+    rows_of,
+    summary,
+    terminal_table,
+    worst,
+    write_report,
+)
+from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS
+
+DETECTED = {"expected": "detect", "deadline": 0.054, "result": "damped", "code": "STALE_INPUT"}
+OUTCOMES = [
+    *(outcome(seed=seed) for seed in range(7)),
+    *(outcome(seed=seed, result="damped", code="FALLEN", after=0.2) for seed in range(7, 10)),
+    *(outcome("message_dropout", seed, after=0.01 * seed, **DETECTED) for seed in (1, 2, 5)),
+    outcome("message_dropout", 6, **{**DETECTED, "code": "", "result": "violation"}, violations={"undetected": "not"}),
+    outcome("message_dropout", 7, robot="g1", after=0.05, **{**DETECTED, "result": "violation"},
+            violations={"over_rate": "at 0.3 s: x", "undetected": "late"}),
+]  # fmt: skip
+
+
+def test_a_row_counts_the_trials_of_a_kind_on_a_robot():
+    dropout_g1, dropout, kick = rows_of(OUTCOMES)
+    assert (dropout_g1.robot, dropout.robot, kick.kind) == ("g1", "go2", "kick")
+    assert (kick.trials, kick.survived, kick.reasons, kick.must, kick.delays) == (10, 7, {"FALLEN": 3}, 0, ())
+    assert kick.interval == pytest.approx(tuple(stats.binomtest(7, 10).proportion_ci(0.95, method="wilson")))
+    assert (dropout.must, dropout.delays, dropout.deadline) == (4, (0.01, 0.02, 0.05), 0.054)
+    assert dropout.violations == {"undetected": 1}
+
+
+def test_the_summary_counts_all():
+    assert summary(OUTCOMES).startswith(
+        "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults that must be detected were, "
+        "in time; 2 trials with violations"
+    )
+
+
+def test_the_worst_trial_is_named_with_the_command_that_repeats_it():
+    assert worst(OUTCOMES) is OUTCOMES[-1]
+    assert worst(OUTCOMES[:-2]) is None
+    assert command_that_repeats(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
+    assert set(_WORST) == set(ALL_VIOLATIONS)
+
+
+def test_the_table_shows_each_row_whole():
+    console = Console(width=150, file=io.StringIO())
+    console.print(terminal_table(OUTCOMES))
+    text = console.file.getvalue()
+    for part in ("kick", "0.70 (0.40–0.89)", "FALLEN 3", "20 (max 50)", "54", "undetected 1", "over_rate 1"):
+        assert part in text
+
+
+class _Texts(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.headings: list[str] = []
+        self._inside = False
+
+    def handle_starttag(self, tag, attrs):
+        self._inside = tag == "h2"
+
+    def handle_data(self, data):
+        if self._inside:
+            self.headings.append(data)
+            self._inside = False
+
+
+def test_the_files_hold_the_same(tmp_path):
+    write_report(OUTCOMES, tmp_path)
+    page = (tmp_path / "faults.md").read_text(encoding="utf-8")
+    assert summary(OUTCOMES) in page
+    assert "| kick | go2 | 10 | 7 | 0.70 (0.40–0.89) | FALLEN 3 |" in page
+    assert "- `wbc faults go2 --kinds message_dropout --seed 6 --out repeated`: undetected: not" in page
+    assert page.index("## World and model") > page.index("## Delivery")
+    with (tmp_path / "faults.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["kind"], row["robot"], row["survived"]) for row in rows] == [
+        ("message_dropout", "g1", "0"), ("message_dropout", "go2", "1"), ("kick", "go2", "7"),
+    ]  # fmt: skip
+    assert json.loads(rows[2]["reasons"]) == {"FALLEN": 3}
+    assert float(rows[1]["detected_max_s"]) == pytest.approx(0.05)
+    parser = _Texts()
+    parser.feed((tmp_path / "faults.html").read_text(encoding="utf-8"))
+    assert parser.headings[:3] == ["What came of the trials", "How soon faults were detected", "How far the robot went"]
+
+
+def test_the_report_needs_no_outcome_of_any_sort(tmp_path):
+    write_report([outcome()], tmp_path)
+    write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)

@@ -1,0 +1,83 @@
+"""What has to come of a fault follows from its parameters and from the settings."""
+
+import numpy as np
+import pytest
+
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.faults.catalogue import draw
+from wbc_controller.validation.campaign.expectations import BALANCE, RULES, expect
+from wbc_controller.validation.campaign.trial import ALL_KINDS
+
+SETTINGS = load("go2").settings
+SYNCHRONIZED = load("go2").replace({"safety.synchronized_clocks": True}).settings
+CYCLE = 0.004  # two periods
+
+
+def made(kind, **parameters):
+    return ALL_KINDS[kind].model_validate(parameters)
+
+
+def test_every_kind_has_a_rule_and_every_rule_a_kind():
+    assert set(RULES) == set(ALL_KINDS)
+
+
+@pytest.mark.parametrize("kind", ALL_KINDS)
+def test_a_rule_holds_for_all_that_is_drawn(kind):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        for settings in (SETTINGS, SYNCHRONIZED):
+            expected = expect(draw(ALL_KINDS[kind], rng, duration=rng.uniform(0.05, 0.6)), settings)
+            assert expected.deadline is None or (expected.codes and 0.0 < expected.deadline < 10.0)
+            assert "INTERNAL_ERROR" not in expected.codes
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "word", "deadline"),
+    [
+        ("message_dropout", {"duration": 0.04}, "either", None),
+        ("message_dropout", {"duration": 0.1}, "detect", 0.05 + CYCLE),
+        ("message_dropout", {"duration": 0.1, "stream": "imu"}, "survive", None),
+        ("message_loss", {"share": 1.0, "duration": 0.1}, "detect", 0.05 + CYCLE),
+        ("message_loss", {"share": 0.05}, "survive", None),
+        ("joint_not_a_number", {"duration": 0.1}, "detect", 0.05 + CYCLE),
+        ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
+        ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
+        ("odom_jump", {"size": 0.3}, "detect", CYCLE),
+        ("odom_jump", {"size": 0.12}, "either", None),  # along one axis it may be less than the limit
+        ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
+        ("odom_drift", {"speed": 0.005}, "survive", None),
+        ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", CYCLE),
+        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # it is forgotten as it grows
+        ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
+        ("joint_noise", {"sigma": 1e-2}, "either", None),
+        ("message_replay", {"length": 0.1, "duration": 0.5}, "detect", 0.15 + CYCLE),
+        ("stamp_ahead", {"by": 1.0, "duration": 0.5}, "detect", 0.05 + CYCLE),
+        ("clock_jump", {"by": -0.1}, "detect", CYCLE),
+        ("clock_jump", {"by": 0.02}, "either", None),
+        ("clock_frozen", {"duration": 0.2}, "detect", 0.05 + CYCLE),
+        ("clock_frozen", {"duration": 0.05}, "either", None),
+        ("estop", {}, "detect", CYCLE),
+    ],
+)
+def test_what_is_expected(kind, parameters, word, deadline):
+    expected = expect(made(kind, **parameters), SETTINGS)
+    assert (expected.word, expected.deadline) == (word, deadline if deadline is None else pytest.approx(deadline))
+
+
+def test_a_deadline_follows_from_the_settings():
+    slow = load("go2").replace({"safety.state_timeout": 0.2, "control.rate": 250.0}).settings
+    assert expect(made("message_dropout", duration=0.5), slow).deadline == pytest.approx(0.208)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [("message_growing_delay", {"growth": 0.5, "duration": 1.0}), ("stamp_ahead", {"by": 0.1, "duration": 0.5})],
+)
+def test_with_synchronized_clocks_more_has_to_be_detected(kind, parameters):
+    assert expect(made(kind, **parameters), SETTINGS).word == "either"
+    assert expect(made(kind, **parameters), SYNCHRONIZED).word == "detect"
+
+
+def test_no_physical_fault_may_end_for_a_reason_of_the_inputs():
+    for kind in ("actuator_dead", "floor_drop", "kick", "payload"):
+        assert expect(made(kind), SETTINGS).codes == BALANCE

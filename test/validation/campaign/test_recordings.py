@@ -1,0 +1,53 @@
+"""The recordings that the faults of a campaign leave: each names its fault, and comes out again."""
+
+import re
+
+import pytest
+
+from wbc_controller.validation.campaign.recordings import Place
+from wbc_controller.validation.campaign.trial import run_trial
+
+
+@pytest.mark.parametrize("kind", ["joint_absurd", "odom_jump", "stamp_zero", "estop_in_flood"])
+def test_a_fault_is_named_by_its_recording_which_comes_out_again(kind, tmp_path):
+    outcome = run_trial("go2", kind, 0, recordings=tmp_path)
+    assert (outcome.result, dict(outcome.violations)) == ("damped", {})
+    run_trial("go2", kind, 0, recordings=tmp_path)  # which takes the place of the first
+    (path,) = tmp_path.iterdir()
+    assert re.fullmatch(rf"go2-{kind}-0-\d+-\d+-{outcome.code}\.mcap", path.name)
+
+
+@pytest.fixture(scope="module")
+def left(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+    outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=folder)
+    assert not outcome.violations
+    return Place(folder, "go2-joint_absurd-0"), outcome
+
+
+def test_what_another_fault_left_is_found_out(left):
+    place, outcome = left
+    assert place.lacks(outcome.code, outcome.sentence) == ""
+    assert place.lacks("FALLEN", outcome.sentence).endswith("does not name FALLEN")
+    assert "does not name" in place.lacks(outcome.code, "another reason")
+    assert Place(place.folder, "g1-joint_absurd-0").lacks("FALLEN", "") == "there is none of FALLEN"
+
+
+def test_cycles_that_come_out_differently_are_found_out(left, monkeypatch):
+    place, outcome = left
+    monkeypatch.setattr("wbc_controller.recording.replay.solving.Solved.same", False)
+    assert re.search(r"of (\d+) cycles \1 do not come out", place.lacks(outcome.code, outcome.sentence))
+
+
+def test_a_damaged_recording_is_found_out(left):
+    place, outcome = left
+    (path,) = place.folder.iterdir()
+    path.write_bytes(path.read_bytes()[:40])
+    assert str(path) in place.lacks(outcome.code, outcome.sentence)
+
+
+def test_a_trial_says_what_its_recording_lacks(tmp_path, monkeypatch):
+    monkeypatch.setattr(Place, "lacks", lambda place, code, sentence: f"no {code}")
+    outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=tmp_path)
+    assert outcome.result == "violation"
+    assert outcome.violations["recording"].endswith(f"no {outcome.code}")

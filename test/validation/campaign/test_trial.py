@@ -1,0 +1,185 @@
+"""Trials: what they find on the controller as it is, and on one that is broken on purpose."""
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import JointCommand
+from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS
+from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
+from wbc_controller.validation.campaign.user_faults import USER_KINDS
+from wbc_controller.validation.campaign.watch import VIOLATIONS
+
+SHORT = {"start": 0.02, "duration": 0.06}
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "result", "code"),
+    [
+        ("imu_noise", {"sigma": 100.0}, "survived", ""),
+        ("message_duplication", {"gap": 0.002}, "survived", ""),
+        ("message_dropout", {"stream": "joint_states"}, "damped", "STALE_INPUT"),
+        ("odom_jump", {"size": 1.0}, "damped", "IMPLAUSIBLE_STATE"),
+        ("estop_in_flood", {"messages": 200}, "damped", "ESTOP"),
+        ("clock_jump", {"by": -1.0}, "damped", "CLOCK"),
+        ("garbage", {}, "survived", ""),
+    ],
+)
+def test_the_controller_survives_what_is_harmless_and_is_damped_in_time_for_the_rest(kind, parameters, result, code):
+    outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters})
+    assert (outcome.result, outcome.code, dict(outcome.violations)) == (result, code, {})
+    if code:
+        assert 0.0 <= outcome.after <= outcome.deadline
+    else:
+        assert outcome.after is None
+
+
+def test_a_trial_is_the_same_whenever_it_is_repeated_and_another_with_another_seed():
+    given = {"start": 0.02}
+    first = run_trial("go2", "joint_absurd", 2, parameters=given)
+    assert first.repeatable() == run_trial("go2", "joint_absurd", 2, parameters=given).repeatable()
+    other = run_trial("go2", "joint_absurd", 3, parameters=given)
+    assert other.parameters["value"] != first.parameters["value"]
+    assert other.repeatable() != first.repeatable()
+
+
+def test_an_unknown_kind_is_refused_with_the_valid_ones():
+    with pytest.raises(ConfigurationError, match="did you mean 'odom_jump'"):
+        run_trial("go2", "odom_jumb", 0)
+
+
+def _without_rate(controller):
+    limits = controller.supervisor.limits
+    controller.supervisor.limits = dataclasses.replace(limits, torque_rate=1e6)
+
+
+def _with_torques(change):
+    """Let every command pass through a function before it is sent."""
+
+    def prepare(controller):
+        supervisor = controller.supervisor
+        step = supervisor.step
+
+        def changed(*arguments):
+            command = step(*arguments)
+            return command and JointCommand(command.stamp, change(command.tau), command.q_desired, command.v_desired)
+
+        supervisor.step = changed
+
+    return prepare
+
+
+def _once(change):
+    """Only the fifteenth command, which is sent before the fault."""
+    count = [0]
+
+    def changed(tau):
+        count[0] += 1
+        return change(tau) if count[0] == 15 else tau
+
+    return changed
+
+
+def _blind(controller):
+    """No state is ever implausible, and the robot never falls."""
+    limits = controller.supervisor.limits
+    controller.supervisor.limits = dataclasses.replace(limits, plausibility=None, fall=None)
+
+
+def _old_states(controller):
+    """States are used however old they are."""
+    cycle = controller.cycle
+    velocity = np.zeros(controller.model.nj)
+
+    def careless(now, state, joint_velocity, *, problem=None, **rest):
+        return cycle(now, state, velocity if joint_velocity is None else joint_velocity, **rest)
+
+    controller.cycle = careless
+    # The loop asks for the largest age as well.
+    controller._parts = dataclasses.replace(controller._parts, state_timeout=10.0)
+
+
+def _fails(controller):
+    count = [0]
+    sample = controller.board.sample
+
+    def failing(time):
+        count[0] += 1
+        if count[0] == 15:
+            raise ZeroDivisionError("on purpose")
+        return sample(time)
+
+    controller.board.sample = failing
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "prepare", "violation"),
+    [
+        ("estop", {}, _with_torques(_once(lambda tau: tau * np.nan)), "not_finite"),
+        ("estop", {}, _with_torques(_once(lambda tau: tau + 1e3)), "over_limit"),
+        ("estop", {}, _with_torques(_once(lambda tau: tau + 20.0)), "over_rate"),
+        ("estop", {}, _with_torques(_once(lambda tau: tau[:-1])), "internal_error"),
+        ("estop", {}, _fails, "internal_error"),
+        ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
+        ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
+        ("odom_jump", {"size": 0.2}, _blind, "undetected"),
+        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 1}, _blind, "fell"),
+    ],
+)
+def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, prepare, violation):
+    outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters}, prepare=prepare)
+    assert outcome.result == "violation"
+    assert violation in outcome.violations, outcome.violations
+
+
+def test_a_supervisor_that_does_not_clip_to_the_torque_rate_is_found_out():
+    """Where a heavy robot is activated, its torques rise to those of standing."""
+    assert "over_rate" in run_trial("talos", "estop", 0, parameters=SHORT, prepare=_without_rate).violations
+    assert not run_trial("talos", "estop", 0, parameters=SHORT).violations
+
+
+def test_a_loop_that_takes_too_long_is_a_stall():
+    def slow(controller):
+        cycle = controller.cycle
+
+        def once(*arguments, **named):
+            once.count += 1
+            if once.count == 40:
+                began = time.thread_time()
+                while time.thread_time() - began < 0.025:
+                    pass
+            return cycle(*arguments, **named)
+
+        once.count = 0
+        controller.cycle = once
+
+    outcome = run_trial("go2", "estop", 0, parameters=SHORT, prepare=slow)
+    assert "stall" in outcome.violations
+
+
+def test_a_reason_that_a_fault_does_not_have_is_a_violation():
+    """The trial of a harmless fault in which somebody else stops the robot."""
+
+    def stops(controller):
+        cycle = controller.cycle
+
+        def stopped(now, *arguments, requests=(), **named):
+            stopped.count += 1
+            return cycle(now, *arguments, requests=("estop",) if stopped.count == 40 else requests, **named)
+
+        stopped.count = 0
+        controller.cycle = stopped
+
+    outcome = run_trial("go2", "imu_noise", 0, parameters=SHORT, prepare=stops)
+    assert "wrong_reason" in outcome.violations
+    early = run_trial("go2", "imu_noise", 0, parameters={**SHORT, "start": 0.4}, prepare=stops)
+    assert "early" in early.violations
+
+
+def test_every_violation_has_a_meaning_and_every_kind_of_a_user_a_place():
+    assert set(VIOLATIONS) < set(ALL_VIOLATIONS)
+    assert set(USER_KINDS) < set(ALL_KINDS)
+    assert {kind.place for kind in USER_KINDS.values()} == {"user"}

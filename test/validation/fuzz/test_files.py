@@ -1,0 +1,82 @@
+"""The fuzzer of files: hostile ones are refused in a sentence, and a crash or a hang of the reader is seen."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from bad_readers import dies_and_hangs
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.validation.fuzz import files
+from wbc_controller.validation.fuzz.files import _STRUCTURES, case_folder, fuzz_files, make_case, read_case
+
+#: Cases here; `wbc fuzz configurations` and `urdf` read tens of thousands.
+COUNT = 20
+
+
+@pytest.mark.parametrize("kind", ["configurations", "urdf"])
+def test_hostile_files_work_or_are_refused(tmp_path, kind):
+    arguments = ["fuzz", kind, "go2,g1", "--count", str(COUNT), "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    assert re.fullmatch(rf"{COUNT} cases in \d+ s: (\d+ (refused|works)(, |\n)){{2}}", result.stdout)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", _STRUCTURES)
+def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name, monkeypatch):
+    monkeypatch.setattr(files, "_hostile_urdf", _STRUCTURES[name])
+    for number in range(3):
+        make_case("urdf", "go2", 0, number, tmp_path)
+        assert read_case(tmp_path) in ("works", "refused")
+
+
+def test_a_case_follows_from_its_seed_and_number(tmp_path):
+    for place in ("a", "b"):
+        make_case("configurations", "go2", 5, 7, tmp_path / place)
+    texts = [(tmp_path / place / "robot.yaml").read_bytes().replace(b"/b/", b"/a/") for place in ("a", "b")]
+    assert texts[0] == texts[1]
+    make_case("configurations", "go2", 6, 7, tmp_path / "a")
+    assert (tmp_path / "a" / "robot.yaml").read_bytes() != texts[0]
+
+
+def test_files_that_are_not_changed_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_hostile_urdf", lambda rng, text: text)
+    monkeypatch.setattr(files, "encoded", lambda rng, text: text.encode())
+    make_case("urdf", "go2", 0, 0, tmp_path)
+    assert read_case(tmp_path) == "works"
+
+
+def test_a_reader_that_dies_or_hangs_is_named_and_the_next_case_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_HANG", 3.0)
+    monkeypatch.setattr(files, "_reader", dies_and_hangs)
+    outcome = fuzz_files("configurations", ("go2",), 4, 0, tmp_path)
+    dead, hanging = (case_folder(tmp_path, "configurations", number) for number in (1, 2))
+    assert outcome.failures == {dead: "crash: SIGSEGV", hanging: "hang: no result after 3 s"}
+    assert outcome.results["works"] == 2
+    assert (dead / "robot.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (KeyError("mass"), "traceback: KeyError: 'mass'"),
+        (SystemExit(1), "traceback: SystemExit: 1"),
+        (files.ConfigurationError("some sentence"), "unnamed: no path in 'some sentence'"),
+    ],
+)
+def test_a_traceback_and_a_sentence_without_a_path_are_seen(tmp_path, monkeypatch, error, said):
+    def broken(path):
+        raise error
+
+    monkeypatch.setattr(files, "check", broken)
+    make_case("configurations", "go2", 0, 0, tmp_path)
+    assert read_case(tmp_path).startswith(said)
+
+
+def test_a_case_that_takes_long_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_LIMIT", 0.0)
+    make_case("configurations", "go2", 0, 0, tmp_path)
+    assert read_case(tmp_path).startswith("slow: ")

@@ -1,0 +1,242 @@
+"""The fuzzer of messages: nothing breaks the nodes, and what would break them is found, written and repeated."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.estimation.base_estimator import BaseEstimator
+from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
+from wbc_controller.middleware import decoding
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.topics import (
+    CONTROLLER_TOPICS,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    MOCK_TOPICS,
+    TASK_TYPES,
+    Direction,
+)
+from wbc_controller.nodes.inputs import Inputs
+from wbc_controller.nodes.requests import Requests
+from wbc_controller.safety.guard import Guard
+from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.validation.fuzz.controller_target import ControllerTarget
+from wbc_controller.validation.fuzz.hostile_messages import fuzz_messages, load, payload_for, replay, save
+from wbc_controller.validation.fuzz.target import fuzzed_robot
+
+ROBOT = "go2"
+#: Messages here; `wbc fuzz messages` sends a million.
+COUNT = 2500
+
+
+def whys(outcome):
+    return [f"{failure.target}: {failure.why}" for failure in outcome.failures]
+
+
+def test_no_message_on_any_input_of_any_node_breaks_it():
+    outcome = fuzz_messages(ROBOT, COUNT, 0)
+    assert whys(outcome) == []
+    assert outcome.sent == COUNT
+    tables = {
+        "controller": CONTROLLER_TOPICS, "guard": GUARD_TOPICS, "mock": MOCK_TOPICS, "estimator": ESTIMATOR_TOPICS,
+    }  # fmt: skip
+    wanted = {
+        f"{node}: {topic.key}"
+        for node, table in tables.items()
+        for topic in table
+        if topic.direction is Direction.IN and topic.key != "robot_description"
+    }
+    assert set(outcome.counts) == wanted | {"urdf: robot_description"}
+
+
+def test_the_fuzzed_robot_has_a_task_of_every_kind():
+    robot = fuzzed_robot(ROBOT)
+    assert {task.type for task in robot.settings.tasks.values()} == set(TASK_TYPES)
+
+
+def test_an_ordinary_request_on_every_topic_is_accepted():
+    target = ControllerTarget(ROBOT)
+    for topic in target.topics.values():
+        if topic.key not in ("joint_states", "odom", "clock", "command", "update"):
+            target.take(topic, encode(target.example(topic)))
+            assert not target._refused, topic.name
+
+
+def test_the_same_seed_sends_the_same_messages():
+    target = ControllerTarget(ROBOT)
+
+    def sent(seed):
+        rng = np.random.default_rng(seed)
+        return [payload_for(rng, target, topic, ("a",)) for topic in target.topics.values()]
+
+    assert sent(3) == sent(3)
+    assert sent(3) != sent(4)
+
+
+class TestWhatIsBrokenIsFound:
+    """The nodes are broken on purpose."""
+
+    def found(self, node, count=1500):
+        outcome = fuzz_messages(ROBOT, count, 2, targets=[node], most_failures=1)
+        assert len(outcome.failures) == 1
+        return outcome.failures[0]
+
+    def test_a_reader_that_raises(self, monkeypatch):
+        def broken(vocabulary, subject, content):
+            raise KeyError("weight")
+
+        monkeypatch.setitem(decoding.READERS, "weight", broken)
+        failure = self.found("controller")
+        assert "an error was logged: reading a message on /wbc_controller/tasks/" in failure.why
+        assert len(failure.messages) == 1
+        assert failure.repeated
+
+    def test_a_refused_message_that_changes_a_reference(self, monkeypatch):
+        original = ReferenceBoard._check
+
+        def broken(self, change, time):
+            self._apply(change, None, time)
+            original(self, change, time)
+
+        monkeypatch.setattr(ReferenceBoard, "_check", broken)
+        target = ControllerTarget(ROBOT)
+        trajectory = target.topics["/wbc_controller/tasks/com/trajectory"]
+        content = target.example(trajectory)
+        content.header.stamp.nanosec = 1
+        for point in content.points:
+            point.time_from_start.sec, point.time_from_start.nanosec = 0, point.time_from_start.sec
+        why = replay("controller", ROBOT, [(trajectory.name, encode(content))])
+        assert why is not None
+        assert why.startswith("refused messages changed board_trajectories.com")
+
+    def test_a_refused_message_that_is_used(self, monkeypatch):
+        original = Requests._decoded
+
+        def broken(self, endpoint, payload):
+            read = original(self, endpoint, payload)
+            if read.refused:
+                self._estop.set()
+            return read
+
+        monkeypatch.setattr(Requests, "_decoded", broken)
+        assert "was refused, and is used all the same" in self.found("controller", 100).why
+
+    def test_a_refused_message_that_changes_the_mode(self, monkeypatch):
+        original = ControlCycle.cycle
+
+        def broken(self, *arguments, requests=(), **others):
+            result = original(self, *arguments, requests=requests, **others)
+            if any("is unknown" in sentence for sentence in result.refused):
+                self.supervisor.request("damp", 0.0, None)
+            return dataclasses.replace(result, mode=self.mode)
+
+        monkeypatch.setattr(ControlCycle, "cycle", broken)
+        target = ControllerTarget(ROBOT)
+        command = target.topics["/wbc_controller/command"]
+        why = replay("controller", ROBOT, [(command.name, encode(message("std_msgs/msg/String", data="actvate")))])
+        assert why is not None
+        assert why.startswith("refused messages led from active to damping")
+
+    def test_torques_that_change_too_fast(self, monkeypatch):
+        monkeypatch.setattr(Supervisor, "_pass", lambda self, now: self._rate.fill(np.inf))
+        assert "more than allowed" in self.found("controller").why
+
+    def test_a_message_that_takes_long(self, monkeypatch):
+        def slow(vocabulary, subject, content):
+            end = time.thread_time() + 0.1
+            while time.thread_time() < end:
+                pass
+            return ()
+
+        monkeypatch.setattr("wbc_controller.validation.fuzz.controller_target.READ_LIMIT", 0.05)
+        monkeypatch.setitem(decoding.READERS, "weight", slow)
+        assert "ms of processor time; at most 50 ms" in self.found("controller").why
+
+    def test_an_estimate_that_is_answered_to_a_refused_message(self, monkeypatch):
+        original = Inputs._read_state
+
+        def broken(self, *arguments):
+            try:
+                original(self, *arguments)
+            except InputRefused:
+                if self.estimator is not None and self.estimator.base is not None:
+                    self.estimator._running._last = dataclasses.replace(
+                        self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
+                    )
+                raise
+
+        monkeypatch.setattr(Inputs, "_read_state", broken)
+        assert "was refused" in self.found("estimator", 200).why
+
+    def test_an_estimate_without_a_covariance(self, monkeypatch):
+        monkeypatch.setattr(BaseEstimator, "covariance", (-np.eye(6), np.eye(6)))
+        assert "the covariance of the estimate is none" in self.found("estimator", 200).why
+
+    def test_a_guard_that_believes_torques_over_the_limits(self, monkeypatch):
+        original = Guard._take_over
+
+        def broken(self, now, heard):
+            original(self, now, heard)
+            self._tau = np.full(len(self._tau), 1.0e4)
+
+        monkeypatch.setattr(Guard, "_take_over", broken)
+        assert "the guard sent torques over their limits" in self.found("guard", 200).why
+
+
+def test_a_failure_is_written_and_sent_again(tmp_path, monkeypatch):
+    def broken(vocabulary, subject, content):
+        raise KeyError("weight")
+
+    path = tmp_path / "failure.json"
+    with monkeypatch.context() as patch:
+        patch.setitem(decoding.READERS, "weight", broken)
+        (failure,) = fuzz_messages(ROBOT, 500, 2, targets=["controller"], most_failures=1).failures
+        save(failure, ROBOT, path)
+        assert load(path) == ("controller", ROBOT, failure.messages)
+        result = CliRunner().invoke(main, ["fuzz", "messages", "--replay", str(path)])
+        assert result.exit_code == 1
+        assert "KeyError: 'weight'" in result.output
+    result = CliRunner().invoke(main, ["fuzz", "messages", "--replay", str(path)])
+    assert (result.exit_code, result.output) == (0, "controller, 1 messages: nothing breaks\n")
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"messages": [{"topic": "/a", "payload": 3}]}'])
+def test_a_file_that_holds_no_failure_is_refused(tmp_path, text):
+    path = tmp_path / "none.json"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match="holds no messages of a failure"):
+        load(path)
+
+
+def test_the_command_sends_messages_says_how_many_and_keeps_what_broke(tmp_path, monkeypatch):
+    arguments = ["fuzz", "messages", "--count", "300", "--seed", "2", "--nodes", "controller", "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    assert "300 messages in" in result.output
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setitem(decoding.READERS, "weight", lambda *_: [][0])
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 1
+    (path, *_) = sorted(tmp_path.iterdir())
+    assert f"--replay {path}" in result.output
+    (sent,) = json.loads(path.read_text())["messages"]
+    assert decode(base64.b64decode(sent["payload"]), "std_msgs/msg/Float64") is not None
+
+
+def test_an_unknown_node_is_refused():
+    result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
+    assert result.exit_code == 2
+    assert (
+        "no node is named 'controler'; did you mean 'controller'? Valid: controller, estimator, guard, mock, urdf"
+        in result.output
+    )

@@ -1,0 +1,84 @@
+"""The fuzzer of quadratic programs: what is relaxed had to be, and an answer that gave up too much is told."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.validation.fuzz import problems
+from wbc_controller.validation.fuzz.problems import HELD, random_problem, rest, room, too_much
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """The quadratic program of Go2, and the function that draws its problems."""
+    settings = load_settings(find_configuration("go2"))
+    qp = make_qp(settings, make_model(settings))
+    standing = stance(qp.model, qp, list(qp.contacts))
+    references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
+    return qp, partial(random_problem, qp.model, standing, references)
+
+
+def test_nothing_is_relaxed_without_need():
+    result = CliRunner().invoke(main, ["fuzz", "problems", "go2,g1,talos", "--count", "60"])
+    assert result.exit_code == 0, result.output
+    assert [line.split()[:3] for line in result.stdout.splitlines()] == [
+        [robot, "60", "problems"] for robot in ("go2", "g1", "talos")
+    ]
+    assert result.output.count("relaxed too much: 0") == 3
+
+
+def found(drawn, wanted):
+    """The first problem that is relaxed so."""
+    qp, draw = drawn
+    return next(given for given in map(draw, range(300)) if qp.solve(*given).relaxed == wanted)
+
+
+@pytest.mark.parametrize(
+    ("needed", "given_up", "said"),
+    [
+        ((), ("torque_rate",), "feasible with a room of"),
+        ((), (HELD,), "feasible with a room of"),
+        (("torque_rate",), ("torque_rate", "joint_motion"), "without the torque rate"),
+        (("torque_rate",), (HELD,), "without the torque rate"),
+        (("joint_motion",), (HELD,), "with everything relaxed"),
+        (("torque_rate", "joint_motion"), (HELD,), "with everything relaxed"),
+    ],
+)
+def test_what_gives_up_too_much_is_told(drawn, needed, given_up, said):
+    problem = found(drawn, needed)
+    assert said in too_much(drawn[0], problem, given_up)
+    assert too_much(drawn[0], problem, needed) is None
+
+
+def test_a_solver_that_gives_up_ends_the_command_with_1(monkeypatch):
+    monkeypatch.setattr(problems, "random_problem", lambda *given, draw=random_problem: draw(*given[:3], 0))
+    monkeypatch.setattr(problems.WholeBodyQP, "solve", gives_up)
+    result = CliRunner().invoke(main, ["fuzz", "problems", "go2", "--count", "1", "--first", "4"])
+    assert result.exit_code == 1
+    assert "problem 4: feasible with a room of" in result.output
+
+
+def gives_up(*_, **__):
+    raise problems.NoSolution("no", "cycling", None)
+
+
+def test_the_room_of_a_problem_is_its_distance_from_all_bounds(drawn):
+    qp, draw = drawn
+    layout = qp.formulation.build(*draw(0))
+    layout.problem.bounds[:] = [[-np.inf], [np.inf]]
+    assert room(layout.problem) == pytest.approx(1.0)
+    joint = layout.joints[0]
+    layout.problem.bounds[:, joint] = (3.0, 3.5)
+    assert room(layout.problem) == pytest.approx(0.25)
+    layout.problem.bounds[:, joint] = (3.0, 2.5)
+    assert room(layout.problem) == pytest.approx(-0.25)

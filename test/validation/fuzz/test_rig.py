@@ -1,0 +1,53 @@
+"""How late the machine is, as the live trials see it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wbc_controller.nodes.processes import until
+from wbc_controller.validation.fuzz.rig import Lateness
+
+SPIN = [sys.executable, "-c", "while True: pass"]
+
+
+@pytest.mark.live
+def test_processes_that_wait_for_a_processor_are_late_though_this_one_is_not():
+    lateness = Lateness()
+    many = [subprocess.Popen(SPIN) for _ in range(3 * len(os.sched_getaffinity(0)))]
+    try:
+        for process in many:
+            lateness.watch(process.pid)
+        lateness.forget()
+        # Three share each processor: within the window of 50 ms each of them waits for about 33.
+        until(lambda: lateness.worst > 0.015, "lateness")
+    finally:
+        for process in many:
+            process.kill()
+            process.wait()
+        lateness.end()
+
+
+def test_a_process_that_ends_while_it_is_looked_at_stops_nothing(monkeypatch):
+    ended, looks, glob = Path("/proc/0/task"), [], Path.glob
+
+    def look(path, pattern):
+        looks.append(path)
+        if path == ended:
+            raise FileNotFoundError(2, "No such file or directory", str(path))
+        return glob(path, pattern)
+
+    monkeypatch.setattr(Path, "glob", look)
+    lateness = Lateness()
+    try:
+        lateness.watch(0)
+        until(lambda: ended in looks, "a look at the process that has ended")
+        after = len(looks) + 2  # more than the rest of that round
+        until(lambda: len(looks) > after, "a look behind it")
+        assert looks.count(ended) == 1
+    finally:
+        lateness.end()

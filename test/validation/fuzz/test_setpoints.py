@@ -1,0 +1,111 @@
+"""The fuzzer of setpoints: joints keep their limits whatever is asked for, and one that does not is seen."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.simulation import Simulation
+from wbc_controller.validation.fuzz import setpoints
+from wbc_controller.validation.fuzz.setpoints import KINDS, fuzz_setpoints, run_trial, summary
+
+
+@pytest.fixture(scope="module")
+def go2():
+    return Simulation(load("go2"))
+
+
+def test_joints_keep_their_limits_whatever_is_asked_for():
+    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,talos", "--minutes", "0.04"])
+    assert result.exit_code == 0, result.output
+    line = re.compile(
+        r"(go2|talos) +\d+ trials, \d+ s under control, \d+ ended in damping; .*by over 0.02 in 0 trials; .*"
+    )
+    assert [line.fullmatch(said)[1] for said in result.stdout.splitlines()] == ["go2", "talos"]
+
+
+@pytest.mark.parametrize(("number", "kind"), [(0, "centre"), (1, "squat"), (5, "mix")])
+def test_a_trial_follows_from_its_seed_and_number(go2, number, kind):
+    first, other = (run_trial(go2, "go2", 3, n) for n in (number, number + len(KINDS)))
+    assert first.kind == kind == other.kind
+    assert run_trial(go2, "go2", 3, number) == first != other
+    assert -0.8 < first.beyond < 0.02
+
+
+def test_a_joint_that_passes_its_limit_ends_the_command_with_1(monkeypatch):
+    monkeypatch.setattr(setpoints, "BEYOND", -10.0)
+    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2", "--minutes", "0.01"])
+    assert result.exit_code == 1
+    assert re.search(r"by over -10 in [1-9]\d* trials", result.output)
+
+
+class Bent(Simulation):
+    """One knee has no stop, and goes on by itself."""
+
+    def reset(self):
+        super().reset()
+        step, knee = self.plant.step, self.plant.model.joint("RL_calf_joint")
+        self.plant.model.jnt_limited[knee.id] = 0
+
+        def bent():
+            step()
+            self.plant.data.qpos[knee.qposadr[0]] += 0.0008
+
+        self.plant.step = bent
+
+
+def test_a_joint_beyond_its_limit_counts_and_is_named():
+    trial = run_trial(Bent(load("go2")), "go2", 0, 0)
+    assert (trial.joint, trial.kept) == ("RL_calf_joint", False), trial
+
+
+class Struck(Simulation):
+    """A calf strikes the floor, and for 10 ms its knee is seen beyond its stop."""
+
+    beyond = 0.03
+
+    def reset(self):
+        super().reset()
+        model, state, struck = self.controller.model, self.plant.state, self.time + 0.1
+        knee = model.joints.index("RL_calf_joint")
+
+        def flung():
+            q, v = state()
+            if struck <= self.time < struck + 0.01:
+                q[model.q_places][knee] = model.position_upper[knee] + self.beyond
+            return q, v
+
+        self.plant.state = flung
+        self.plant.links_on_the_floor = lambda: frozenset(["RL_calf"] if self.time >= struck else [])
+
+
+def test_what_an_impact_does_is_measured_apart():
+    trial = run_trial(Struck(load("go2")), "go2", 0, 0)
+    assert trial.impact == pytest.approx(Struck.beyond)
+    assert trial.kept
+
+
+class Kneeling(Bent):
+    """The same, with a knee on the floor all the time."""
+
+    def reset(self):
+        super().reset()
+        self.plant.links_on_the_floor = lambda: frozenset(["RL_calf"])
+
+
+def test_a_link_that_lies_on_the_floor_excuses_nothing():
+    trial = run_trial(Kneeling(load("go2")), "go2", 0, 0)
+    assert (trial.joint, trial.kept) == ("RL_calf_joint", False), trial
+
+
+def test_trials_go_on_until_the_time_is_up_and_the_worst_is_named():
+    trials = fuzz_setpoints(["go2"], 0.08, 0, first=2)
+    assert [trial.number for trial in trials] == list(range(2, 2 + len(trials)))
+    assert sum(trial.seconds for trial in trials) >= 4.8 > sum(trial.seconds for trial in trials[:-1])
+    worst = max(trials, key=lambda trial: trial.beyond)
+    (line,) = summary(trials)
+    assert f"({worst.joint}, trial {worst.number}, {worst.kind})" in line

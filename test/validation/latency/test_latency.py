@@ -1,0 +1,173 @@
+"""`wbc bench latency`: its refusals, what it prints, and the command itself with real processes."""
+
+from __future__ import annotations
+
+import json
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from domains import own_domain
+from launching import patient
+
+from wbc_controller.cli import main
+from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.settings import RealtimeSettings
+from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.latency import latency
+from wbc_controller.validation.latency.latency import Latency, measure_latency
+from wbc_controller.validation.latency.latency_report import figures, lines
+from wbc_controller.validation.latency.meter import RoundTrips
+
+FOUND = Latency(
+    controller=RoundTrips(np.array([0.0007] * 98 + [0.003, np.inf]), np.array([0.0] * 98 + [0.004]), 0.002),
+    echo=RoundTrips(np.array([0.0002] * 100), np.zeros(99), 0.002),
+    active=0.253,
+    inactive=0.124,
+    waiting=0.012,
+    memory=(102_400, 103_424),
+    scheduling="fifo 50 on processor 1",
+    said=(),
+)
+
+
+def test_the_table_says_both_and_their_difference_what_was_late_and_what_was_used():
+    text = "\n".join(lines(FOUND))
+    assert "controller        700     3000     3000" in text
+    assert "bare echo         200      200      200" in text
+    assert "difference        500     2800     2800" in text
+    assert "late: 2.000 % of 100 states (1 without torques) at 500 Hz, the echo 0.000 % of 100" in text
+    assert "25.3 % of one processor active, 12.4 % inactive; 100.0 MB at the beginning, 101.0 MB at the end" in text
+    assert "; fifo 50 on processor 1" in text
+    assert "median 0 us, p99 4000 us, p99.9 4000 us" in text
+    assert "waited for a processor for 1.20 % of the time" in text
+    assert "not always active" not in text
+
+
+def test_the_table_says_when_the_controller_was_not_active():
+    found = Latency(FOUND.controller, FOUND.echo, 0.1, 0.1, 0.0, (1, 1), "", ("damping FALLEN: …", "damping FALLEN: …"))
+    assert lines(found)[-1] == "the controller was not always active: damping FALLEN: …"
+
+
+def test_the_file_holds_the_same_figures():
+    kept = json.loads(json.dumps(figures(FOUND)))
+    assert kept["difference_us"]["median"] == pytest.approx(500.0)
+    assert kept["controller"] == {"states": 100, "late": 2, "without_torques": 1}
+    assert kept["rate_hz"] == pytest.approx(500.0)
+    assert kept["controller_processor_share"] == {"active": 0.253, "inactive": 0.124}
+    assert kept["controller_memory_kb"] == [102_400, 103_424]
+
+
+def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raised(monkeypatch):
+    behind, ran = [], []
+    monkeypatch.setattr(latency, "step_back", lambda: behind.append(threading.get_ident()))
+
+    def run(stop):
+        ran.append(threading.get_ident())
+        stop.wait()
+        raise WbcError("the simulation has diverged")
+
+    with pytest.raises(WbcError, match="diverged"), latency._running(SimpleNamespace(run=run)):
+        pass
+    assert ran == behind != [threading.get_ident()]
+
+
+@pytest.mark.parametrize(("named", "others"), [([2], [0, 1]), ([], []), ([0, 1, 2], [])])
+def test_what_it_starts_has_other_processors_than_the_controller_names(robot_of, monkeypatch, named, others):
+    done = []
+    monkeypatch.setattr(latency, "processors", lambda: {0, 1, 2})
+    monkeypatch.setattr(latency, "apply", done.append)  # to this process; what it starts inherits it
+    monkeypatch.setattr(latency._Bench, "_start", lambda self, name: done.append(name))
+    settings, asked = robot_of("go2")[0], RealtimeSettings(scheduling="fifo", priority=50, affinity=named)
+    settings = settings.model_copy(update={"control": settings.control.model_copy(update={"realtime": asked})})
+    latency._Bench(SimpleNamespace(settings=settings), MemoryTransport(MemoryBus()), "dds", 0, mock=False)
+    before, *started, after = done
+    assert started == ["controller", "guard"]
+    assert before == RealtimeSettings(affinity=others)  # the class is not theirs
+    assert after == RealtimeSettings(scheduling="fifo", priority=50, affinity=others)
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_duration_that_is_none_is_refused(tmp_path, seconds):
+    with pytest.raises(ConfigurationError, match=r"seconds = .*: must be positive and finite"):
+        measure_latency("go2", tmp_path, seconds=seconds)
+
+
+def test_another_system_than_linux_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(latency.sys, "platform", "darwin")
+    with pytest.raises(ConfigurationError, match="/proc: darwin has none"):
+        measure_latency("go2", tmp_path)
+
+
+def test_a_rate_that_is_none_is_refused_before_anything_starts(tmp_path):
+    result = CliRunner().invoke(main, ["bench", "latency", "go2", "--rate", "0", "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "control.rate = 0.0" in result.stderr
+
+
+def test_a_controller_that_ends_is_said_with_its_own_words():
+    bench = object.__new__(latency._Bench)
+    bench._processes = SimpleNamespace(
+        processes={"controller": SimpleNamespace(poll=lambda: 2)}, log=lambda name: f"{name}: no processor 1000"
+    )
+    with pytest.raises(WbcError, match="ended with exit status 2:\ncontroller: no processor 1000"):
+        bench._until(lambda: False, "the activation", lambda: None)
+
+
+def test_help_says_what_it_takes():
+    for words, parts in (["bench"], ("latency",)), (["bench", "latency"], ("[ROBOT]", "--rate", "--mock", "--out")):
+        result = CliRunner().invoke(main, [*words, "--help"])
+        assert result.exit_code == 0
+        for part in parts:
+            assert part in result.output
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(("transport", "driver"), [("dds", []), ("dds", ["--mock"]), ("rclpy", [])])
+def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, transport, driver):
+    monkeypatch.setattr(latency, "_BLOCK", 0.5)  # two blocks, with a controller that was stopped in between
+    monkeypatch.setattr(latency, "_LANDING", 0.5)
+    made = []
+
+    class Kept(MockRobot):
+        def __init__(self, *words):
+            super().__init__(*words)
+            made.append(self)
+
+    monkeypatch.setattr(latency, "MockRobot", Kept)
+    if transport == "rclpy":
+        pytest.importorskip("rclpy", reason="rclpy is not importable")
+    words = ["--seconds", "1", "--transport", transport, "--domain", str(own_domain()), "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, ["bench", "latency", str(patient("go2", tmp_path)), *words, *driver])
+    print(result.output)
+    assert result.exit_code == 0, (result.output, (tmp_path / "controller.log").read_text())
+    kept = json.loads((tmp_path / "latency.json").read_text())
+    for path in ("controller", "echo"):
+        states, without = kept[path]["states"], kept[path]["without_torques"]
+        assert 20 < states <= 550  # 500, where the machine lets it send them
+        assert without < states
+        assert 0.0 < kept[f"{path}_us"]["median"] <= kept[f"{path}_us"]["p99"] <= kept[f"{path}_us"]["p99.9"]
+    assert kept["controller_us"]["median"] > kept["echo_us"]["median"]
+    share = kept["controller_processor_share"]
+    assert 0.0 < share["inactive"] < share["active"] < 4.0
+    assert min(kept["controller_memory_kb"]) > 20_000
+    assert "on processor" in kept["scheduling"]
+    assert f" over {transport}" in result.output
+    assert [robot.plant.held for robot in made] == [False] * len(driver)  # it stood on its feet
+
+
+@pytest.mark.parametrize("alive", [True, False])
+def test_an_echo_that_was_killed_is_not_told_to_stop(monkeypatch, alive):
+    """Whoever sets an event waits for those who waited for it, and one that was killed never answers."""
+    told = []
+    process = SimpleNamespace(start=lambda: None, is_alive=lambda: alive, join=lambda: told.append("joined"))
+    event = SimpleNamespace(set=lambda: told.append("stopped"))
+    context = SimpleNamespace(Event=lambda: event, Process=lambda **named: process)
+    monkeypatch.setattr(latency.multiprocessing, "get_context", lambda kind: context)
+    bench = SimpleNamespace(_kind="dds", _domain=92, _echo_topics=(), _size=1, _echo_as=None)
+    with latency._Bench.echoing(bench):
+        assert told == []
+    assert told == ["stopped"] * alive + ["joined"]

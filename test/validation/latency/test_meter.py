@@ -1,0 +1,134 @@
+"""Which torques belong to which state, and what is late: from given times."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.validation.latency import meter
+from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined, round_trips
+
+PERIOD = 0.002
+
+
+def stamp(number):
+    return 100, number
+
+
+def trips(sent, efforts, commands, period=PERIOD):
+    """States and commands are given as pairs of a time in ms and a number; efforts by their time in ms."""
+    return round_trips(
+        [(1e-3 * when, stamp(number)) for when, number in sent],
+        [1e-3 * when for when in efforts],
+        [(1e-3 * when, stamp(number)) for when, number in commands],
+        period,
+    )
+
+
+def test_torques_belong_to_the_state_of_the_command_that_follows_them():
+    found = trips([(0, 1), (2, 2), (4, 3)], [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)])
+    np.testing.assert_allclose(found.seconds, [0.9e-3, 0.8e-3, 0.7e-3])
+    assert (found.late, found.unanswered) == (0, 0)
+
+
+def test_a_cycle_longer_than_the_period_is_not_taken_for_a_short_one():
+    """The torques for the first state come after the second was sent; they are not the second's."""
+    found = trips([(0, 1), (2, 2), (4, 3)], [2.5, 5.0], [(2.6, 1), (5.1, 2)])
+    np.testing.assert_allclose(found.seconds, [2.5e-3, 3.0e-3, np.inf])
+    assert (found.late, found.unanswered) == (3, 1)
+
+
+def test_a_state_that_is_left_out_is_late_and_has_no_torques():
+    found = trips([(0, 1), (2, 2), (4, 3)], [1.0, 5.0], [(1.1, 1), (5.1, 3)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3, np.inf, 1.0e-3])
+    assert (found.late, found.unanswered) == (1, 1)
+
+
+def test_where_torques_were_lost_the_command_counts_and_not_older_torques():
+    found = trips([(0, 1), (2, 2)], [1.0], [(1.1, 1), (3.3, 2)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.3e-3])
+
+
+def test_torques_of_somebody_else_in_between_do_not_count():
+    found = trips([(0, 1), (2, 2)], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.0e-3])
+
+
+def test_where_a_command_is_read_before_its_torques_it_counts_and_not_the_torques_before():
+    found = trips([(0, 1), (2, 2), (4, 3)], [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.0e-3, 1.0e-3])
+
+
+def test_of_commands_with_one_stamp_the_first_counts():
+    found = trips([(0, 1)], [1.0, 60.0], [(1.1, 1), (60.1, 1)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3])
+
+
+def test_a_command_for_a_state_from_before_counts_for_nothing():
+    found = trips([(2, 2)], [0.5, 3.0], [(0.6, 1), (3.1, 2)])
+    np.testing.assert_allclose(found.seconds, [1.0e-3])
+
+
+@pytest.mark.parametrize(("seconds", "late"), [(PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)])
+def test_late_is_what_takes_longer_than_the_period_or_forever(seconds, late):
+    assert RoundTrips(np.array([0.001, seconds]), np.zeros(1), PERIOD).late == late
+
+
+def test_the_quantiles_are_those_of_the_states_with_torques_and_never_below_a_measured_value():
+    found = RoundTrips(np.array([np.inf, *np.arange(1.0, 1001.0)]), np.zeros(1000), PERIOD)
+    assert found.quantiles == (501.0, 991.0, 1000.0)
+    assert np.isnan(RoundTrips(np.array([np.inf]), np.zeros(0), PERIOD).quantiles).all()
+
+
+def test_the_machine_is_late_by_what_lies_between_two_states_beyond_the_period():
+    found = trips([(0, 1), (2, 2), (7, 3), (8, 4)], [], [])
+    np.testing.assert_allclose(found.delays, [0.0, 3.0e-3, 0.0], atol=1e-12)
+
+
+def test_blocks_are_joined_without_the_time_between_them():
+    first = trips([(0, 1), (2, 2)], [1.0], [(1.1, 1)])
+    second = trips([(1000, 3), (1003, 4)], [1001.0], [(1001.1, 3)])
+    both = joined([first, second])
+    np.testing.assert_allclose(both.seconds, [1e-3, np.inf, 1e-3, np.inf])
+    np.testing.assert_allclose(both.delays, [0.0, 1e-3], atol=1e-12)
+    assert both.period == PERIOD
+
+
+def test_a_meter_notes_what_passes_and_begins_anew_with_each_measurement(monkeypatch):
+    by_key = {topic.key: topic for topic in endpoints(CONTROLLER_TOPICS, "wbc_controller")}
+    bus, now = MemoryBus(), [0.0]
+    robot, other = Meter(MemoryTransport(bus)), MemoryTransport(bus)
+    heard = []
+    effort, commands = (other.advertise(by_key[key]) for key in ("effort", "joint_commands"))
+    publish = robot.advertise(counterpart(by_key["joint_states"]))
+    for key in ("effort", "joint_commands"):
+        robot.subscribe(counterpart(by_key[key]), heard.append)
+
+    def state(time):
+        return encode(message("sensor_msgs/msg/JointState", header=header(time), name=[], position=np.zeros(0),
+                              velocity=np.zeros(0), effort=np.zeros(0)))  # fmt: skip
+
+    def at(time, send, payload):
+        now[0] = time
+        send(payload)
+
+    def pass_time(seconds):
+        if seconds == 0.1:  # what is left for the last torques
+            at(9.0, publish, state(4))
+            return
+        for k in (1, 2, 3):
+            at(k, publish, state(k))
+            at(k + 0.1 * k, effort, encode(torques(np.zeros(3))))
+            at(k + 0.5, commands, state(k))
+
+    monkeypatch.setattr(meter, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=pass_time))
+    for _ in range(2):
+        found = robot.measure(5.0, 1.0)()
+        np.testing.assert_allclose(found.seconds, [0.1, 0.2, 0.3])
+    assert len(heard) == 12
+    assert robot.answered

@@ -1,0 +1,148 @@
+"""The robot that only sends states, and the echo, on the memory transport and without wall time."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.records import Mode
+from wbc_controller.settings import RealtimeSettings
+from wbc_controller.validation.latency import robots
+from wbc_controller.validation.latency.robots import StandingRobot, echo, opened
+
+
+class Time:
+    """A clock that goes on while one sleeps, and ends a run at a time."""
+
+    def __init__(self, end, meanwhile=lambda: None):
+        self.now, self.end, self.stop, self.meanwhile = 100.0, 100.0 + end, threading.Event(), meanwhile
+
+    def monotonic(self):
+        return self.now
+
+    def time_ns(self):
+        return round(self.now * 1e9)
+
+    def sleep(self, seconds):
+        self.now += seconds
+        self.meanwhile()
+        if self.now >= self.end - 1e-9:
+            self.stop.set()
+
+
+@pytest.mark.parametrize(
+    ("name", "base_state", "inactive"),
+    [("g1", "odom", 1), ("go2", "odom", 1), ("talos", "imu", 60)],  # with an IMU the robot first stands still for 0.1 s
+)
+def test_a_controller_stays_active_on_its_states(robot_of, changed, monkeypatch, name, base_state, inactive):
+    settings, model = robot_of(name)
+    settings = changed(settings, {"estimation": {"base_state": base_state, "settling": 0.1}})
+    topics, bus, manual, reports = controller_endpoints(settings, model), MemoryBus(), ManualClock(), []
+    loop = make_loop(
+        Controller(settings, preflight=False, model=model),
+        MemoryTransport(bus),
+        manual,
+        topics,
+        observers=[reports.append],
+    )
+    (command,) = (topic for topic in topics if topic.key == "command")
+    send = MemoryTransport(bus).advertise(counterpart(command))
+
+    def cycle():
+        manual.time = clock.now
+        if len(reports) == inactive:
+            send(encode(message("std_msgs/msg/String", data="activate")))
+        loop.cycle()
+
+    clock = Time(0.6, cycle)
+    monkeypatch.setattr(robots, "time", clock)
+    StandingRobot(model, settings, MemoryTransport(bus), topics).run(clock.stop)
+    modes = [report.mode for report in reports]
+    assert modes == [Mode.INACTIVE] * inactive + [Mode.ACTIVE] * (301 - inactive)
+    assert not any(report.refused for report in reports)
+    assert len({report.stamp for report in reports[inactive:]}) == 301 - inactive
+    assert np.ptp([report.solution.tau for report in reports[inactive:]], axis=0).max() > 0.0
+
+
+def states_at(bench, monkeypatch, end, meanwhile=None):
+    """When states went out, in periods."""
+    controller = bench("go2")
+    clock, times = Time(end), []
+    monkeypatch.setattr(robots, "time", clock)
+
+    def receive(payload):
+        times.append((clock.now - 100.0) / controller.period)
+        if meanwhile:
+            meanwhile(clock, len(times))
+
+    states = next(topic for topic in controller.topics if topic.key == "joint_states")
+    MemoryTransport(controller.bus).subscribe(states, receive)
+    StandingRobot(controller.model, controller.settings, MemoryTransport(controller.bus), controller.topics).run(
+        clock.stop
+    )
+    return times
+
+
+def test_states_go_out_on_a_grid(bench, monkeypatch):
+    np.testing.assert_allclose(states_at(bench, monkeypatch, 0.02), range(11), atol=1e-6)
+
+
+def test_states_that_are_late_by_more_than_a_period_are_left_out(bench, monkeypatch):
+    def stall(clock, count):
+        clock.now += {3: 0.0071, 5: 0.0009}.get(count, 0.0)  # 3.55 and 0.45 periods
+
+    np.testing.assert_allclose(states_at(bench, monkeypatch, 0.02, stall), [0, 1, 2, 6, 7, 8, 9, 10], atol=1e-6)
+
+
+def test_an_echo_answers_each_state_with_torques_of_the_size_and_with_its_bytes(bench, monkeypatch):
+    controller, bus = bench("go2"), MemoryBus()
+    monkeypatch.setattr(robots, "opened", lambda *words: contextlib.nullcontext(MemoryTransport(bus)))
+    heard = {"effort": [], "joint_commands": []}
+    user = MemoryTransport(bus)
+    sent = []
+    for topic in controller.topics:
+        if topic.key in heard:
+            user.subscribe(counterpart(topic), heard[topic.key].append)
+        if topic.key == "joint_states":
+            user.subscribe(topic, sent.append)
+    clock = Time(0.01)
+    monkeypatch.setattr(robots, "time", clock)
+
+    def meanwhile():
+        StandingRobot(controller.model, controller.settings, user, controller.topics).run(clock.stop)
+
+    echo("dds", 0, controller.topics, controller.model.na, SimpleNamespace(wait=meanwhile), RealtimeSettings())
+    assert len(sent) == len(heard["effort"]) == 6
+    assert heard["joint_commands"] == sent
+    (data,) = {decode(payload, "std_msgs/msg/Float64MultiArray").data.shape for payload in heard["effort"]}
+    assert data == (controller.model.na,)
+    stamps = [nanoseconds(decode(payload, "sensor_msgs/msg/JointState").header.stamp) for payload in sent]
+    assert np.diff(stamps).tolist() == [2_000_000] * 5
+
+
+def test_a_transport_that_there_is_not_is_refused_by_name():
+    with (
+        pytest.raises(ConfigurationError, match=r"transport 'dss'.*did you mean 'dds'\? Valid: dds, rclpy"),
+        opened("dss", "node", 0),
+    ):
+        pass
+
+
+def test_without_ros2_rclpy_is_refused_in_a_sentence(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setitem(sys.modules, "wbc_controller.nodes.ros2.process", None)
+    with pytest.raises(ConfigurationError, match=r"finds no ROS 2 .*source it first"), opened("rclpy", "node", 0):
+        pass

@@ -1,0 +1,326 @@
+"""Leads a robot through a scenario, only by topics, and logs the messages that it receives."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.errors import WbcError
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
+from wbc_controller.middleware.codec import decode, encode, header, header_time, message, stamp
+from wbc_controller.middleware.decoding import read_odometry
+from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.setpoints import setpoint_message, vector, wrench_stamped
+from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
+from wbc_controller.middleware.transports.transport import Publish, Transport
+from wbc_controller.recording.report.run_record import Event
+from wbc_controller.records import Array
+
+#: Wall time after which the demo is given up that waits for something, s.
+_PATIENCE = 20.0
+#: Time from sending a trajectory to its start, s: it has to arrive before it starts.
+_LEAD = 0.1
+#: Time in which the robot comes to rest, s.
+_SETTLE = 1.5
+
+_STILL = np.zeros(3)
+
+
+class DemoFailed(WbcError):
+    """The demo could not continue: the robot fell, or a process ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A span of simulated time for a measurement, s."""
+
+    start: float
+    end: float
+
+
+class Log:
+    """The serialized messages of each topic, in order of arrival; filled by the transport's thread."""
+
+    def __init__(self) -> None:
+        self.messages: dict[tuple[str, str, str], list[bytes]] = {}
+        self.types: dict[tuple[str, str, str], str] = {}
+        self.arrived = threading.Event()
+
+    def listen(self, owner: str, endpoint: Endpoint, transport: Transport) -> None:
+        """Subscribe to a topic that `owner` publishes."""
+        key = (owner, endpoint.key, endpoint.subject)
+        kept: list[bytes] = []
+        self.messages[key], self.types[key] = kept, endpoint.type
+        if endpoint.key == "joint_states":
+
+            def receive(payload: bytes) -> None:
+                kept.append(payload)
+                self.arrived.set()
+
+            transport.subscribe(counterpart(endpoint), receive)
+        else:
+            transport.subscribe(counterpart(endpoint), kept.append)
+
+    def last(self, owner: str, key: str, subject: str = "") -> Any | None:
+        """The newest message of a topic; None before the first."""
+        place = (owner, key, subject)
+        kept = self.messages[place]
+        return decode(kept[-1], self.types[place]) if kept else None
+
+    @property
+    def time(self) -> float:
+        """Simulated time of the newest joint state, s; 0 before the first."""
+        kept = self.messages["mock", "joint_states", ""]
+        return header_time(kept[-1]) if kept else 0.0
+
+
+class Director:
+    """Plays a scenario.
+
+    Attributes:
+        log: every message received.
+        events: the phases so far.
+        windows: time windows of the measurements, by name of the phase.
+        references: centre-of-mass trajectories, in order of their start.
+        targets: target position of each reach, by task.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        frames: Mapping[str, str],
+        com: str,
+        controller: Iterable[Endpoint],
+        mock: Iterable[Endpoint],
+        transport: Transport,
+        advance: Callable[[Log], None],
+        say: Callable[[str], None],
+    ) -> None:
+        """Open the opposite ends of all topics of both nodes.
+
+        Args:
+            model: the robot's model.
+            frames: frame of each frame task, by the task's name.
+            com: name of the task of the centre of mass; empty where there is none.
+            controller: endpoints of the controller.
+            mock: endpoints of the mock robot.
+            transport: carries the messages.
+            advance: lets time pass until a new state has arrived, or for a short while.
+            say: called with a line of text at each phase.
+        """
+        self.log = Log()
+        self.events: list[Event] = []
+        self.windows: dict[str, Window] = {}
+        self.references: list[tuple[float, Trajectory]] = []
+        self.targets: dict[str, Array] = {}
+        self._model = model
+        self._frames = frames
+        self._com = com
+        self._data = model.pinocchio.createData()
+        self._order = JointOrder(model.joints)
+        self._advance = advance
+        self._say = say
+        self._publish: dict[tuple[str, str, str], Publish] = {}
+        self._types: dict[tuple[str, str, str], str] = {}
+        for owner, endpoints in (("controller", controller), ("mock", mock)):
+            for endpoint in endpoints:
+                if endpoint.direction is Direction.OUT:
+                    self.log.listen(owner, endpoint, transport)
+                elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold"):
+                    key = (owner, endpoint.key, endpoint.subject)
+                    self._publish[key] = transport.advertise(counterpart(endpoint))
+                    self._types[key] = endpoint.type
+
+    def play(self, scenario: Scenario) -> None:
+        """Play a scenario from the first state to the last shove.
+
+        Raises:
+            DemoFailed: if it cannot continue.
+        """
+        self._begin("start")
+        self._wait_for("the robot's first state", lambda: self.log.last("mock", "joint_states") is not None)
+        self._wait_for("the controller", lambda: self._mode() != "")
+        self._let_pass(_SETTLE)  # a robot that estimates its base stands still until it knows it
+        self._activate()
+        self._run(1.2)
+        if self._model.floating_base:
+            self._begin("let go")
+            self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
+            self._run(1.0)
+        self._move_to_standing()
+        self._stand(scenario.stand)
+        for move in scenario.moves:
+            self._move(move)
+        for reach in scenario.reaches:
+            self._reach(reach)
+        for shove in scenario.shoves:
+            self._shove(shove, scenario.recovery)
+        self._begin("end")
+        self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
+        self._run(0.5)
+        self._command("deactivate")
+        self._let_pass(1.2)
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.log.time
+
+    def _begin(self, phase: str) -> None:
+        self.events.append(Event(self.time, phase))
+        self._say(phase)
+
+    def _mode(self) -> str:
+        state = self.log.last("controller", "state")
+        return "" if state is None else str(state.data)
+
+    def _activate(self) -> None:
+        # A controller that has just been discovered may miss the first request, or have no estimate of its base yet.
+        end = monotonic() + _PATIENCE
+        while monotonic() < end:
+            self._command("activate")
+            for _ in range(50):
+                self._advance(self.log)
+                if self._mode().startswith("active"):
+                    return
+        raise DemoFailed(f"the controller did not become active: {self._mode()}")
+
+    def _command(self, word: str) -> None:
+        self._send("controller", "command", "", message("std_msgs/msg/String", data=word))
+
+    def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
+        self._publish[owner, key, subject](encode(content))
+
+    def _wait_for(self, what: str, condition: Callable[[], bool]) -> None:
+        end = monotonic() + _PATIENCE  # not so many states: a robot that starts first sends 500 of them in a second
+        while monotonic() < end:
+            if condition():
+                return
+            self._advance(self.log)
+        raise DemoFailed(f"waited {_PATIENCE:g} s for {what} in vain")
+
+    def _run(self, duration: float) -> None:
+        """Let simulated time pass, and check that the robot still stands."""
+        self._let_pass(duration)
+        self._look()
+
+    def _let_pass(self, duration: float) -> None:
+        end = self.time + duration
+        silent = 0
+        while (before := self.time) < end - 1.0e-9:
+            self._advance(self.log)
+            silent = silent + 1 if self.time <= before else 0
+            if silent > _PATIENCE / 0.05:
+                raise DemoFailed(f"no state has come from the mock robot for {_PATIENCE:g} s")
+
+    def _look(self) -> None:
+        """Raise `DemoFailed` if the robot has fallen or the controller is no longer active."""
+        if not self._mode().startswith("active"):
+            raise DemoFailed(f"the controller is no longer active: {self._mode()}")
+        q = self.state()
+        if self._model.floating_base and pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
+            raise DemoFailed("the robot fell")
+
+    def state(self) -> Array:
+        """Newest configuration, (nq,): a robot may measure no joint velocities."""
+        model = self._model
+        base: tuple[Array, ...] = ()
+        if model.floating_base:
+            base = read_odometry(self.log.last("mock", "odom"), model.base_link)
+        (position,) = self._order.columns(self.log.last("mock", "joint_states"), "position")
+        return model.state(position, np.zeros(model.nj), *base)[0]
+
+    def com(self) -> Array:
+        """Centre of mass at the newest state, (3,) in m."""
+        return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
+
+    def _move_to_standing(self) -> None:
+        """Command the present position of the centre of mass as its reference, so that the reference is known here.
+
+        Where no task has it, it is what the posture has to come back to.
+        """
+        self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
+        self._run(1.0)
+
+    def _follow(self, points: Iterable[tuple[float, tuple[float, float, float]]], origin: Array) -> float:
+        start = self.time + _LEAD
+        knots = [Knot(start, origin, _STILL, _STILL)]
+        knots += [Knot(start + time, origin + np.array(offset), _STILL, _STILL) for time, offset in points]
+        self.references.append((start, Trajectory(knots)))
+        if not self._com:
+            return start
+        content = message(
+            "trajectory_msgs/msg/MultiDOFJointTrajectory",
+            header=header(round(start * 1e9), "world"),
+            joint_names=[self._com],
+            points=[_point(knot.time - start, knot.position) for knot in knots],
+        )
+        self._send("controller", "trajectory", self._com, content)
+        return start
+
+    def _standing(self) -> Array:
+        """Present reference of the centre of mass."""
+        return self.references[-1][1].sample(self.time).position
+
+    def _stand(self, duration: float) -> None:
+        self._begin("stand")
+        start = self.time
+        self._run(duration)
+        self.windows["stand"] = Window(start, self.time)
+
+    def _move(self, move: Move) -> None:
+        self._begin(move.name)
+        start = self._follow(move.points, self._standing())
+        self._run(move.duration + _LEAD)
+        self.windows[move.name] = Window(start, self.time)
+        self._run(0.5)
+
+    def _reach(self, reach: Reach) -> None:
+        self._begin("reach")
+        q = self.state()
+        pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
+        pose = self._data.oMf[self._model.frame_id(self._frames[reach.task], f"tasks.{reach.task}.frame")]
+        target = pose.translation + np.array(reach.offset)
+        self.targets[reach.task] = target
+        self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
+        there = np.concatenate([target, quaternion_of(pose.rotation)])
+        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", there)
+        self._send("controller", "setpoint", reach.task, content)
+        start = self.time
+        self._run(reach.duration)
+        self.windows[f"reach {reach.task}"] = Window(start, self.time)
+        self._update(f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
+        self._run(_SETTLE)
+
+    def _update(self, text: str) -> None:
+        self._send("controller", "update", "", message("std_msgs/msg/String", data=text))
+
+    def _shove(self, shove: Shove, recovery: float) -> None:
+        self._begin(shove.name)
+        start = self.time
+        force = np.array(shove.impulse) / 0.1
+        content = wrench_stamped(np.concatenate([force, np.zeros(3)]), shove.frame or self._model.base_link)
+        self._send("mock", "push", "", content)
+        self._run(recovery + 0.5)
+        self.windows[shove.name] = Window(start, self.time)
+
+
+def _point(time: float, position: Array) -> Any:
+    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    seconds = stamp(round(time * 1e9))
+    return message(
+        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+        transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
+        velocities=[],
+        accelerations=[],
+        time_from_start=message("builtin_interfaces/msg/Duration", sec=seconds.sec, nanosec=seconds.nanosec),
+    )

@@ -1,0 +1,266 @@
+"""Runs the demo: a controller and a mock robot are led through a scenario by topics, and the run is judged."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.director import DemoFailed, Director, Log
+from wbc_controller.apps.demo.measure import judge, make_recording, passed
+from wbc_controller.apps.demo.scenario import SCENARIOS, Scenario
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.codec import header_time
+from wbc_controller.middleware.topics import MOCK_TOPICS, Endpoint, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.transports.transport import Transport
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recorder import Recorder
+from wbc_controller.recording.report.report import write_report
+from wbc_controller.recording.report.run_record import Result
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config, load
+from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
+from wbc_controller.simulation.mock_robot import MockRobot
+
+#: The demo uses domains 100 to 199, chosen by process, so that two demos on one machine do not interfere.
+_FIRST_DOMAIN = 100
+
+
+#: The user's transport, the function that lets time pass, and the controller's own record, filled at the end.
+_Play = tuple[Transport, Callable[[Log], None], dict[str, Array]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """The robot, its configuration, the scenario and the folder of a demo."""
+
+    name: str
+    config: Config
+    settings: Settings
+    model: RobotModel
+    scenario: Scenario
+    folder: Path
+
+
+def run_demo(
+    robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0, sensors: str | None = None
+) -> bool:
+    """Run the demo of a robot, print a table and write the report.
+
+    Args:
+        robot: name of a shipped robot, or the path of a file, for which the scenario is derived.
+        folder: folder of the report.
+        lockstep: run in one process, without real time.
+        real_time_factor: simulated seconds per second.
+        sensors: quality of the mock robot's sensors, from which the base is estimated; None for odometry, which is
+            true, as all sensors are then.
+
+    Returns:
+        Whether every target was met.
+
+    Raises:
+        ConfigurationError: if there is no such robot, or there is no demo for it.
+    """
+    config = load(robot)
+    if sensors is not None:
+        config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
+    folder.mkdir(parents=True, exist_ok=True)
+    model = make_model(config.settings)
+    scenario = SCENARIOS[robot] if robot in SCENARIOS else derived_scenario(config.settings, model)
+    stage = _Stage(Path(robot).stem, config, config.settings, model, scenario, folder)
+    console = Console()
+    how = "in lockstep, in one process" if lockstep else "two processes on the loopback, DDS between them"
+    known = "the base from odometry" if sensors is None else f"no odometry, {sensors} sensors"
+    known = known if model.floating_base else "a fixed base"
+    console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
+    play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
+    failure = None
+    with _progress(console, stage) as say, play as (transport, advance, cycles):
+        director = _direct(stage, transport, advance, say)
+        try:
+            director.play(scenario)
+        except DemoFailed as error:
+            failure = str(error)
+    return _conclude(console, stage, director, cycles, failure)
+
+
+def _direct(
+    stage: _Stage, transport: Transport, advance: Callable[[Log], None], say: Callable[[str], None]
+) -> Director:
+    settings = stage.settings
+    frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
+    return Director(
+        stage.model,
+        frames,
+        stage.scenario.com,
+        controller_endpoints(settings, stage.model),
+        _mock_endpoints(settings),
+        transport,
+        advance,
+        say,
+    )
+
+
+def _mock_endpoints(settings: Settings) -> list[Endpoint]:
+    return list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts))
+
+
+@contextmanager
+def _progress(console: Console, stage: _Stage) -> Iterator[Callable[[str], None]]:
+    """A progress bar that advances with each phase; plain lines if the output is not a terminal."""
+    scenario = stage.scenario
+    phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description:16}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeElapsedColumn(),
+    )
+    if not console.is_terminal:
+        yield lambda phase: console.print(f"  {phase}")
+        return
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("start", total=phases)
+
+        def say(phase: str) -> None:
+            progress.update(task, description=phase, advance=1)
+
+        yield say
+
+
+@contextmanager
+def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
+    """Run controller and mock robot in two processes, with this process as the user."""
+    from wbc_controller.middleware.transports.dds import DdsTransport
+
+    domain = _FIRST_DOMAIN + os.getpid() % 100
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    cycles: dict[str, Array] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        record, file = Path(folder) / "cycles.mcap", Path(folder) / f"{stage.name}.yaml"
+        file.write_text(stage.config.to_yaml(), encoding="utf-8")
+        commands = {
+            "mock": ["mock", str(file), "--real-time-factor", str(real_time_factor)],
+            "run": ["run", str(file), "--record", str(record)],
+        }
+        transport = DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")
+        processes = {
+            name: subprocess.Popen([sys.executable, "-m", "wbc_controller", *words], env=environment)  # noqa: S603  # our own
+            for name, words in commands.items()
+        }
+        try:
+            yield transport, partial(_wait_for_state, processes), cycles
+        finally:
+            for process in processes.values():
+                process.send_signal(signal.SIGINT)
+            for process in processes.values():
+                process.wait(timeout=20)
+            transport.close()
+            if record.exists():
+                cycles.update(columns(Recorded(record)))
+
+
+def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) -> None:
+    if not log.arrived.wait(0.05):
+        for name, process in processes.items():
+            if process.poll() is not None:
+                raise DemoFailed(f"the process `wbc {name}` has ended with status {process.returncode}")
+    log.arrived.clear()
+
+
+@contextmanager
+def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
+    """Run everything in this process, one step at a time, which makes the run reproducible."""
+    bus = MemoryBus()
+    transport = MemoryTransport(bus)
+    clock = ManualClock()
+    path = stage.folder / f"{stage.name}-lockstep.mcap"
+    recorder = Recorder(stage.settings, path, patient=True, name=stage.name)
+    robot = MockRobot(stage.model, stage.settings, MemoryTransport(bus))
+    loop = make_loop(
+        Controller(stage.settings, preflight=False, model=stage.model),
+        MemoryTransport(bus),
+        clock,
+        controller_endpoints(stage.settings, stage.model),
+        recorder=recorder,
+    )
+
+    def advance(log: Log) -> None:
+        clock.time = robot.stamp * 1.0e-9
+        robot.publish()
+        loop.cycle()
+        robot.advance()
+
+    cycles: dict[str, Array] = {}
+    try:
+        yield transport, advance, cycles
+    finally:
+        recorder.close()
+        if path.exists():
+            cycles.update(columns(Recorded(path)))
+
+
+def _conclude(
+    console: Console, stage: _Stage, director: Director, cycles: dict[str, Array], failure: str | None
+) -> bool:
+    """Judge the run, print the table, write the report."""
+    if "seconds/total" not in cycles or not director.log.messages["controller", "joint_commands", ""]:
+        console.print(f"[red]the demo ended before the controller sent a command: {failure}[/red]")
+        return False
+    recording = make_recording(stage.name, stage.settings, stage.model, director, cycles)
+    start = _start(director)
+    results = judge(recording, stage.scenario, director.windows, start, stage.model.mass * stage.model.gravity)
+    if failure is not None:
+        results = (Result("the run", "goes to its end", failure, False), *results)
+    recording = replace(recording, results=results)
+    _print_table(console, recording.results)
+    times = 1e3 * recording.cycle_seconds
+    console.print(
+        f"cycle time of the controller: median {np.median(times):.2f} ms, 99 % below {np.quantile(times, 0.99):.2f} ms "
+        f"({len(times)} cycles)"
+    )
+    path = stage.folder / f"{stage.name}.html"
+    write_report(recording, stage.model, path)
+    recording.save(stage.folder / f"{stage.name}.npz")
+    console.print(f"report: {path}")
+    good = passed(results)
+    console.print("[green]all targets met[/green]" if good else "[red]targets missed[/red]")
+    return good
+
+
+def _start(director: Director) -> float:
+    return header_time(director.log.messages["mock", "joint_states", ""][0])
+
+
+def _print_table(console: Console, results: tuple[Result, ...]) -> None:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in ("check", "target", "measured", ""):
+        table.add_column(column)
+    for result in results:
+        table.add_row(
+            result.name, result.target, result.measured, "[green]met[/green]" if result.passed else "[red]missed[/red]"
+        )
+    console.print(table)

@@ -1,0 +1,191 @@
+"""Goes through the steps from a URDF to the draft of a configuration."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.apps.new import tuning
+from wbc_controller.apps.new.feet import Body, Elements
+from wbc_controller.apps.new.legs import Legs
+from wbc_controller.apps.new.mechanism import Source, choose_joints, ranges_of, read_postures, read_source
+from wbc_controller.apps.new.notes import Draft
+from wbc_controller.apps.new.posture import put_fixed, put_standing, reference
+from wbc_controller.apps.new.sole import Foot
+from wbc_controller.controller.build.collision_elements import read_collision_elements
+from wbc_controller.controller.build.collision_model import with_visuals
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.settings.files import parse_settings
+from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
+
+Base = Literal["floating", "fixed"]
+#: First line of a file, a comment.
+TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
+#: Name of the root link of a robot that its URDF bolts to the ground.
+_WORLD = "world"
+#: Joints that a leg has at least.
+_LEG = 3
+
+
+def new_configuration(
+    urdf: str, *, srdf: str | None = None, base: Base | None = None, feet: Sequence[str] = ()
+) -> Draft:
+    """Draft the configuration of a robot.
+
+    Args:
+        urdf: path or ``package://`` address of its URDF.
+        srdf: of its SRDF, for a posture.
+        base: how the root link is attached to the world; None to decide by the feet.
+        feet: links to stand on; empty to look for them.
+
+    Raises:
+        ConfigurationError: if a file cannot be read, or the robot has no joints that can be controlled.
+    """
+    source = read_source(urdf)
+    postures = read_postures(srdf) if srdf is not None else {}
+    draft, body, found = _feet(source, postures, feet, ())
+    # A leg may end in a joint that is as light as a finger's: feet on shorter legs are looked for again with it.
+    if found and min(len(body.limb_of(foot).joints) for foot in found) < _LEG:
+        draft, body, found = _feet(source, postures, feet, [foot.link for foot in found])
+    model = body.model
+    kind = _put_base(source, base, found, draft)
+    if kind == "fixed":
+        _put_arm(draft, source, body, postures)
+    else:
+        _put_legged(draft, model, body, found, postures)
+    draft.put(
+        "robot.armature",
+        0.0,
+        "the inertia of the rotors at the joints, gear ratio squared times that of the rotor, from the data sheet: a "
+        "URDF does not have it.",
+        "missing",
+    )
+    return draft
+
+
+def _feet(
+    source: Source, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
+) -> tuple[Draft, Body, list[Foot]]:
+    """Begin a draft, and look for the feet.
+
+    Args:
+        source: the URDF.
+        postures: of the SRDF.
+        feet: links to stand on; empty to look for them.
+        carrying: links that are known to be feet.
+    """
+    draft = Draft()
+    draft.put("robot.urdf", source.address)
+    draft.put("robot.base", "floating")
+    choose_joints(source, draft, carrying)
+    model = _model(draft, source, floating=True)
+    body = Body(model, _shapes(model, source, draft), reference(model, postures)[1])
+    return draft, body, body.feet_of(feet) if feet else body.feet()
+
+
+def _model(draft: Draft, source: Source, *, floating: bool) -> RobotModel:
+    """The model of the draft's joints, all of them as near to zero as their limits let them be."""
+    robot = draft.values["robot"]
+    ranges = ranges_of(source, robot.get("joint_limits", {}))
+    posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]
+    values = {
+        "robot": robot | {"base": "floating" if floating else "fixed", "posture": posture},
+        "tasks": {"posture": {"type": "posture"}},
+    }
+    return make_model(parse_settings(values, source.address), source.text)
+
+
+def _shapes(model: RobotModel, source: Source, draft: Draft) -> Elements:
+    """The collision shapes of the robot, and the visual ones of links that have no others.
+
+    Shapes in files that are not there are left out, and said to be missing.
+
+    Raises:
+        ConfigurationError: if a file is there, and cannot be read.
+    """
+    tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
+    for link in tree.iterfind("link"):
+        for element in (*link.findall("collision"), *link.findall("visual")):
+            mesh = element.find("geometry/mesh")
+            if mesh is not None and not _is_there(str(mesh.get("filename")), folder):
+                link.remove(element)
+                lost.append(str(link.get("name")))
+    if lost:
+        names = ", ".join(dict.fromkeys(lost))
+        draft.note("contacts", f"the shapes of {names}: their files were not found, and not measured.", "missing")
+    bare = [
+        str(link.get("name")) for link in tree.iterfind("link")
+        if link.find("collision") is None and link.find("visual") is not None
+    ]  # fmt: skip
+    text = ElementTree.tostring(tree, encoding="unicode")
+    return read_collision_elements(model, with_visuals(text, bare), "robot.urdf", folder)
+
+
+def _is_there(mesh: str, folder: Path) -> bool:
+    try:
+        return locate(mesh if mesh.startswith(PACKAGE_SCHEME) else str(folder / mesh)).is_file()
+    except ConfigurationError:
+        return False
+
+
+def _put_base(source: Source, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
+    """Decide how the base is attached, and say why."""
+    if base is not None:
+        draft.put("robot.base", base, f"As --base {base} says.")
+        return base
+    if source.root == _WORLD:
+        draft.put("robot.base", "fixed", f"The URDF's root link is called {_WORLD!r}.")
+        return "fixed"
+    if len(feet) >= 2:
+        names = ", ".join(foot.link for foot in feet)
+        text = f"The robot stands on {names}: ends of limbs alike that reach lower than all else."
+        draft.put("robot.base", "floating", text, "guess")
+        return "floating"
+    text = "No feet were found: no two limbs alike reach lower than all else. --feet names them, if there are any."
+    draft.put("robot.base", "fixed", text, "guess")
+    return "fixed"
+
+
+def _put_arm(draft: Draft, source: Source, body: Body, postures: dict[str, dict[str, float]]) -> None:
+    model = _model(draft, source, floating=False)
+    put_fixed(model, postures, draft)
+    tuning.put_limits(model, draft)
+    tuning.put_arm_tasks(body.model, body.limbs, draft)
+
+
+def _put_legged(
+    draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
+) -> None:
+    if not feet:
+        text = "the contacts that the robot stands on: no feet were found. --feet names links."
+        draft.put("contacts", {}, text, "missing")
+    posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
+    height = body.height
+    if feet:
+        stand = Legs(model, feet, posture, known=True).stand(posture)
+        height = float(stand.com[2] - stand.bottoms.mean())
+        if len(feet) == 2 and all(foot.kind != "surface" for foot in feet):
+            draft.note("contacts", "one more contact, or none of this: on two points or wheels a robot does not stand "
+                       "still.", "missing")  # fmt: skip
+    tuning.put_limits(model, draft)
+    tuning.put_damping(model, height, draft)
+    _put_imu(model, draft)
+    if feet:
+        tuning.put_contacts(model, feet, draft)
+    tuning.put_standing_tasks(model, body.limbs, feet, height, draft)
+
+
+def _put_imu(model: RobotModel, draft: Draft) -> None:
+    """Name the frame of the IMU, where a link that moves with the base is called so."""
+    frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
+    links = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
+    if links:
+        draft.put("estimation.imu_frame", links[-1], "By its name.", "guess")

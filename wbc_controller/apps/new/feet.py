@@ -1,0 +1,142 @@
+"""Which ends of the robot are its feet, and with it whether its base floats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.apps.new.sole import Foot, measure
+from wbc_controller.controller.build.footprint import outline
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+
+#: Largest difference in height between two feet, and least height of other parts, as shares of the robot's height.
+_LEVEL, _ABOVE = 0.15, 0.02
+#: Largest relative difference in the masses of two legs.
+_ALIKE = 0.2
+
+#: Shapes by the number of the link's frame.
+Elements = Mapping[int, Sequence[pin.GeometryObject]]
+
+
+@dataclass(frozen=True, slots=True)
+class Limb:
+    """An end of the kinematic tree, with the joints that move nothing else.
+
+    Attributes:
+        end: number of the last joint.
+        joints: numbers of the joints from the trunk on, the last one included.
+        mass: of what they move, kg.
+        low: height of the lowest point of what the last joint moves, m, with the base upright.
+    """
+
+    end: int
+    joints: tuple[int, ...]
+    mass: float
+    low: float
+
+
+class Body:
+    """The robot in one posture, its base upright at the world's origin.
+
+    Attributes:
+        model: the robot's model, with a floating base.
+        data: its kinematics in the posture.
+        limbs: its limbs.
+        height: of the whole robot, m.
+    """
+
+    def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
+        """Place the robot.
+
+        Args:
+            model: the robot's model, with a floating base.
+            elements: its shapes.
+            posture: joint positions, (nj,) in rad.
+        """
+        self.model, self._elements = model, elements
+        self.data = model.pinocchio.createData()
+        q = model.configuration(posture)
+        pin.framesForwardKinematics(model.pinocchio, self.data, q)
+        pin.computeJointJacobians(model.pinocchio, self.data, q)
+        points = {joint: self._points(joint) for joint in range(1, model.pinocchio.njoints)}
+        everything = np.vstack(list(points.values()))
+        self.height = float(np.ptp(everything[:, 2]))
+        self._low = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
+        self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
+
+    def _children(self, joint: int) -> list[int]:
+        return list(self.model.pinocchio.children[joint])
+
+    def _points(self, joint: int) -> Array:
+        """Points of what a joint moves, (n, 3) in the world: of its shapes, or the origins of its links."""
+        place, frames = self.data.oMi[joint], self.model.pinocchio.frames
+        shapes = [
+            outline(element) for frame, own in self._elements.items() if frames[frame].parentJoint == joint
+            for element in own
+        ]  # fmt: skip
+        shapes = shapes or [
+            frame.placement.translation[None] for frame in frames
+            if frame.parentJoint == joint and frame.type == pin.BODY
+        ]  # fmt: skip
+        return np.asarray(np.vstack([np.zeros((0, 3)), *shapes]) @ place.rotation.T + place.translation)
+
+    def _limb(self, end: int) -> Limb:
+        chain, model = [end], self.model.pinocchio
+        while model.parents[chain[0]] > 1 and len(self._children(model.parents[chain[0]])) == 1:
+            chain.insert(0, int(model.parents[chain[0]]))
+        return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._low[end])
+
+    def axis(self, joint: int) -> Array:
+        """Axis of a joint in its own frame, (3,)."""
+        column = self.model.pinocchio.joints[joint].idx_v
+        jacobian = pin.getJointJacobian(self.model.pinocchio, self.data, joint, pin.LOCAL)
+        return np.asarray(jacobian[3:, column])
+
+    def limb_of(self, foot: Foot) -> Limb:
+        """The limb that ends in a foot, or the joint alone that moves it."""
+        return next((limb for limb in self.limbs if limb.end == foot.joint), self._limb(foot.joint))
+
+    def feet(self) -> list[Foot]:
+        """The feet, from the front left one on; none where the robot does not stand on limbs."""
+        own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == 1]
+        lowest = min(own, key=lambda limb: limb.low, default=None)
+        if lowest is None:
+            return []
+        alike = [
+            limb
+            for limb in own
+            if limb.low - lowest.low <= _LEVEL * self.height
+            and len(limb.joints) == len(lowest.joints)
+            and abs(limb.mass - lowest.mass) <= _ALIKE * lowest.mass
+        ]
+        legs = {joint for limb in alike for joint in limb.joints}
+        others = [low for joint, low in self._low.items() if joint not in legs]
+        if len(alike) < 2 or not (min(others) > max(limb.low for limb in alike) + _ABOVE * self.height):
+            return []
+        return self._measured([limb.end for limb in alike])
+
+    def feet_of(self, links: Sequence[str]) -> list[Foot]:
+        """The feet on the named links.
+
+        Raises:
+            ConfigurationError: where a name is none of a link that a joint moves.
+        """
+        frames = self.model.pinocchio.frames
+        moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}
+        for link in links:
+            if link not in moved:
+                raise ConfigurationError(
+                    f"--feet: {link!r} is no link that a joint moves; {valid_choices(link, moved)}"
+                )
+        return self._measured(list(dict.fromkeys(moved[link] for link in links)))
+
+    def _measured(self, ends: Sequence[int]) -> list[Foot]:
+        feet = [measure(self.model, self._elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
+        at = {foot.joint: self.data.oMi[foot.joint].act(foot.placement.translation) for foot in feet}
+        # Rounded, so that feet beside each other count as equally far in front.
+        return sorted(feet, key=lambda foot: (-round(at[foot.joint][0] / self.height, 1), -at[foot.joint][1]))

@@ -1,0 +1,205 @@
+"""The robot of a URDF before it has a configuration: the joints that can move, and the postures that its SRDF names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.apps.new.notes import Draft
+from wbc_controller.apps.new.placeholders import reach_of, replaced_limits
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.urdf import (
+    LARGEST_URDF,
+    JointLimits,
+    parse_urdf,
+    parse_xml,
+    read_robot,
+    split_planar_joints,
+)
+from wbc_controller.records import Array
+from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
+
+#: Share of the robot's mass below which what a joint moves is taken for a finger.
+_FINGER = 1.0 / 200.0
+#: Range of a joint that turns several times, rad.
+_SEVERAL_TURNS = 4.1 * np.pi
+#: Words in the names of an SRDF's postures, the best first; any other name comes last.
+_POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A URDF, and where it is.
+
+    Attributes:
+        address: what ``robot.urdf`` says: a ``package://`` address where there is one, otherwise an absolute path.
+        path: the file.
+        text: its text, without planar joints: three of one coordinate stand for each.
+        tree: the same, as XML.
+    """
+
+    address: str
+    path: Path
+    text: str
+    tree: ElementTree.Element
+
+    @property
+    def root(self) -> str:
+        """Name of the root link."""
+        children = {child.get("link") for child in self.tree.iterfind("joint/child")}
+        return next(str(link.get("name")) for link in self.tree.iterfind("link") if link.get("name") not in children)
+
+
+def read_source(urdf: str) -> Source:
+    """Read a URDF.
+
+    Args:
+        urdf: its path or ``package://`` address.
+
+    Raises:
+        ConfigurationError: if there is no such file, or it is no URDF.
+    """
+    path = locate(urdf, "ROBOT.urdf")
+    text = read_text(path, f"ROBOT.urdf = {urdf!r}", LARGEST_URDF)
+    tree = parse_urdf(text)
+    if split_planar_joints(tree):
+        text = ElementTree.tostring(tree, encoding="unicode")
+    return Source(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
+
+
+def _address(path: Path) -> str:
+    """A ``package://`` address of a file in the share folder of an installed package; otherwise its path."""
+    for folder in path.parents:
+        if folder.parent.name != "share":
+            continue
+        try:
+            if share_folder(folder.name).resolve() == folder:
+                return f"{PACKAGE_SCHEME}{folder.name}/{path.relative_to(folder).as_posix()}"
+        except ConfigurationError:  # the folder has the form of a package that is not installed
+            continue
+    return str(path)
+
+
+def ranges_of(source: Source, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
+    """Position limits of the joints that are not fixed, by name, with those that replace the URDF's."""
+    tree, _ = read_robot(source.text, {name: JointLimits(**given) for name, given in limits.items()})
+    found = {}
+    for joint in tree.iterfind("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") != "fixed":
+            values = [0.0 if limit is None else float(limit.get(key, "0")) for key in ("lower", "upper")]
+            found[str(joint.get("name"))] = values[0], values[1]
+    return found
+
+
+def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) -> None:
+    """Choose the joints that move, in the order of the URDF: ``robot.joints``, ``locked_joints`` and ``joint_limits``.
+
+    Args:
+        source: the URDF.
+        draft: what the choice is written to.
+        carrying: links that the robot stands on: no joint that moves them is a finger's.
+
+    Raises:
+        ConfigurationError: if the URDF cannot be used, or none of its joints can.
+    """
+    try:
+        model = pin.buildModelFromXML(source.text, pin.JointModelFreeFlyer())
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
+    elements = [joint for joint in source.tree.iterfind("joint") if joint.get("type") != "fixed"]
+    limits = replaced_limits(elements, mass, reach_of(model))
+    ranges = ranges_of(source, limits.values)
+    joints, light, stiff, other = [], [], [], []
+    for name in (str(element.get("name")) for element in elements):
+        joint = model.joints[model.getJointId(name)]
+        if name in mimics:
+            continue
+        if joint.nv != 1:
+            other.append(name)
+        elif not (ranges[name][0] < ranges[name][1]):
+            stiff.append(name)
+        elif _below(model, joint.id) < _FINGER * mass and not _carries(model, joint.id, carrying):
+            light.append(name)
+        else:
+            joints.append(name)
+    if not joints:
+        raise ConfigurationError("robot.urdf: it has no joint of one degree of freedom with a range that moves a mass")
+    draft.put(
+        "robot.joints",
+        joints,
+        "The joints in the order in which they stand in the URDF: it need not be the order of your effort controller's "
+        "`joints`, which the torques are sent in.",
+        "guess",
+    )
+    for names, why in (
+        (light, f"what each of them moves is less than {100.0 * _FINGER:g} % of the robot's mass, as fingers are"),
+        (stiff, "their range in the URDF is empty"),
+        (other, "they have several degrees of freedom"),
+    ):
+        if names:
+            draft.note("robot.joints", f"Locked, and not listed here, are {', '.join(names)}: {why}.", "guess")
+    locked = {name: round(float(np.clip(0.0, *ranges[name])), 4) for name in (*light, *stiff)}
+    locked = {name: position for name, position in locked.items() if position}
+    if locked:
+        draft.put("robot.locked_joints", locked, "Zero is outside their range: the end that is nearer.", "guess")
+    limits.put(draft, joints)
+
+
+def _carries(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
+    return any(joint in list(model.supports[model.frames[model.getFrameId(link)].parentJoint]) for link in links)
+
+
+def _below(model: pin.Model, joint: int) -> float:
+    """Mass of what a joint moves, kg."""
+    return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
+
+
+def read_postures(srdf: str) -> dict[str, dict[str, float]]:
+    """Read the postures of an SRDF: joint positions in rad by name of the ``<group_state>``, the best one first.
+
+    Args:
+        srdf: path or ``package://`` address of the SRDF.
+
+    Raises:
+        ConfigurationError: if it cannot be read.
+    """
+    tree = parse_xml(read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", LARGEST_URDF), "--srdf", "SRDF")
+    found: dict[str, dict[str, float]] = {}
+    for state in tree.iterfind("group_state"):
+        joints = found.setdefault(str(state.get("name")), {})
+        for joint in state.iterfind("joint"):
+            values = str(joint.get("value", "")).split()
+            try:
+                numbers = [float(value) for value in values]
+            except ValueError:
+                raise ConfigurationError(
+                    f"--srdf: the posture {state.get('name')!r} gives the joint {joint.get('name')!r} the value "
+                    f"{joint.get('value')!r}; it takes a number, such as 0.5"
+                ) from None
+            if len(numbers) == 1:  # others are of the floating base
+                joints[str(joint.get("name"))] = numbers[0]
+    return dict(sorted(found.items(), key=lambda item: _rank(item[0])))
+
+
+def _rank(name: str) -> int:
+    return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
+
+
+def pose_of(joints: Sequence[str], lower: Array, upper: Array, given: Mapping[str, float]) -> Array:
+    """Joint positions, (nj,): those that are given, others at zero, all of them within the limits."""
+    return np.clip([given.get(name, 0.0) for name in joints], lower, upper)
+
+
+def usable_ranges(model: RobotModel) -> tuple[Array, Array]:
+    """Limits of the joints, (nj,) each in rad; half a turn to both sides for those that turn several times."""
+    several = model.position_upper - model.position_lower > _SEVERAL_TURNS
+    return np.where(several, -np.pi, model.position_lower), np.where(several, np.pi, model.position_upper)

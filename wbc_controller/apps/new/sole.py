@@ -1,0 +1,231 @@
+"""The underside of a foot, measured on its shapes: a flat sole, a ball, or a wheel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+
+from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball, footprint, outline
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+
+#: Cosine of the largest angle between the ground and a sole in the posture in which feet are looked for, 30°.
+_DOWN = np.cos(np.radians(30.0))
+#: Facets whose normals differ by less, as the cosine of 3°, belong to one sole; by less than 0.3°, to one flat face.
+_ALIKE, _FLAT = np.cos(np.radians(3.0)), np.cos(np.radians(0.3))
+#: Smallest area of a sole, m², and as a share of the body's outline from below; smallest length of its shorter side, m.
+_LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
+#: Layers above the plane of a sole that count, m, the thinnest first, and the share of the sole that has to be in it:
+#: the edges of soles, and balls below their corners, are round.
+_LAYERS, _MOST = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
+#: Share of the smallest rectangle around a sole from which on it is a rectangle.
+_RECTANGLE = 0.97
+#: Most corners of a sole; a contact may have 12.
+_MOST_CORNERS = 8
+#: Least share of a wheel's radius at which its rim is everywhere, and sectors in which it is looked at.
+_ROUND, _SECTORS = 0.97, 24
+#: Range of a joint that turns without end, rad.
+_ENDLESS = 1.9 * np.pi
+#: Largest deviation of a ball's surface from a sphere, as a share of the radius, and largest radius, m.
+_BALL, _LARGEST_BALL = 0.15, 0.15
+#: Cosine of the angle around the downward direction within which a ball is fitted, 60°.
+_CAP = 0.5
+#: Radius of a foot whose shape is not known, m.
+UNKNOWN_RADIUS = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Foot:
+    """A foot of the robot.
+
+    Attributes:
+        joint: number of the joint that moves it, in the Pinocchio model.
+        link: the link in contact.
+        kind: the kind of contact.
+        placement: of the contact, in the joint's frame: a sole's middle with its normal, which points into the foot, as
+            z axis and x forward; a ball's or wheel's centre, with the joint's axes.
+        corners: of a sole, (n, 2) in m, in the axes of `placement`; empty for others.
+        rectangle: whether the corners are those of a rectangle along these axes.
+        radius: of a ball or wheel, m.
+        axis: of a wheel, in the joint's frame, (3,).
+        known: what the foot was measured on, in words; empty if its radius is a guess.
+    """
+
+    joint: int
+    link: str
+    kind: Literal["surface", "point", "rolling"]
+    placement: pin.SE3
+    corners: Array
+    rectangle: bool = False
+    radius: float = 0.0
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    known: str = ""
+
+
+def measure(
+    model: RobotModel,
+    elements: Mapping[int, Sequence[pin.GeometryObject]],
+    joint: int,
+    upward: pin.SE3,
+    axis: Array,
+) -> Foot:
+    """Measure a foot.
+
+    Args:
+        model: the robot's model.
+        elements: shapes by the number of the link's frame, of `read_collision_elements`.
+        joint: number of the joint that moves the foot.
+        upward: axes of the upright base in the joint's frame: x is forward and z upward.
+        axis: of the joint, in its frame, (3,).
+    """
+    frames = model.pinocchio.frames
+    own = [(frame, element) for frame, some in elements.items() for element in some]
+    own = [(frame, element) for frame, element in own if frames[frame].parentJoint == joint]
+    down = -upward.rotation[:, 2]
+    if not own:
+        return _unseen(model, joint, down)
+    shapes = [outline(element, upward.rotation) for _, element in own]
+    lowest = int(np.argmax([float((points @ down).max()) for points in shapes]))
+    link, points = str(frames[own[lowest][0]].name), np.vstack(shapes)
+    wheel = _wheel(model, joint, link, points, axis) if abs(axis @ down) < 1.0 - _DOWN else None
+    if wheel is not None:
+        return wheel
+    # Only the lowest link is looked at: the flat side of a shank above a ball is no sole.
+    normal = _face(
+        np.vstack([some for (frame, _), some in zip(own, shapes, strict=True) if frame == own[lowest][0]]), down
+    )
+    if normal is not None:
+        sole = _sole(model, elements, joint, link, _plane(points, normal, upward.rotation[:, 0]))
+        if sole is not None:
+            return sole
+    geometry, placement = own[lowest][1].geometry, own[lowest][1].placement
+    if isinstance(geometry, coal.Sphere):
+        centre, radius, known = placement.translation, float(geometry.radius), "the sphere in the URDF"
+    else:
+        ball = _ball(shapes[lowest], down)
+        tip = points[np.argmax(points @ down)]
+        radius = ball if ball is not None else UNKNOWN_RADIUS
+        centre = tip - radius * down
+        known = "a sphere fitted to the foot's underside" if ball is not None else ""
+    return Foot(joint, link, "point", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=radius, known=known)
+
+
+def _unseen(model: RobotModel, joint: int, down: Array) -> Foot:
+    """A foot without a shape: the lowest link that the joint moves."""
+    links = [frame for frame in model.pinocchio.frames if frame.parentJoint == joint and frame.type == pin.BODY]
+    lowest = max(links, key=lambda frame: float(frame.placement.translation @ down))
+    placement = pin.SE3(np.eye(3), lowest.placement.translation)
+    return Foot(joint, str(lowest.name), "point", placement, np.zeros((0, 2)), radius=UNKNOWN_RADIUS)
+
+
+def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
+    """A body of revolution about the axis of a joint that turns without end."""
+    own = model.pinocchio.joints[joint]
+    at = own.idx_q
+    endless = own.nq == 2 or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _ENDLESS
+    if not endless:
+        return None
+    aside = points - np.outer(points @ axis, axis)
+    radii = np.linalg.norm(aside, axis=1)
+    first = aside[np.argmax(radii)] / radii.max()
+    sector = np.floor(np.arctan2(aside @ np.cross(axis, first), aside @ first) / (2.0 * np.pi) * _SECTORS).astype(int)
+    rim = [float(radii[sector == i].max(initial=0.0)) for i in range(-_SECTORS // 2, _SECTORS // 2)]
+    if not (min(rim) >= _ROUND * max(rim)):
+        return None
+    outer = points[radii >= _ROUND * radii.max()] @ axis
+    centre = 0.5 * (outer.min() + outer.max()) * axis
+    x, y, z = (float(value) for value in axis)
+    return Foot(
+        joint, link, "rolling", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=float(radii.max()), axis=(x, y, z),
+        known="the wheel's shape",
+    )  # fmt: skip
+
+
+def _face(points: Array, down: Array) -> Array | None:
+    """The outward normal of the largest flat face that looks down, (3,); None where there is none of a sole's size."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # all in one plane
+        return None
+    corners = points[hull.simplices]  # (k, 3, 3)
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    normals = hull.equations[:, :3]
+    below = normals @ down > _DOWN
+    if not below.any():
+        return None
+    normals, areas = normals[below], areas[below]
+    cosines = normals @ normals.T  # (k, k)
+    largest = int(np.argmax((cosines > _ALIKE) @ areas))
+    sole = cosines[largest] > _ALIKE
+    outline_below = float(areas @ (normals @ down))  # area of the body's outline seen from below, about
+    if not (areas[sole].sum() >= max(_LEAST_AREA, _LEAST_SHARE * outline_below)):
+        return None
+    # Within the sole its flattest part counts: rounded edges would tilt it.
+    flat = sole & (cosines[int(np.argmax(np.where(sole, (cosines > _FLAT) @ areas, 0.0)))] > _FLAT)
+    mean = areas[flat] @ normals[flat]
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
+    """The plane that touches a body with a downward normal: z points into the body, x forward."""
+    z = -normal
+    x = forward - (forward @ z) * z
+    x /= np.linalg.norm(x)
+    return pin.SE3(np.column_stack([x, np.cross(z, x), z]), float((points @ normal).max()) * normal)
+
+
+def _sole(
+    model: RobotModel,
+    elements: Mapping[int, Sequence[pin.GeometryObject]],
+    joint: int,
+    link: str,
+    plane: pin.SE3,
+) -> Foot | None:
+    """A flat sole: the footprint in its plane, a rectangle or polygon about its middle; None where it is too small."""
+    whole = footprint(model, elements, joint, plane)
+    if whole is None or _area(whole.polygon) < _LEAST_AREA:
+        return None
+    thin = (footprint(model, elements, joint, plane, layer) for layer in _LAYERS)
+    found = next((one for one in thin if one and _area(one.polygon) >= _MOST * _area(whole.polygon)), whole)
+    if not (found.size.min() >= _LEAST_SIDE):
+        return None
+    low, high = found.polygon.min(axis=0), found.polygon.max(axis=0)
+    middle = 0.5 * (low + high)
+    placement = plane * pin.SE3(np.eye(3), np.array([*middle, found.height]))
+    rectangle = bool(_area(found.polygon) >= _RECTANGLE * np.prod(high - low))
+    half = 0.5 * (high - low)
+    corners = (
+        half * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+        if rectangle
+        else fewer_corners(found.polygon - middle, _MOST_CORNERS)
+    )
+    return Foot(joint, link, "surface", placement, corners, rectangle, known="the foot's shape near its sole")
+
+
+def _area(polygon: Array) -> float:
+    """Area of a polygon, (n, 2), in m²; zero of a line or point."""
+    after = np.roll(polygon, -1, axis=0)
+    return float(0.5 * abs((polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]).sum()))
+
+
+def _ball(points: Array, down: Array) -> float | None:
+    """Radius of a sphere through the lower side of a shape, m; None where it is no sphere."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return None
+    chosen = np.unique(hull.simplices[hull.equations[:, :3] @ down > _CAP])
+    if len(chosen) < 6:
+        return None
+    ball = fitted_ball(points[chosen])
+    if ball is None or not ball[1] < _LARGEST_BALL:
+        return None
+    centre, radius = ball
+    away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
+    return radius if np.abs(away).max() <= _BALL * radius else None

@@ -1,0 +1,152 @@
+"""Contacts, tasks, gains and limits of a draft, by similarity to the robots that are shipped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.apps.new.feet import Limb
+from wbc_controller.apps.new.notes import Draft, identifier
+from wbc_controller.apps.new.sole import Foot
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+
+#: Stiffness of the centre of mass in squared frequencies g/h of a pendulum as high as it, and its range, 1/s².
+_COM, _COM_RANGE = 7.0, (60.0, 250.0)
+#: Largest normal force of a contact, in weights of the robot.
+_LOAD = 3.0
+#: Friction assumed of soles, and of small feet and wheels.
+_FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}
+#: Damping of joints in emergencies, as a share of m g h, N·m·s/rad, and at most: that of G1.
+_DAMPING, _MOST_DAMPING = 0.009, 2.0
+#: Fastest joint speed of which all is used, rad/s.
+_FAST = 8.0
+#: Joints that an arm has at least, for a task of its hand.
+_ARM = 4
+#: Angles in rad below which an orientation is taken for none: what is left of a mesh's rounding.
+_UPRIGHT = 0.005
+
+
+def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
+    """Write the contacts."""
+    frames, weight = model.pinocchio.frames, model.mass * model.gravity
+    force = float(f"{_LOAD * weight:.2g}")
+    for number, foot in enumerate(feet):
+        frame = frames[model.frame_id(foot.link, "contacts")]
+        placement = frame.placement.actInv(foot.placement)
+        name = identifier(foot.link)
+        contact: dict[str, Any] = {"type": foot.kind, "frame": foot.link}
+        translation = _rounded(placement.translation)
+        if any(translation):
+            contact["translation"] = translation
+        if foot.kind == "surface":
+            rpy = pin.rpy.matrixToRpy(placement.rotation)
+            rpy = np.where(np.abs(rpy) < _UPRIGHT, 0.0, rpy)
+            if np.any(rpy):
+                contact["rpy"] = _rounded(rpy)
+            if foot.rectangle:
+                half = np.abs(foot.corners).max(axis=0)
+                contact |= {"half_length": _down(half[0]), "half_width": _down(half[1])}
+            else:
+                contact["vertices"] = [_rounded(corner) for corner in foot.corners]
+        else:
+            contact["radius"] = round(foot.radius, 4)
+            if foot.kind == "rolling":
+                contact["axis"] = _rounded(frame.placement.rotation.T @ np.array(foot.axis))
+        contact |= {"friction": _FRICTION[foot.kind], "max_normal_force": force}
+        key = f"contacts.{name}"
+        draft.put(key, contact)
+        if foot.known:
+            draft.note(key, f"Measured on {foot.known}.", "found")
+        else:
+            draft.note(f"{key}.radius", f"the foot's radius, and its place on {foot.link!r} as `translation`: the URDF "
+                       "has no shape there that was measured.", "missing")  # fmt: skip
+        if number == 0:
+            draft.note("contacts", f"The friction of a dry floor, and {_LOAD:g} weights of the robot as the largest "
+                       "force: what your floor and feet bear is not in a URDF.", "guess")  # fmt: skip
+
+
+def put_standing_tasks(
+    model: RobotModel, limbs: Sequence[Limb], feet: Sequence[Foot], height: float, draft: Draft
+) -> None:
+    """Write the tasks of a robot that stands, with its centre of mass at a height above its feet, m."""
+    stiffness = float(np.clip(float(f"{_COM * model.gravity / height:.2g}"), *_COM_RANGE))
+    draft.note("tasks", "Stiffnesses by similarity to the robots that are shipped, for a centre of mass "
+               f"{height:.2f} m above the feet; weights are theirs.", "guess")  # fmt: skip
+    flat = any(foot.kind == "surface" for foot in feet)
+    draft.put("tasks.com", {"type": "com", "weight": 50.0, "stiffness": stiffness})
+    turn = {"type": "frame_orientation", "frame": model.base_link, "weight": 2.0 if flat else 5.0}
+    draft.put("tasks.base", turn | {"stiffness": 1.0 * stiffness if flat else 1.5 * stiffness})
+    trunk = _trunk(model, limbs, feet)
+    if trunk:
+        draft.put("tasks.torso", {"type": "frame_orientation", "frame": trunk, "weight": 1.0, "stiffness": stiffness})
+    _put_hands(model, limbs, {foot.joint for foot in feet}, stiffness, draft)
+    heavy = 0.01 if model.mass > 60.0 else 0.002
+    draft.put("tasks.posture", {"type": "posture", "weight": heavy, "stiffness": 0.5 * stiffness})
+
+
+def put_arm_tasks(model: RobotModel, limbs: Sequence[Limb], draft: Draft) -> None:
+    """Write the tasks of a robot that is bolted to the ground."""
+    draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py.", "guess")
+    _put_hands(model, limbs, set(), 100.0, draft)
+    draft.put("tasks.posture", {"type": "posture", "weight": 0.1, "stiffness": 50.0})
+
+
+def _put_hands(model: RobotModel, limbs: Sequence[Limb], feet: set[int], stiffness: float, draft: Draft) -> None:
+    for limb in limbs:
+        if limb.end not in feet and len(limb.joints) >= _ARM:
+            link = link_of(model, limb.end)
+            draft.put(f"tasks.{identifier(link)}", {
+                "type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False,
+            }, "The end of an arm: enable it to reach.")  # fmt: skip
+
+
+def _trunk(model: RobotModel, limbs: Sequence[Limb], feet: Sequence[Foot]) -> str:
+    """The link from which the limbs that are no legs leave; none where it is the base."""
+    ends = [limb.end for limb in limbs if limb.end not in {foot.joint for foot in feet}]
+    if len(ends) < 2:
+        return ""
+    shared = set.intersection(*(set(model.pinocchio.supports[end]) for end in ends))
+    joint = max(shared)
+    return link_of(model, joint) if joint > 1 else ""
+
+
+def link_of(model: RobotModel, joint: int) -> str:
+    """The first of the links that a joint moves."""
+    return next(str(f.name) for f in model.pinocchio.frames if f.parentJoint == joint and f.type == pin.BODY)
+
+
+def put_limits(model: RobotModel, draft: Draft) -> None:
+    """Write which share of the joints' speeds is used."""
+    fastest = float(model.velocity_limits.max())
+    if fastest > _FAST:
+        share = float(np.clip(round(_FAST / fastest, 2), 0.15, 1.0))
+        draft.put("limits.velocity_scale", share, f"The URDF's {fastest:g} rad/s may be a motor's own: limbs at such "
+                  "speeds do not stop before their limits.", "guess")  # fmt: skip
+
+
+def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
+    """Write the damping of a robot whose size, the height of its centre of mass in m, is smaller than G1's."""
+    damping = float(f"{_DAMPING * model.mass * model.gravity * height:.1g}")
+    if damping < _MOST_DAMPING:
+        draft.put("safety.damping", damping, "In proportion to mass and size: G1 has 2 N·m·s/rad.", "guess")
+        draft.put("guard.damping", damping)
+        draft.put("mock.damping", damping)
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(value) for value in np.round(values, 4) + 0.0]
+
+
+def _down(value: float) -> float:
+    """Rounded to 0.1 mm, never up."""
+    return float(np.floor(value * 1.0e4 + 1.0e-6) / 1.0e4)
+
+
+def summary(feet: Sequence[Foot]) -> str:
+    """The feet in a few words, such as ``2 surface``."""
+    counts: Mapping[str, int] = {kind: sum(foot.kind == kind for foot in feet) for kind in _FRICTION}
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count) or "none"

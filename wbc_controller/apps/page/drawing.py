@@ -1,0 +1,204 @@
+"""The robot in the browser: its meshes, and what its controller counts on, as shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import viser
+
+from wbc_controller.apps.page.meshes import Mesh
+from wbc_controller.apps.page.moment import Moment, Robot
+from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LIST, LINE_STRIP, SPHERE_LIST, Shape, draw
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
+from wbc_controller.records import Array
+
+#: What can be shown and hidden, with its name on the page.
+GROUPS: Mapping[str, str] = {
+    "contact_forces": "Contact forces",
+    "friction_cones": "Friction cones",
+    "support": "Support polygon",
+    "com": "Centre of mass",
+    "capture_point": "Capture point",
+    "task_errors": "Task references",
+}
+#: Groups that are shown and hidden with another one.
+_WITH = {"references": "task_errors", "contacts": "support"}
+#: Movement below which a joint, and a shape, is not drawn anew, m or the sine of half an angle: a page whose robot
+#: stands still then draws nothing, which without a GPU spares the processors that the controller runs on.
+_STILL, _STEADY = 1.0e-4, 1.0e-3
+#: Brightest and darkest grey of a link: what is white or black has no shape.
+_DARKEST, _BRIGHTEST = 0.16, 0.86
+#: Brightness of the light from all sides, without reflections.
+_LIGHT = 2.2
+#: Opacity of a robot that is seen through.
+_TRANSLUCENT = 0.35
+
+
+class Drawing:
+    """Draws moments of a robot in the scene of a viser server.
+
+    Attributes:
+        links: handle of each mesh, with the joint that moves it.
+        placements: of each joint of the model in the world, at the moment that was drawn last.
+    """
+
+    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
+        """Put the robot in its posture into the scene.
+
+        Args:
+            server: whose scene it is.
+            robot: the robot.
+            meshes: what it looks like.
+        """
+        self._scene, self._robot = server.scene, robot
+        self._server = server
+        self._data = robot.model.pinocchio.createData()
+        self.links: list[tuple[Any, int]] = []
+        self.placements: list[pin.SE3] = []
+        self._shown = dict.fromkeys(GROUPS, True)
+        self._shapes: dict[tuple[str, int], _Drawn] = {}
+        self._light = self._scene.add_light_hemisphere(
+            "/light", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=_LIGHT
+        )
+        self._tree = _Tree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
+        for mesh in meshes:
+            color = np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST)
+            handle = self._scene.add_mesh_simple(
+                f"{self._tree.names[mesh.joint]}/{mesh.name}",
+                mesh.vertices,
+                mesh.triangles,
+                color=np.array(255 * color, dtype=np.uint8),
+                cast_shadow=True,
+            )
+            self.links.append((handle, mesh.joint))
+
+    def show(self, moment: Moment) -> None:
+        """Draw a moment."""
+        robot = self._robot
+        pin.forwardKinematics(robot.model.pinocchio, self._data, moment.q)
+        self.placements = list(self._data.oMi)
+        robot.dynamics.update(moment.q, moment.v)
+        shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, moment.references, moment.forces))
+        with self._server.atomic():  # a page never shows half of a moment
+            self._tree.move(self._data)
+            self._draw(shapes)
+
+    def toggle(self, group: str, shown: bool) -> None:
+        """Show or hide a group of shapes."""
+        self._shown[group] = shown
+
+    def see_through(self, translucent: bool) -> None:
+        """Make the robot translucent, or not."""
+        for handle, _ in self.links:
+            handle.opacity = _TRANSLUCENT if translucent else None
+
+    def fine(self, fine: bool) -> None:
+        """Draw shadows and reflections, or not: without a GPU they cost several times what the rest does."""
+        self._scene.configure_default_lights(True, cast_shadow=fine)
+        self._light.visible = not fine  # what reflections light up otherwise
+        self._scene.configure_environment_map("studio" if fine else None, environment_intensity=0.6)
+
+    def _draw(self, shapes: Sequence[Shape]) -> None:
+        absent = set(self._shapes)
+        for shape in shapes:
+            place = shape.group, shape.number
+            if place not in self._shapes:
+                self._shapes[place] = _Drawn(self._scene, shape)
+            self._shapes[place].move(shape, self._shown[_WITH.get(shape.group, shape.group)])
+            absent.discard(place)
+        for place in absent:
+            self._shapes[place].hide()
+
+
+class _Tree:
+    """A frame for each joint, each in that of the joint before it, so that only what its own joint does moves it.
+
+    Attributes:
+        names: name of each joint's frame.
+    """
+
+    def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
+        """Put the frames of joints, and of those before them, into the scene."""
+        self.names = {0: "/robot"}
+        self._frames: list[Any] = []
+        used = {before for joint in joints for before in model.supports[joint]} - {0}
+        self._joints = sorted(used)  # a joint comes behind the one before it
+        for joint in self._joints:
+            self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
+            self._frames.append(scene.add_frame(self.names[joint], show_axes=False))
+        self._positions = np.zeros((len(self._joints), 3))
+        self._turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
+
+    def move(self, data: pin.Data) -> None:
+        """Move the frames whose joint has moved: most joints of a robot that stands have not."""
+        placements = [data.liMi[joint] for joint in self._joints]
+        positions = np.array([each.translation for each in placements])
+        turns = np.array([quaternion_of(each.rotation) for each in placements])[:, [3, 0, 1, 2]]
+        for i in np.flatnonzero(np.abs(positions - self._positions).max(axis=1) > _STILL):
+            self._frames[i].position = self._positions[i] = positions[i]
+        for i in np.flatnonzero(1.0 - np.abs(np.einsum("ij,ij->i", turns, self._turns)) > _STILL**2):
+            self._frames[i].wxyz = self._turns[i] = turns[i]
+
+
+class _Drawn:
+    """One shape of the scene, made once and then moved."""
+
+    def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
+        red, green, blue, self._opacity = COLORS[shape.group]
+        self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)
+        self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
+        self._handles: list[Any] = []
+        self._points = np.zeros((0, 3))  # as they are drawn
+        self._hidden = False
+
+    def hide(self) -> None:
+        if not self._hidden:
+            self._hidden = True
+            for handle in self._handles:
+                handle.visible = False
+
+    def move(self, shape: Shape, shown: bool) -> None:
+        if not shown:
+            self.hide()
+            return
+        points = shape.points
+        if not self._hidden and points.shape == self._points.shape and np.abs(points - self._points).max() <= _STEADY:
+            return
+        self._hidden, self._points = False, points
+        if shape.kind == SPHERE_LIST:
+            self._balls(shape)
+        elif shape.kind == ARROW:
+            self._lines(points.reshape(1, 2, 3), shape)
+        elif shape.kind in (LINE_LIST, LINE_STRIP):
+            if shape.kind == LINE_STRIP:
+                points = np.stack([points[:-1], points[1:]], axis=1).reshape(-1, 3)
+            self._lines(points.reshape(-1, 2, 3), shape)
+
+    def _lines(self, points: Array, shape: Shape) -> None:
+        made: Any
+        if not self._handles:
+            if shape.kind == ARROW:
+                made = self._scene.add_arrows(
+                    self._name, points, self._rgb, shaft_radius=shape.size / 2.0, head_radius=1.1 * shape.size,
+                    head_length=2.4 * shape.size,
+                )  # fmt: skip
+            else:
+                made = self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size)
+            self._handles.append(made)
+        (handle,) = self._handles
+        handle.points = points.astype(np.float32)
+        handle.visible = True
+
+    def _balls(self, shape: Shape) -> None:
+        while len(self._handles) < len(shape.points):
+            name = f"{self._name}/{len(self._handles)}"
+            ball = self._scene.add_icosphere(name, shape.size / 2.0, color=self._rgb, subdivisions=2, cast_shadow=False)
+            self._handles.append(ball)
+        for handle, point in zip(self._handles, shape.points, strict=False):
+            handle.position = point
+            handle.visible = True
+        for handle in self._handles[len(shape.points) :]:
+            handle.visible = False

@@ -1,0 +1,159 @@
+"""Moments from the topics of a running robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.apps.page.moment import FOLLOWING, Moment, Robot
+from wbc_controller.apps.page.standing import Standing
+from wbc_controller.apps.terminal.session import Session
+from wbc_controller.apps.terminal.status_view import Heard
+from wbc_controller.apps.terminal.watching import Watch
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.decoding import READERS, stamp_of
+from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.states import JointStateReader, OdometryReader, StateReader
+from wbc_controller.nodes.wiring import make_vocabulary
+from wbc_controller.records import Array, Reference, References
+
+#: Time of the robot after which torques or a force that were sent count no more, s.
+_FRESH = 0.2
+
+
+class Listener:
+    """Follows the topics of a robot.
+
+    Streams stay in DDS until a moment is asked for: what comes in between, at whatever rate, costs this process next to
+    nothing, and its sender no acknowledgment.
+    """
+
+    def __init__(self, session: Session, robot: Robot) -> None:
+        """Begin to listen.
+
+        Args:
+            session: on the robot's domain.
+            robot: as it is drawn.
+        """
+        self._session, self._robot = session, robot
+        model, settings = robot.model, robot.settings
+        measured = settings.estimation.joint_velocity == "measured"
+        self._joints = _Stream(
+            session.poll("controller", "joint_states"), JointStateReader(model.joints, velocities=measured)
+        )
+        self._base = _Stream(session.poll("controller", "odom"), OdometryReader(model.base_link))
+        self._commands = session.poll("controller", "joint_commands")
+        self._wrenches = {name: session.poll("controller", "contact_wrench", name) for name in settings.contacts}
+        self._command: tuple[int, Array] | None = None
+        self._forces: dict[str, tuple[int, Array]] = {}
+        self._order = JointOrder(model.joints)
+        self._vocabulary = make_vocabulary(settings, model)
+        self._watch = Watch(session, settings)
+        self._heard: Heard | None = None
+        self._spoke = -np.inf
+        self._standing = Standing(robot)
+
+    def moment(self) -> Moment:
+        """The newest moment."""
+        model = self._robot.model
+        self._joints.look()
+        self._base.look()
+        stamp, position, velocity = self._joints.newest or (0, model.posture, np.zeros(model.nj))
+        pose = self._base.newest if model.floating_base else None
+        velocity = velocity if len(velocity) else np.zeros(model.nj)  # that of a robot which measures none is not shown
+        q, v = model.state(position, velocity, *((pose[1], pose[2]) if pose is not None else ()))
+        if model.floating_base and pose is None:
+            q = self._standing.on_contacts(q)
+        mode = self._session.mode()
+        return Moment(
+            stamp=stamp,
+            age=self._joints.age(),
+            q=q,
+            v=v,
+            mode=mode,
+            torques=self._torques(stamp),
+            forces=self._contact_forces(stamp) if mode.startswith("active") else {},
+            references=self._references() if mode.startswith(FOLLOWING) else None,
+            heard=self._heard,
+            silence=time.monotonic() - self._spoke,
+            base_measured=pose is not None or not model.floating_base,
+        )
+
+    def look(self) -> list[str]:
+        """Read what the nodes say of themselves, which is slower; gives sentences of refusals since the last look."""
+        refused = []
+        for status in self._watch.look():
+            self._spoke = time.monotonic()
+            refused += [value.value for value in status.values if value.key.startswith("refused/")]
+        self._heard = self._watch.heard()
+        return refused
+
+    def _torques(self, stamp: int) -> Array | None:
+        payload = self._commands()
+        if payload is not None:
+            content = decode(payload, "sensor_msgs/msg/JointState")
+            efforts = dict(zip(content.name, content.effort, strict=False))
+            tau = np.array([efforts.get(name, 0.0) for name in self._robot.model.joints], dtype=np.float64)
+            self._command = stamp_of(content), tau
+        return self._command[1] if self._command is not None and _fresh(self._command[0], stamp) else None
+
+    def _contact_forces(self, stamp: int) -> dict[str, Array]:
+        for name, newest in self._wrenches.items():
+            payload = newest()
+            if payload is not None:
+                content = decode(payload, "geometry_msgs/msg/WrenchStamped")
+                force, torque = content.wrench.force, content.wrench.torque
+                wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+                self._forces[name] = stamp_of(content), self._robot.contacts[name].basis.T @ wrench
+        return {name: force for name, (time, force) in self._forces.items() if _fresh(time, stamp)}
+
+    def _references(self) -> References | None:
+        """What is wanted, as far as it is known."""
+        if self._heard is None:
+            return None
+        values, tasks = self._heard.values, {}
+        for name, (_, content) in self._heard.tasks.items():
+            position = self._position(name, content)
+            if position is not None:
+                still = np.zeros(0)
+                tasks[name] = Reference(position, still, still)
+        weights = {name: float(values.get(f"task_weight/{name}", "0")) for name in tasks}
+        return References(tasks, weights, {})
+
+    def _position(self, task: str, content: Any) -> Array | None:
+        if content is None:
+            return None
+        try:
+            (change,) = READERS["setpoint"](self._vocabulary, task, content)
+        except (InputRefused, ValueError):
+            return None  # of a task that this configuration has otherwise
+        return np.asarray(change.position)  # type: ignore[union-attr]
+
+
+class _Stream:
+    """The newest state of a stream, and when it came."""
+
+    def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
+        self._poll, self._reader = poll, reader
+        self.newest: tuple[int, Array, Array] | None = None
+        self._came = -np.inf
+
+    def look(self) -> None:
+        payload = self._poll()
+        if payload is not None:
+            try:
+                self.newest = self._reader.read(payload)
+            except InputRefused:
+                return  # the controller refuses it too, and says so on its diagnostics
+            self._came = time.monotonic()
+
+    def age(self) -> float:
+        return time.monotonic() - self._came
+
+
+def _fresh(stamp: int, now: int) -> bool:
+    return abs(now - stamp) <= 1.0e9 * _FRESH

@@ -1,0 +1,205 @@
+"""What the controller thinks, as the page tells it: small pieces of HTML, made from the words that `wbc status` has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from wbc_controller.apps.page.moment import Moment, Robot
+from wbc_controller.apps.terminal.next_step import next_step
+from wbc_controller.apps.terminal.status_view import Heard, binding, facts, task_rows
+from wbc_controller.controller.visualization.scene import friction_used
+from wbc_controller.inverse_dynamics.contacts import UnilateralContact
+from wbc_controller.nodes.diagnostics.shortfall import in_words
+from wbc_controller.records import Array
+
+#: Colours of the modes.
+_MODES = {"active": "#2f9e44", "holding": "#e8890c", "damping": "#e8590c", "fault": "#e03131", "stopped": "#e03131"}
+_NO_MODE, _SILENT = "#868e96", "#e03131"
+#: Shares of a limit from which on a bar is drawn in orange and in red.
+_MUCH, _ALL = 0.7, 0.95
+#: Wall time after which a stream that has ended, or a controller that is silent, is said, s.
+_SILENCE = 1.5
+#: Binding constraints that are named.
+_NAMED = 8
+
+STYLE = """<style>
+.wbc { font-size: 12.5px; line-height: 1.45; padding: 2px 10px 8px; overflow-wrap: anywhere; }
+.wbc h4 { margin: 12px 0 3px; font-size: 11px; letter-spacing: .06em; text-transform: uppercase; opacity: .6; }
+.wbc .mode { display: inline-block; color: #fff; font-weight: 700; font-size: 15px; border-radius: 5px;
+  padding: 2px 11px; margin: 4px 8px 4px 0; text-transform: uppercase; letter-spacing: .04em; }
+.wbc .why { margin: 4px 0; padding: 6px 9px; border-left: 3px solid; border-radius: 3px; background: #8881; }
+.wbc table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
+.wbc td, .wbc th { padding: 1.5px 4px 1.5px 0; text-align: left; vertical-align: top; font-weight: 400; }
+.wbc th { opacity: .6; font-size: 11px; } .wbc .n { text-align: right; white-space: nowrap; }
+.wbc td.key { opacity: .6; white-space: nowrap; padding-right: 8px; overflow-wrap: normal; }
+.wbc tr.off { opacity: .45; } .wbc .muted { opacity: .6; }
+.wbc .bar { position: relative; height: 9px; min-width: 92px; background: #8882; border-radius: 2px; margin-top: 4px; }
+.wbc .bar i { position: absolute; top: 0; bottom: 0; border-radius: 2px; }
+.wbc .bar b { position: absolute; left: 50%; top: -1px; bottom: -1px; width: 1px; background: #8888; }
+</style>"""
+
+
+def now(robot: Robot, moment: Moment) -> str:
+    """The mode, what binds, the tasks, and the loop."""
+    heard = moment.heard
+    parts = [_mode(moment)]
+    if heard is not None:
+        parts += [_binding(heard), _tasks(robot, heard), _loop(heard)]
+    return _page(parts)
+
+
+def torques(robot: Robot, moment: Moment) -> str:
+    """Torques against their limits, and the friction of the contacts."""
+    return _page([_contacts(robot, moment), _torques(robot, moment)])
+
+
+def effort_shares(robot: Robot, joint_torques: Array) -> Array:
+    """Torques of the actuators as shares of their limits, (na,)."""
+    shares = robot.model.actuation.from_joints(joint_torques) / robot.model.effort_limits
+    return np.asarray(shares)
+
+
+def _page(parts: Iterable[str]) -> str:
+    return f'{STYLE}<div class="wbc">{"".join(parts)}</div>'
+
+
+def _mode(moment: Moment) -> str:
+    mode, _, rest = moment.mode.partition(" ")
+    color = _MODES.get(mode, _NO_MODE)
+    lines = []
+    if moment.silence > _SILENCE:
+        color, silent = _SILENT, moment.silence
+        since = "" if math.isinf(silent) else f" for {silent:.0f} s"
+        lines.append((f"The controller has said nothing{since}.", "Start it (wbc run), or look at its log."))
+    if moment.age > _SILENCE:
+        since = (
+            "No joint states have come yet." if math.isinf(moment.age) else f"No joint states for {moment.age:.0f} s."
+        )
+        lines.append((since, "See that the robot, or wbc mock, runs on this DDS domain."))
+    message = moment.heard.status.message if moment.heard is not None and moment.silence <= _SILENCE else ""
+    warnings = [part for part in message.split("; ")[1:] if not rest or part not in rest]
+    if rest:
+        lines.append((rest, next_step(rest)))
+        warnings = [part for part in warnings if part.partition(":")[0] not in rest]
+    lines += [(warning, "") for warning in warnings]
+    if not moment.base_measured:
+        lines.append(("The base's pose is on no topic: it is drawn as standing on its contacts.", ""))
+    said = "".join(
+        f'<div class="why" style="border-color:{color}">{escape(text)}'
+        + (f'<br><span class="muted">Next: {escape(advice)}</span>' if advice else "")
+        + "</div>"
+        for text, advice in lines
+    )
+    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{said}'
+
+
+def _binding(heard: Heard) -> str:
+    found = binding(heard.values)
+    if not found:
+        return '<h4>What binds</h4><span class="muted">nothing: no limit is in the way</span>'
+    most = max(_leading(cost) for _, cost in found) or 1.0
+    rows = "".join(
+        f"<tr><td>{escape(_plain(in_words(name)))}</td><td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
+        f'<td class="n muted">{escape(cost)}</td></tr>'
+        for name, cost in found[:_NAMED]
+    )
+    more = f'<tr><td class="muted">and {len(found) - _NAMED} more</td></tr>' if len(found) > _NAMED else ""
+    return f'<h4>What binds, and its price</h4><table class="binding">{rows}{more}</table>'
+
+
+def _tasks(robot: Robot, heard: Heard) -> str:
+    rows = ""
+    for row in task_rows(robot.settings, heard):
+        task = robot.tasks[row.name]
+        error = f"{_short(float(row.error))} {escape(getattr(task, 'unit', ''))}" if row.error else ""
+        off = ' class="off"' if row.off else ""
+        cells = f'<td>{escape(row.name)}</td><td class="n">{escape(row.weight)}</td><td class="n">{error}</td>'
+        rows += f"<tr{off}>{cells}</tr>"
+    return f'<h4>Tasks</h4><table><tr><th>task</th><th class="n">weight</th><th class="n">error</th></tr>{rows}</table>'
+
+
+def _loop(heard: Heard) -> str:
+    left_out = ("binding", "next")  # which stand above
+    rows = "".join(
+        f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
+        for name, text in facts(heard)
+        if name not in left_out
+    )
+    rows += "".join(
+        f'<tr><td class="muted">{escape(key)}</td><td>{escape(value)}</td></tr>'
+        for key, value in heard.values.items()
+        if key.startswith(("infeasibility/", "publishers/"))
+    )
+    return f"<h4>Loop and audit</h4><table>{rows}</table>"
+
+
+def _contacts(robot: Robot, moment: Moment) -> str:
+    if not moment.forces:
+        return '<h4>Contacts</h4><span class="muted">no forces: the controller is not active</span>'
+    weight = robot.model.mass * robot.model.gravity
+    used = friction_used(robot.contacts, moment.forces, weight)
+    rows = ""
+    for name, force in moment.forces.items():
+        contact = robot.contacts[name]
+        if isinstance(contact, UnilateralContact):
+            bar = _bar(used[name]) if used[name] >= 0.0 else '<span class="muted">not loaded</span>'
+            size = f"{force[contact.normal]:.0f} N"
+        else:
+            bar, size = "", f"{np.linalg.norm(force[:3]):.0f} N"
+        rows += f'<tr><td>{escape(name)}</td><td class="n">{size}</td><td>{bar}</td></tr>'
+    return (
+        '<h4>Contacts</h4><table><tr><th>contact</th><th class="n">normal force</th><th>friction used</th></tr>'
+        f"{rows}</table>"
+    )
+
+
+def _torques(robot: Robot, moment: Moment) -> str:
+    if moment.torques is None:
+        return '<h4>Torques against their limits</h4><span class="muted">no torques are sent</span>'
+    shares = effort_shares(robot, moment.torques)
+    taus = np.round(shares * robot.model.effort_limits, 1) + 0.0  # no minus zero
+    rows = "".join(
+        f'<tr><td>{escape(_plain(name))}</td><td class="n">{tau:.1f}</td><td>{_bar(share, signed=True)}</td></tr>'
+        for name, tau, share in zip(robot.model.actuators, taus.tolist(), shares.tolist(), strict=True)
+    )
+    return (
+        '<h4>Torques against their limits</h4><table><tr><th></th><th class="n">N·m</th><th>of the limit</th></tr>'
+        f"{rows}</table>"
+    )
+
+
+def _bar(share: float, *, signed: bool = False, color: str = "") -> str:
+    """A bar for a share of a limit, from the left or, signed, from the middle."""
+    size = min(1.0, abs(share))
+    color = color or ("#e03131" if size >= _ALL else "#f08c00" if size >= _MUCH else "#228be6")
+    width = 100.0 * size / (2.0 if signed else 1.0)
+    left = 50.0 - (width if share < 0.0 else 0.0) if signed else 0.0
+    middle = "<b></b>" if signed else ""
+    return f'<div class="bar">{middle}<i style="left:{left:.1f}%;width:{width:.1f}%;background:{color}"></i></div>'
+
+
+def _leading(cost: str) -> float:
+    return abs(float(cost.partition(" ")[0]))
+
+
+def _short(error: float) -> str:
+    return f"{error:.4f}" if error < 1.0 else f"{error:.3g}"
+
+
+def _plain(name: str) -> str:
+    """Names as a person reads them: ``left_knee_joint's upper torque limit`` without the marks of a program."""
+    return name.replace("_joint", "").replace("_", " ")
+
+
+def sent(lines: Sequence[tuple[str, bool]]) -> str:
+    """What was sent, as `wbc send` would be told it, newest first; in red what was refused."""
+    if not lines:
+        return _page(['<span class="muted">nothing yet</span>'])
+    return _page(
+        f'<div style="{"" if done else "color:#e03131;"}font-family:monospace;font-size:11px">{escape(text)}</div>'
+        for text, done in lines
+    )

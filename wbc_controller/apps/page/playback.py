@@ -1,0 +1,258 @@
+"""Moments from a recording, with a time line that marks faults, contacts that were made and broken, and pushes."""
+
+from __future__ import annotations
+
+import bisect
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+import viser
+
+from wbc_controller.apps.page.moment import Moment, Robot
+from wbc_controller.apps.terminal.status_view import Heard
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import decode
+from wbc_controller.recording.layout import MODES
+from wbc_controller.recording.mcap import Contents, read
+from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.records import Array, Reference, References
+
+#: Most moments that are kept of a recording: of a longer one, every second, third, … cycle.
+MOST = 20_000
+#: Force that the model does not explain from which on it is marked, in weights of the robot: a push, or a collision.
+_PUSH = 0.1
+#: Marks of the same kind and text are one for this time, s.
+_ONE = 0.5
+#: Longest step of time that plays, s: while nobody looks, it stands still.
+_LONGEST = 0.5
+_COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
+_SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something that happened.
+
+    Attributes:
+        time: since the start of the recording, s.
+        kind: ``fault``, ``contact``, ``push`` or ``mode``.
+        text: in words.
+    """
+
+    time: float
+    kind: str
+    text: str
+
+
+class Playback:
+    """The moments of a recording, by time.
+
+    Attributes:
+        marks: what happened, in order of time.
+        duration: of the recording, s.
+        time: at which it is, s; `seek` sets it.
+        playing: whether time passes.
+        speed: how fast.
+    """
+
+    def __init__(self, recorded: Recorded, robot: Robot) -> None:
+        """Read a recording.
+
+        Args:
+            recorded: the recording.
+            robot: of its configuration.
+
+        Raises:
+            ConfigurationError: where it holds no state of the robot.
+        """
+        self._recorded, self._robot = recorded, robot
+        self.time, self.speed, self.playing = 0.0, 1.0, True
+        self._now = time.monotonic()
+        self._times: list[float] = []
+        self._cycles: list[Cycle] = []
+        self.marks: list[Mark] = sorted(self._read(), key=lambda mark: mark.time)
+        if not self._cycles:
+            raise ConfigurationError(f"recording {recorded.path}: there is nothing to show: no state has arrived")
+        self.duration = self._times[-1]
+        self._said_at, self._said = self._statuses()
+
+    def seek(self, moment: float) -> None:
+        """Go to a time, s."""
+        self.time = min(max(0.0, moment), self.duration)
+
+    def moment(self) -> Moment:
+        """The moment at the present time, which passes where it plays."""
+        now = time.monotonic()
+        if self.playing:
+            self.time += self.speed * min(now - self._now, _LONGEST)
+            if self.time >= self.duration:
+                self.time, self.playing = self.duration, False
+        self._now = now
+        at = max(0, bisect.bisect_right(self._times, self.time) - 1)
+        return self._of(self._cycles[at])
+
+    def look(self) -> Sequence[str]:
+        """Nothing is refused any more."""
+        return ()
+
+    def _of(self, cycle: Cycle) -> Moment:
+        values, model = cycle.values, self._robot.model
+        mode = MODES[int(cycle.number_of("mode"))].value
+        moved = time_of(self._recorded, cycle.time)
+        fault = next((m.text for m in reversed(self.marks) if m.kind == "fault" and m.time <= moved + 1.0e-6), "")
+        if cycle.number_of("fault") and fault:
+            mode += f" {fault}"
+        torques = values["tau"]
+        at_joints = model.actuation.at_joints(np.array(torques)) if np.isfinite(torques).all() else None
+        forces = {
+            name: np.array(values[f"force/{name}"])
+            for name in self._robot.contacts
+            if np.isfinite(values[f"force/{name}"]).all()
+        }
+        place = bisect.bisect_right(self._said_at, moved) - 1
+        return Moment(
+            stamp=cycle.time,
+            age=0.0,
+            q=np.array(values["q"]),
+            v=np.array(values["v"]),
+            mode=mode,
+            torques=at_joints,
+            forces=forces,
+            references=_references(cycle.references, self._robot) if mode.startswith(("active", "holding")) else None,
+            heard=self._said[place] if place >= 0 else None,
+            silence=0.0,
+        )
+
+    def _read(self) -> Iterator[Mark]:
+        """Keep the cycles that are shown, and find what happened."""
+        recorded, every = self._recorded, max(1, -(-self._recorded.count // MOST))
+        weight = self._robot.model.mass * self._robot.model.gravity
+        before: tuple[str, frozenset[str]] | None = None
+        pushed = -_ONE
+        for number, cycle in enumerate(recorded.cycles()):
+            if not cycle.number_of("has_state"):
+                continue
+            at = time_of(recorded, cycle.time)
+            if number % every == 0:
+                self._times.append(at)
+                self._cycles.append(cycle)
+            mode = MODES[int(cycle.number_of("mode"))].value
+            made = frozenset(
+                name for name in self._robot.contacts if np.isfinite(cycle.values[f"force/{name}"]).all()
+            ) if mode == "active" else (before[1] if before is not None else frozenset())  # fmt: skip
+            if before is not None:
+                if mode != before[0]:
+                    yield Mark(at, "mode", mode)
+                if before[0] == mode == "active":
+                    yield from (Mark(at, "contact", f"{name} is made") for name in sorted(made - before[1]))
+                    yield from (Mark(at, "contact", f"{name} is broken") for name in sorted(before[1] - made))
+            before = mode, made
+            beside = float(np.linalg.norm(cycle.values["audit/force"]))
+            if beside > _PUSH * weight and mode == "active":
+                if at - pushed > _ONE:
+                    yield Mark(at, "push", f"{beside:.0f} N that the model does not explain: a push, or a collision")
+                pushed = at
+        for fault in recorded.faults:
+            yield Mark(time_of(recorded, fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
+
+    def _statuses(self) -> tuple[list[float], list[Heard]]:
+        """What the controller said of itself, with the times."""
+        times: list[float] = []
+        said: list[Heard] = []
+        contents, count = Contents(), 0
+        node = f"{self._recorded.about['node'].strip('/')}: control loop"
+        for number, stamp, payload in read(self._recorded.path, contents):
+            if not contents.channels[number].topic.endswith("/diagnostics"):
+                continue
+            for status in decode(payload, "diagnostic_msgs/msg/DiagnosticArray").status:
+                if status.name == node:
+                    values = {value.key: value.value for value in status.values}
+                    moment, cycle = time_of(self._recorded, stamp), int(values.get("cycle", "0"))
+                    rate = (cycle - count) / (moment - times[-1]) if times and moment > times[-1] else float("nan")
+                    times.append(moment)
+                    said.append(Heard(status, rate, {}, ""))
+                    count = cycle
+        return times, said
+
+
+class TimeLine:
+    """The time line on the page.
+
+    Like `Controls`, it reads what users set, and shows the time, on the server's event loop.
+    """
+
+    def __init__(self, server: viser.ViserServer, playback: Playback) -> None:
+        """Put it into the panel."""
+        self._playback, gui = playback, server.gui
+        self._loop = server.get_event_loop()
+        with gui.add_folder("Recording"):
+            self._play = gui.add_button("Pause")
+            self._play.on_click(self._pressed)
+            speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
+            speed.on_update(lambda event: setattr(playback, "speed", _SPEEDS[speed.value]))
+            self._slider: Any = gui.add_slider("Time [s]", 0.0, max(0.01, round(playback.duration, 2)), 0.01, 0.0)
+            self._slider.on_update(self._moved)
+            gui.add_html(strip(playback))
+            names = {f"{mark.time:.2f} s  {mark.text}"[:70]: mark.time for mark in playback.marks}
+            if names:
+                jump = gui.add_dropdown("Go to", tuple(names))
+                jump.on_update(lambda event: self._go(names[jump.value]))
+
+    def show(self) -> None:
+        """Follow the time, soon."""
+        self._loop.call_soon_threadsafe(self._show)
+
+    def _show(self) -> None:
+        self._play.label = "Pause" if self._playback.playing else "Play"
+        shown = min(round(self._playback.time, 2), self._slider.max)
+        if abs(shown - self._slider.value) > 0.005:
+            self._slider.value = shown
+
+    def _pressed(self, event: Any) -> None:
+        playback = self._playback
+        if not playback.playing and playback.time >= playback.duration:
+            playback.seek(0.0)
+        playback.playing = not playback.playing
+
+    async def _moved(self, event: Any) -> None:
+        if event.client_id is not None:
+            self._go(self._slider.value)
+
+    def _go(self, moment: float) -> None:
+        self._playback.playing = False
+        self._playback.seek(moment)
+
+
+def strip(playback: Playback) -> str:
+    """The marks along the time as HTML."""
+    ticks = "".join(
+        f'<i title="{escape(f"{mark.time:.2f} s: {mark.text}", quote=True)}" style="position:absolute;top:0;bottom:0;'
+        f'width:3px;left:{100.0 * mark.time / max(playback.duration, 1e-9):.2f}%;background:{_COLORS[mark.kind]}"></i>'
+        for mark in playback.marks
+    )
+    kinds = dict.fromkeys(mark.kind for mark in playback.marks)
+    key = " · ".join(f'<span style="color:{_COLORS[kind]}">■</span> {kind}' for kind in kinds)
+    return (
+        '<div style="padding:2px 10px 6px;font-size:11px"><div style="position:relative;height:14px;'
+        f'background:#8882;border-radius:2px">{ticks}</div>{key}</div>'
+    )
+
+
+def time_of(recorded: Recorded, stamp: int) -> float:
+    """A time of a recording since its start, s."""
+    return 1.0e-9 * (stamp - recorded.start)
+
+
+def _references(wanted: Mapping[str, Array], robot: Robot) -> References | None:
+    if not wanted:
+        return None
+    tasks = {
+        name: Reference(*(np.array(wanted[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration")))
+        for name in robot.tasks
+        if f"position/{name}" in wanted
+    }
+    return References(tasks, {name: float(wanted[f"weight/{name}"][0]) for name in tasks}, {})

@@ -1,0 +1,159 @@
+"""The page of `wbc check --html`: the robot as it is configured to stand, and what the check found."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.contact_shapes import undersides
+from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.controller.visualization.geometry import build_parts
+from wbc_controller.errors import NoSolution
+from wbc_controller.inverse_dynamics.contacts import UnilateralContact
+from wbc_controller.inverse_dynamics.contacts.support import support_polygon
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.recording.report.report import json_in_page, replay_data, resource
+from wbc_controller.recording.report.run_record import Recording, supports_of
+from wbc_controller.records import Array, RobotState, frozen
+from wbc_controller.settings.config import Config
+
+#: Margin around what stands on the floor, m, and width of the drawing, pixels.
+_MARGIN, _WIDTH = 0.05, 560
+#: Radius of the dot at the centre of mass, and of one at a contact without corners, as shares of the drawing's width.
+_DOT = 0.012
+
+
+def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:
+    """Write the page of a check.
+
+    Args:
+        config: the configuration that was checked.
+        findings: what the check found; empty where it failed.
+        failure: the sentence with which it failed; empty where it did not.
+        path: the file to write.
+
+    Raises:
+        ConfigurationError: if there is nothing to draw: the robot or its quadratic program cannot be built, or the
+            visual geometry of the URDF cannot be read.
+        OSError: if the file cannot be written.
+    """
+    settings = config.settings
+    model = make_model(settings, config.urdf)
+    qp = make_qp(settings, model)
+    active = [name for name, contact in settings.contacts.items() if contact.enabled]
+    normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+    q = stance(model, qp, active, normal)
+    forces = _forces(config, qp, q)
+    qp.dynamics.update(q, np.zeros(model.nv))
+    name = config.source or "robot"
+    still = np.tile(q, (2, 1))
+    picture = Recording(
+        robot=name,
+        actuators=model.actuators,
+        time=np.array([0.0, 1.0]),
+        q=still,
+        tau=np.zeros((2, model.na)),
+        effort_limits=model.effort_limits,
+        com=np.tile(qp.dynamics.com, (2, 1)),
+        com_reference=np.full((2, 3), np.nan),
+        frame_errors={},
+        contact_wrenches={key: np.tile(force, (2, 1)) for key, force in forces.items()},
+        unmodelled=np.zeros(2),
+        true_wrenches={},
+        friction={},
+        cycle_seconds=np.zeros(0),
+        stage_seconds={},
+        events=(),
+        results=(),
+        supports=supports_of(settings.contacts),
+    )
+    data = replay_data(picture, model, build_parts(model))
+    facts = {"Mass": f"{model.mass:.1f} kg", "Joints": str(model.nj), "Contacts": str(len(active))}
+    pieces = {
+        "title": html.escape(f"{name}: wbc check"),
+        "robot": html.escape(Path(name).stem),
+        "verdict": _verdict(failure),
+        "facts": "".join(f"<div><dt>{key}</dt><dd>{value}</dd></div>" for key, value in facts.items()),
+        "findings": "\n".join(
+            f'<tr><th scope="row">{html.escape(finding.subject)}</th><td>{html.escape(finding.text)}</td></tr>'
+            for finding in findings
+        )
+        or "<tr><td>The check ended with the sentence above.</td></tr>",
+        "floor": _floor_plan(qp, active, undersides(settings, qp)),
+        "data": json_in_page(data),
+        "style": resource("report.css"),
+        "replay": resource("replay.js"),
+    }
+    page = re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match.group(1)], resource("check.html"))
+    path.write_text(page, encoding="utf-8")
+
+
+def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
+    """The contact forces of the first cycle at rest; zero where the robot cannot stand."""
+    state = RobotState(0, frozen(q), frozen(np.zeros(qp.model.nv)))
+    board = make_board(config.settings, qp)
+    qp.dynamics.update(q, np.zeros(qp.model.nv))
+    board.reset(qp.dynamics, 0.0)
+    try:
+        found = qp.solve(state, board.sample(0.0), None).forces
+    except NoSolution:  # the sentence of the check says why
+        found = {}
+    sizes = {name: contact.size for name, contact in qp.contacts.items() if isinstance(contact, UnilateralContact)}
+    return {name: found.get(name, np.zeros(size)) for name, size in sizes.items()}
+
+
+def _verdict(failure: str) -> str:
+    if failure:
+        return f'<p class="verdict fail"><span class="mark"></span>{html.escape(failure)}</p>'
+    return '<p class="verdict pass"><span class="mark"></span>ok</p>'
+
+
+def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array]) -> str:
+    """Contacts, what the URDF has there, and the centre of mass from above: an SVG with x upwards and y to the left."""
+    feet = {
+        name: contact.points(qp.dynamics)[:, :2]
+        for name in active
+        if isinstance(contact := qp.contacts[name], UnilateralContact) and not contact.internal
+    }
+    if not feet:
+        return "<p>The robot stands on no contact.</p>"
+    com = qp.dynamics.com[:2]
+    everything = np.vstack([*feet.values(), *(corners[:, :2] for corners in true.values()), com[None]])
+    low, high = everything.min(axis=0) - _MARGIN, everything.max(axis=0) + _MARGIN
+    height, width = high - low
+    scale = _WIDTH / width
+
+    def at(point: Array) -> tuple[float, float]:
+        return round(float(scale * (high[1] - point[1])), 1), round(float(scale * (high[0] - point[0])), 1)
+
+    def shape(points: Array, kind: str, title: str) -> str:
+        said = f"<title>{html.escape(title)}</title>"
+        corners = support_polygon(points)
+        if len(corners) < 3:
+            dots = [f'cx="{x}" cy="{y}" r="{_DOT * _WIDTH}"' for x, y in map(at, points)]
+            return "".join(f'<circle class="{kind}" {dot}>{said}</circle>' for dot in dots)
+        drawn = " ".join(f"{x},{y}" for x, y in map(at, corners))
+        return f'<polygon class="{kind}" points="{drawn}">{said}</polygon>'
+
+    parts = [shape(np.vstack(list(feet.values())), "support", "support polygon")]
+    parts += [shape(corners[:, :2], "true", f"{name}: underside in the URDF") for name, corners in true.items()]
+    parts += [shape(points, "assumed", f"{name}: in the configuration") for name, points in feet.items()]
+    for name, points in feet.items():
+        x, y = at(points.mean(axis=0))
+        parts.append(f'<text x="{x}" y="{y}">{html.escape(name)}</text>')
+    x, y = at(com)
+    parts.append(f'<circle class="com" cx="{x}" cy="{y}" r="{_DOT * _WIDTH}"><title>centre of mass</title></circle>')
+    length = 0.1 * scale
+    parts.append(
+        f'<path class="scale" d="M 12 {scale * height - 12:.1f} h {length:.1f}"/>'
+        f'<text class="scale" x="{12 + length / 2:.1f}" y="{scale * height - 18:.1f}">100 mm</text>'
+    )
+    return f'<svg viewBox="0 0 {_WIDTH} {scale * height:.1f}" role="img">{"".join(parts)}</svg>'

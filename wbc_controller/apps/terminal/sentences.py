@@ -1,0 +1,253 @@
+"""What a user may say to the nodes of a robot, as messages on their topics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.apps.terminal.quantities import (
+    FORCE,
+    LEANS,
+    LENGTH,
+    TIME,
+    TURNS,
+    displacement,
+    number,
+    quaternion,
+    turn,
+)
+from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.middleware.codec import message
+from wbc_controller.middleware.setpoints import JOINT_FIELDS, setpoint_message, wrench_stamped
+from wbc_controller.middleware.topics import TASK_TYPES
+from wbc_controller.records import REQUESTS, Array
+from wbc_controller.settings import Settings
+
+#: Gives the newest message of a topic, by its node, row and subject, and waits for the first one.
+Hear = Callable[[str, str, str], Any]
+#: First words of a sentence that are no task's name, with what follows them.
+FORMS = {
+    **dict.fromkeys(REQUESTS, ""),
+    "release": "",
+    "hold": "",
+    "push": "FORCE DIRECTION [for SECONDS] [at FRAME]",
+    "contact": "CONTACT on|off",
+    "grip": "CONTACT on|off",
+    "task": "TASK on|off",
+    "weight": "TASK NUMBER",
+    "update": "YAML",
+    "record": "[NAME]",
+    "fault": "YAML",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One message to a node.
+
+    Attributes:
+        node: ``controller`` or ``mock``.
+        key: row of the node's table of topics.
+        subject: the task or contact that it is about; empty for the others.
+        said: what it asks for, as a sentence without its full stop.
+        make: makes the message, from what the nodes say.
+        frame: frame of the robot that it names, which the node itself would not answer for; empty for none.
+    """
+
+    node: str
+    key: str
+    subject: str
+    said: str
+    make: Callable[[Hear], Any]
+    frame: str = ""
+
+
+def read_sentence(words: Sequence[str], settings: Settings) -> Request:
+    """Read a sentence.
+
+    Args:
+        words: such as ``["com", "+0.02", "forward"]``.
+        settings: of the robot: they name its tasks and contacts.
+
+    Raises:
+        InputRefused: where it is none, with the valid ones.
+    """
+    first, rest = (words[0], list(words[1:])) if words else ("", [])
+    if first in settings.tasks:
+        return _setpoint(first, rest, settings)
+    if first not in FORMS:
+        raise InputRefused(f"{first!r} says nothing; {valid_choices(first, [*FORMS, *settings.tasks])}")
+    form = FORMS[first]
+    if not form and rest:
+        raise InputRefused(f"{first!r} stands alone, without {' '.join(rest)!r}")
+    if first in REQUESTS:
+        return Request("controller", "command", "", first, _says(first))
+    if first in ("release", "hold"):
+        said = "the hoist lets go of the robot" if first == "release" else "the hoist holds the robot where it began"
+        return Request("mock", "hold", "", said, _is(first == "hold"))
+    if first == "push":
+        return _push(rest, settings)
+    if first in ("update", "fault"):
+        if not rest:
+            raise InputRefused(f"{first} takes YAML, see docs/{'topics' if first == 'update' else 'faults'}.md")
+        text = " ".join(rest)
+        return Request("controller" if first == "update" else "mock", first, "", f"{first} {text}", _says(text))
+    if first == "record":
+        name = "-".join(rest)
+        return Request("controller", "record", "", "the last seconds are written to a file", _says(name))
+    if len(rest) != 2:
+        raise InputRefused(f"{first} is followed by {form}, not by {' '.join(rest)!r}")
+    name = _one_of(rest[0], settings.tasks if first in ("task", "weight") else settings.contacts, first)
+    if first == "weight":
+        value = number(rest[1], "a weight")
+        said = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
+        content = message("std_msgs/msg/Float64", data=value)
+        return Request("controller", "weight", name, said, lambda hear: content)
+    on = _one_of(rest[1], ("on", "off"), f"{first} {name}") == "on"
+    if first == "grip":
+        return Request("mock", "grip", name, f"{'grips' if on else 'lets go of'} {name}", _is(on))
+    key, duration = (
+        ("task_enable", settings.control.weight_ramp)
+        if first == "task"
+        else ("contact_enable", settings.contacts[name].ramp)
+    )
+    return Request("controller", key, name, f"{first} {name} goes {rest[1]} in {duration:g} s", _is(on))
+
+
+def _says(text: str) -> Callable[[Hear], Any]:
+    return lambda hear: message("std_msgs/msg/String", data=text)
+
+
+def _is(value: bool) -> Callable[[Hear], Any]:
+    return lambda hear: message("std_msgs/msg/Bool", data=value)
+
+
+def _one_of(word: str, choices: Any, what: str) -> str:
+    if word not in choices:
+        raise InputRefused(f"{what}: {word!r} is none; {valid_choices(word, choices)}")
+    return word
+
+
+def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
+    """Read a setpoint, such as ``TASK 0.02 forward``, ``TASK turn 10deg left`` or ``TASK to 0 0 0.6 in FRAME``."""
+    spec = settings.tasks[task]
+    kind, duration = spec.type, spec.setpoint_duration
+    type_name = TASK_TYPES[kind]["setpoint"]
+    oriented = type_name == "geometry_msgs/msg/PoseStamped"
+    make = partial(setpoint_message, type_name, kind)
+
+    def request(said: str, content: Callable[[Hear], Any]) -> Request:
+        when = f"in {duration:g} s" if duration > 0.0 else "at once"
+        return Request("controller", "setpoint", task, f"{task} {said}, {when}", content)
+
+    def at(said: str, position: Array, frame: str) -> Request:
+        return request(said, lambda hear: make(position, frame=frame))
+
+    if kind in JOINT_FIELDS:
+        return request(*_joints(task, words, JOINT_FIELDS[kind]))
+    if words[:1] == ["to"]:
+        home = getattr(spec, "reference_frame", "world")
+        return request(*_absolute(task, words[1:], make, oriented, home))
+    if oriented and words[:1] in (["turn"], ["lean"]):
+        rotation = turn(words[1:], TURNS if words[0] == "turn" else LEANS, f"{task} {words[0]}")
+        values = np.concatenate([np.zeros(0 if kind == "frame_orientation" else 3), quaternion(rotation)])
+        return at(f"{words[0]}s {' '.join(words[1:])}", values, f"{task}/heading")
+    if kind in ("frame_orientation", "axis_alignment", "contact_wrench"):
+        forms = {"frame_orientation": "turn 10deg left, lean 5deg forward, or to X Y Z W"}.get(kind, "to NUMBERS")
+        raise InputRefused(f"{task} is a {kind} task: it takes {forms}")
+    moved, by_heading = displacement(words, task, LENGTH if "momentum" not in kind else {"": 1.0})
+    if kind == "relative_pose" and by_heading:
+        raise InputRefused(f"{task} is relative to {spec.reference_frame}: give its axes x, y, z")  # type: ignore[union-attr]
+    values = np.array([*moved, 0.0, 0.0, 0.0, 1.0]) if oriented else moved
+    return at(f"moves {' '.join(words)}", values, f"{task}/{'heading' if by_heading else 'reference'}")
+
+
+def _absolute(
+    task: str, words: list[str], make: Callable[..., Any], oriented: bool, home: str
+) -> tuple[str, Callable[[Hear], Any]]:
+    """Read ``0 0 0.6 [in FRAME]``."""
+    frame = home
+    if len(words) > 1 and words[-2] == "in":
+        frame, words = words[-1], words[:-2]
+    values = np.array([number(word, task) for word in words])
+    said = f"goes to {' '.join(words)} in {frame}"
+    if not oriented or len(values) in (4, 7):
+        return said, lambda hear: make(values, frame=frame)
+    if len(values) != 3 or frame != home:
+        raise InputRefused(f"{task} goes to x y z, or with a quaternion to x y z x y z w, not to {' '.join(words)!r}")
+
+    def keep_orientation(hear: Hear) -> Any:
+        turned = hear("controller", "task_reference", task).pose.orientation
+        return make(np.array([*values, turned.x, turned.y, turned.z, turned.w]), frame=frame)
+
+    return said, keep_orientation
+
+
+def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Hear], Any]]:
+    """Read ``JOINT by 0.1`` or ``JOINT to 0.6``, or several of the same kind."""
+    hows = set(words[1::3])
+    if not words or len(words) % 3 or len(hows) != 1 or not hows <= {"by", "to"}:
+        raise InputRefused(f"{task} takes JOINT by NUMBER, or JOINT to NUMBER, one or several, not {' '.join(words)!r}")
+    units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else {"": 1.0, "rad": 1.0, "deg": np.pi / 180.0}
+    names, values = words[::3], np.array([number(word, task, units) for word in words[2::3]])
+
+    def joints(names: Sequence[str], values: Array, frame: str) -> Any:
+        kind = next(kind for kind, held in JOINT_FIELDS.items() if held == field)
+        return setpoint_message("sensor_msgs/msg/JointState", kind, values, frame=frame, joints=names)
+
+    if hows == {"by"}:
+        return f"moves {' '.join(words)}", lambda hear: joints(names, values, f"{task}/reference")
+
+    def others_stay(hear: Hear) -> Any:
+        before = hear("controller", "task_reference", task)
+        known = dict(zip(before.name, getattr(before, field), strict=True))
+        for name in names:
+            _one_of(name, known, task)
+        known |= dict(zip(names, values, strict=True))
+        return joints(list(known), np.array(list(known.values())), "")
+
+    return f"goes {' '.join(words)}", others_stay
+
+
+def _push(words: list[str], settings: Settings) -> Request:
+    """Read ``60 forward [for 0.1] [at FRAME]``."""
+    tail = {"for": "", "at": ""}
+    while len(words) > 2 and words[-2] in tail:
+        tail[words[-2]] = words[-1]
+        words = words[:-2]
+    force, by_heading = displacement(words, "push", FORCE)
+    lasts = settings.mock.push_duration
+    asked = number(tail["for"], "push: the duration", TIME) if tail["for"] else lasts
+    if not abs(asked - lasts) <= 1.0e-6:
+        same = np.linalg.norm(force) * asked / lasts
+        raise InputRefused(
+            f"push: the mock robot is pushed for {lasts:g} s (mock.push_duration), not for {asked:g} s; "
+            f"{same:g} N for {lasts:g} s are the same impulse"
+        )
+    named = settings.tasks.get(tail["at"]) or settings.contacts.get(tail["at"])
+    frame = getattr(named, "frame", tail["at"])
+    floating = settings.robot.base == "floating"
+
+    def content(hear: Hear) -> Any:
+        return wrench_stamped(np.array([*_heading(hear, floating and by_heading) @ force, 0.0, 0.0, 0.0]), frame)
+
+    said = f"a push of {' '.join(words)} (N) for {lasts:g} s at {frame or 'the base'}"
+    return Request("mock", "push", "", said, content, frame)
+
+
+def _heading(hear: Hear, turned: bool) -> Array:
+    """Axes of the robot's heading in the world, (3, 3); the world's where it is not turned."""
+    if not turned:
+        return np.eye(3)
+    odometry = hear("mock", "odom", "")
+    # What reads messages brings the whole controller with it, for which `wbc --help` and completion would wait.
+    from wbc_controller.middleware.decoding import read_odometry
+
+    x, y, z, w = read_odometry(odometry, odometry.child_frame_id)[0][3:]
+    cosine, sine = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w)
+    length = float(np.hypot(cosine, sine)) or 1.0
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, length]]) / length

@@ -1,0 +1,381 @@
+"""A user's conversation with the nodes of one robot: what they have said, and the answer to what is sent."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
+from wbc_controller.apps.terminal.sentences import Request
+from wbc_controller.errors import WbcError
+from wbc_controller.middleware.codec import decode, encode, header_time
+from wbc_controller.middleware.topics import (
+    CONTROLLER_TOPICS,
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    MOCK_NODE,
+    MOCK_TOPICS,
+    STATE_IN,
+    Direction,
+    Endpoint,
+    counterpart,
+    endpoints,
+)
+from wbc_controller.middleware.transports.dds import DdsTransport, Line
+from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
+from wbc_controller.nodes.wiring import named_frames
+from wbc_controller.settings import NODE_NAME, Settings
+
+#: Name of the user's node.
+_NODE = "wbc_user"
+#: Wall time in which a node that is there has to answer, s: on a computer that is busy, several times what it takes.
+ANSWER = 20.0
+#: Commands that take the ramp of the torques, and the mode in which they end.
+_RAMPED = {"activate": "active", "deactivate": "inactive"}
+
+
+class NoAnswer(WbcError):
+    """No node is there, or it does not answer."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Answer:
+    """What came of a request.
+
+    Attributes:
+        done: whether it was not refused.
+        sentence: what happened.
+    """
+
+    done: bool
+    sentence: str
+
+
+def topics_of(
+    settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
+) -> dict[tuple[str, str, str], Endpoint]:
+    """Every topic of the controller, the mock robot and the guard, by node, row and subject."""
+    kinds = {name: task.type for name, task in settings.tasks.items()}
+    tables = {
+        "controller": (CONTROLLER_TOPICS, NODE_NAME),
+        "mock": (MOCK_TOPICS, MOCK_NODE),
+        "guard": (GUARD_TOPICS, GUARD_NODE),
+        "estimator": (ESTIMATOR_TOPICS, ESTIMATOR_NODE),
+    }
+    return {
+        (owner, topic.key, topic.subject): topic
+        for owner, (table, node) in tables.items()
+        for topic in endpoints(
+            table,
+            node,
+            task_kinds=kinds,
+            contacts=settings.contacts,
+            frames=named_frames(settings),
+            namespace=namespace,
+            remappings=remappings,
+        )
+    }
+
+
+class Session:
+    """Sends messages to the nodes, and keeps what they say.
+
+    Attributes:
+        topics: as `topics_of`.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        namespace: str = "/",
+        remappings: Mapping[str, str] | None = None,
+        patience: float = DISCOVERY_PATIENCE,
+        node: str = _NODE,
+    ) -> None:
+        """Join the DDS domain.
+
+        Args:
+            settings: of the robot.
+            namespace: namespace of the nodes.
+            remappings: as in `topics.resolve`.
+            patience: wall time after which an undiscovered node counts as absent, s.
+            node: name of the user's own node.
+        """
+        self.topics = topics_of(settings, namespace, remappings)
+        self._settings = settings
+        self._status_name = f"{namespace.strip('/')}/{NODE_NAME}: control loop".lstrip("/")
+        self._patience = patience
+        self._transport = DdsTransport(node, namespace)
+        self._came = threading.Condition()
+        self._kept: dict[tuple[str, str, str], deque[bytes]] = {}
+        self._lines: dict[tuple[str, str, str], Line] = {}
+        self._opening = threading.Lock()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._transport.close()
+
+    def listen(self, node: str, key: str, subject: str = "", *, depth: int = 1) -> None:
+        """Keep the newest messages of a topic from now on, and of a latched one the last."""
+        place = (node, key, subject)
+        if place in self._kept:
+            return
+        kept = self._kept[place] = deque(maxlen=depth)
+
+        def receive(payload: bytes) -> None:
+            with self._came:
+                kept.append(payload)
+                self._came.notify_all()
+
+        self._transport.subscribe(counterpart(self.topics[place]), receive)
+
+    def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
+        """Follow a stream without a callback: gives the newest serialized message since the last call, or None.
+
+        It is read as best effort: whoever sends it waits for no acknowledgment of ours.
+        """
+        topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
+        stream = self._transport.stream(topic, depth=1)
+
+        def newest() -> bytes | None:
+            taken = stream.take()
+            return taken[-1] if taken else None
+
+        return newest
+
+    def newest(self, node: str, key: str, subject: str = "") -> Any | None:
+        """The newest message of a topic that is listened to; None before the first one."""
+        kept = self._kept[node, key, subject]
+        return decode(kept[-1], self.topics[node, key, subject].type) if kept else None
+
+    def take(self, node: str, key: str, subject: str = "") -> Iterator[Any]:
+        """Take the messages of a topic that were kept, oldest first."""
+        kept = self._kept[node, key, subject]
+        while kept:
+            yield decode(kept.popleft(), self.topics[node, key, subject].type)
+
+    def hear(self, node: str, key: str, subject: str = "") -> Any:
+        """The newest message of a topic; waits for the first one.
+
+        Raises:
+            NoAnswer: where none comes.
+        """
+        self.listen(node, key, subject)
+        name = self.topics[node, key, subject].name
+        self.until(lambda: self._kept[node, key, subject], f"nothing comes on {name}{self._mode_said()}")
+        return self.newest(node, key, subject)
+
+    def until(self, condition: Callable[[], Any], otherwise: str, patience: float = ANSWER) -> None:
+        """Wait until messages have made a condition true.
+
+        Raises:
+            NoAnswer: with the sentence `otherwise`, where they have not in time.
+        """
+        with self._came:
+            if not self._came.wait_for(condition, patience):
+                raise NoAnswer(otherwise)
+
+    def publishers(self, topic: Endpoint) -> tuple[str, ...]:
+        """Names of the nodes that publish on a topic."""
+        return self._transport.publishers(topic)
+
+    def mode(self) -> str:
+        """What the controller says on its topic state; empty before it is heard."""
+        state = self.newest("controller", "state") if ("controller", "state", "") in self._kept else None
+        return "" if state is None else str(state.data)
+
+    def _mode_said(self) -> str:
+        return f"; the controller is {self.mode()}" if self.mode() else ""
+
+    def ask(self, request: Request) -> Answer:
+        """Send a request, and wait for what comes of it.
+
+        Raises:
+            NoAnswer: where its node is not there, or does not answer.
+        """
+        if (request.node, request.key, request.said) == ("controller", "command", "estop"):
+            return self._stop(request)
+        if request.key == "record":
+            return self._ask_recorder(request)
+        if request.node == "controller":
+            return self._ask_controller(request)
+        self._deliver(request)
+        return Answer(True, f"sent to the mock robot: {request.said}")
+
+    def open(self, node: str, key: str, subject: str = "") -> Line:
+        """Open a topic for `send`, which is done once: a node needs a moment to find a new sender."""
+        place = (node, key, subject)
+        with self._opening:
+            if place not in self._lines:
+                self._lines[place] = self._transport.line(counterpart(self.topics[place]))
+            return self._lines[place]
+
+    def send(self, request: Request) -> None:
+        """Send a request, and wait for nothing: its refusal is on the controller's diagnostics. From any thread.
+
+        Raises:
+            NoAnswer: where nobody reads its topic.
+            TransportError: if it could not be sent.
+        """
+        line, content = self.open(request.node, request.key, request.subject), request.make(self.hear)
+        if not line.finds_reader(self._patience):
+            raise NoAnswer(self._absent(request.node))
+        line(encode(content))
+
+    def _stop(self, request: Request) -> Answer:
+        """Send an emergency stop first, then wait until the controller confirms it."""
+        self._deliver(request)
+        self.listen("controller", "state")
+        self.until(
+            lambda: "ESTOP" in self.mode(), "the emergency stop is delivered; the controller has not confirmed it"
+        )
+        return Answer(True, f"the controller is {self.mode()}")
+
+    def find_controller(self) -> None:
+        """Wait until DDS has discovered the publisher of the controller's state.
+
+        Call it before the first subscription. Fast DDS sends latched messages with its next heartbeat, up to 3 s later,
+        to a reader that announced itself before it had discovered the writer.
+
+        Raises:
+            NoAnswer: if no publisher is discovered within the session's patience.
+        """
+        state = counterpart(self.topics["controller", "state", ""])
+        deadline = time.monotonic() + self._patience
+        while not self._transport.publishers(state):
+            if time.monotonic() >= deadline:
+                raise NoAnswer(self._absent("controller"))
+            time.sleep(0.01)
+
+    def wait_for_controller(self) -> None:
+        """Wait for a message on each of the controller's topics state and diagnostics.
+
+        Raises:
+            NoAnswer: if the controller is not found, or publishes nothing on one of them.
+        """
+        self.find_controller()
+        self.listen("controller", "state")
+        self.listen("controller", "diagnostics", depth=1000)
+        for key in ("state", "diagnostics"):
+            name = self.topics["controller", key, ""].name
+            self.until(lambda key=key: self._kept["controller", key, ""], f"no message on {name}{self._mode_said()}")  # type: ignore[misc]
+
+    def _ask_controller(self, request: Request) -> Answer:
+        self.wait_for_controller()
+        counts: list[int] = []
+        refused: list[str] = []
+        topic = self.topics["controller", request.key, request.subject]
+
+        def look() -> None:
+            for status in self.statuses():
+                values = {value.key: value.value for value in status.values}
+                counts.append(int(values["requests_taken"]))
+                sentences = [value for key, value in values.items() if key.startswith("refused/")]
+                refused.extend(said for said in sentences if not said.startswith("/") or said.startswith(topic.name))
+
+        def heard() -> bool:
+            look()
+            return bool(counts)
+
+        self.until(heard, "no controller of this name says anything on /diagnostics")
+        self._deliver(request)
+        before = counts[-1]
+        refused.clear()
+        self.until(lambda: heard() and counts[-1] != before, f"the controller has not taken it{self._mode_said()}")
+        if refused:
+            return Answer(False, f"refused: {'; '.join(refused)}")
+        if request.key == "command":
+            return self._obeyed(request.said)
+        return Answer(True, f"accepted: {request.said}")
+
+    def _ask_recorder(self, request: Request) -> Answer:
+        self.wait_for_controller()
+        said: list[tuple[str, str]] = []
+
+        def heard() -> bool:
+            for status in self.statuses():
+                values = {value.key: value.value for value in status.values}
+                said.append((values.get("recorder_said", ""), values["recorder"]))
+            return bool(said)
+
+        self.until(heard, "no controller of this name says anything on /diagnostics")
+        before, sentence = said[-1]
+        if not before:
+            return Answer(False, f"refused: {sentence}")
+        self._deliver(request)
+        self.until(lambda: heard() and said[-1][0] != before, f"the recorder does not answer; it said: {sentence}")
+        return Answer(True, said[-1][1])
+
+    def statuses(self) -> Iterator[Any]:
+        """Take the controller's statuses that have come, oldest first: diagnostic_msgs/DiagnosticStatus."""
+        for array in self.take("controller", "diagnostics"):
+            yield from (status for status in array.status if status.name == self._status_name)
+
+    def follow(self, topic: Endpoint) -> Callable[[float], list[Any]]:
+        """Listen to any topic; gives a function that waits for a while, in s, and takes the messages that have come."""
+        kept: deque[bytes] = deque(maxlen=1000)
+
+        def receive(payload: bytes) -> None:
+            with self._came:
+                kept.append(payload)
+                self._came.notify_all()
+
+        # What others send to a node is heard whatever they offer; what a node sends, with its own quality of service.
+        heard = topic if topic.direction is Direction.IN else counterpart(topic)
+        if topic.direction is Direction.IN:
+            heard = dataclasses.replace(heard, qos=STATE_IN)
+        heard = dataclasses.replace(heard, qos=dataclasses.replace(heard.qos, depth=1000))
+        self._transport.subscribe(heard, receive)
+
+        def messages(wait: float) -> list[Any]:
+            with self._came:
+                self._came.wait_for(lambda: kept, wait)
+                taken = list(kept)
+                kept.clear()
+            return [decode(payload, topic.type) for payload in taken]
+
+        return messages
+
+    def _obeyed(self, word: str) -> Answer:
+        """Wait for the end of what a command begins: torques are ramped in and out."""
+        if word not in _RAMPED:
+            return Answer(True, f"accepted: {word}; the controller is {self.mode()}")
+        self.listen("controller", "joint_commands")
+        begun, ramp = self._stamp(), self._settings.safety.activation_ramp
+        while self.mode().startswith("active"):
+            if word == "activate" and self._stamp() - begun > ramp:
+                return Answer(True, "the controller is active, and its torques are ramped in")
+            before = self._stamp()
+            self.until(
+                lambda before=before: self._stamp() > before or not self.mode().startswith("active"),  # type: ignore[misc]
+                "the controller is active, and sends no commands",
+            )
+        done = self.mode() == _RAMPED[word]
+        return Answer(done, f"the controller is {self.mode()}")
+
+    def _stamp(self) -> float:
+        """Time of the state that the newest command answers, s; 0 before the first one."""
+        kept = self._kept["controller", "joint_commands", ""]
+        return header_time(kept[-1]) if kept else 0.0
+
+    def _deliver(self, request: Request) -> None:
+        topic = self.topics[request.node, request.key, request.subject]
+        content = request.make(self.hear)
+        if not self._transport.deliver(counterpart(topic), encode(content), self._patience, ANSWER):
+            raise NoAnswer(self._absent(request.node))
+
+    def _absent(self, owner: str) -> str:
+        """Return the message for an absent node."""
+        node, command = ("controller", "run") if owner == "controller" else ("mock robot", "mock")
+        return (
+            f"no {node} found on DDS domain {self._transport.domain} within {self._patience:g} s; "
+            f"start it with: wbc {command}"
+        )

@@ -1,0 +1,64 @@
+"""Reads the collision elements of a URDF: the shapes that a robot touches others and the ground with."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.records import Array
+from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
+
+#: Keeps the meshes that were read, by file, scale and time of change: a robot is built more than once in a process.
+_MESHES = coal.CachedMeshLoader()
+
+
+def read_collision_elements(
+    model: RobotModel, urdf: str, key: str, folder: Path | None = None
+) -> dict[int, list[pin.GeometryObject]]:
+    """Read the collision elements of a URDF with their meshes.
+
+    Args:
+        model: the robot's model.
+        urdf: the URDF's text.
+        key: the configuration key that asks for them, for the error.
+        folder: folder of meshes that are named by a relative path.
+
+    Returns:
+        By the number of the link's frame in the model: its elements, placed in the frame of the joint that moves them.
+
+    Raises:
+        ConfigurationError: if a mesh cannot be found or read.
+    """
+    packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
+    folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
+    try:
+        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders, _MESHES)
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"{key}: a collision element cannot be read: {error}") from error
+    elements: dict[int, list[pin.GeometryObject]] = {}
+    for element in read.geometryObjects:
+        elements.setdefault(element.parentFrame, []).append(element)
+    return elements
+
+
+def enclosing_points(element: pin.GeometryObject) -> Array:
+    """Points whose convex hull encloses an element: a mesh's vertices, or the corners of a box around it.
+
+    Returns:
+        (n, 3) in m, in the frame of the joint that moves the element.
+    """
+    geometry = element.geometry
+    if isinstance(geometry, coal.BVHModelBase):
+        points = np.array(geometry.vertices())
+    else:
+        geometry.computeLocalAABB()
+        low, high = np.array(geometry.aabb_local.min_), np.array(geometry.aabb_local.max_)
+        corners = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
+        points = low + corners * (high - low)
+    return np.asarray(points @ element.placement.rotation.T + element.placement.translation)

@@ -1,0 +1,97 @@
+"""Builds contacts and loop closures from the settings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wbc_controller import settings as schema
+from wbc_controller.inverse_dynamics.contacts import (
+    AnchoredContact,
+    Contact,
+    FixedContact,
+    LoopClosure,
+    PointContact,
+    Polygon,
+    Rectangle,
+    RollingContact,
+    SurfaceContact,
+    placement_of,
+)
+from wbc_controller.inverse_dynamics.references.board import ContactPlan
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.errors import ConfigurationError
+
+
+def _surface(name: str, contact: schema.SurfaceContact, model: RobotModel, **pushing: float) -> Contact:
+    support = (
+        Polygon(np.array(contact.vertices), f"contacts.{name}.vertices")
+        if contact.vertices is not None
+        else Rectangle(float(contact.half_length or 0.0), float(contact.half_width or 0.0))
+    )
+    return SurfaceContact(
+        name,
+        model,
+        contact.frame,
+        placement_of(contact.translation, contact.rpy),
+        support,
+        against=contact.against,
+        max_yaw_moment=np.inf if contact.max_yaw_moment is None else contact.max_yaw_moment,
+        **pushing,
+    )
+
+
+def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
+    """Build one contact.
+
+    Raises:
+        ConfigurationError: if a frame is unknown, or a value cannot be used.
+    """
+    if isinstance(contact, schema.FixedContact):
+        return FixedContact(
+            name,
+            model,
+            contact.frame,
+            placement_of(contact.translation, contact.rpy),
+            contact.mask,
+            against=contact.against,
+            max_force=contact.max_force,
+            max_moment=contact.max_moment or 0.0,
+            damping=contact.damping,
+            stiffness=contact.stiffness,
+        )
+    if contact.min_normal_force > contact.max_normal_force:
+        raise ConfigurationError(
+            f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
+            f"max_normal_force = {contact.max_normal_force}"
+        )
+    keys = ("friction", "min_normal_force", "max_normal_force", "damping", "stiffness")
+    pushing = {key: getattr(contact, key) for key in keys}
+    if isinstance(contact, schema.SurfaceContact):
+        return _surface(name, contact, model, **pushing)
+    place = name, model, contact.frame, np.array(contact.translation), contact.radius
+    normal, against = np.array(contact.normal), contact.against
+    if isinstance(contact, schema.RollingContact):
+        return RollingContact(*place, np.array(contact.axis), normal=normal, against=against, **pushing)
+    return PointContact(*place, normal=normal, against=against, **pushing)
+
+
+def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPlan:
+    """Make the plan of one contact: whether it is active at first, its ramp, and its anchor if it has one."""
+    anchored = contact if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0 else None
+    return ContactPlan(enabled, ramp, anchored)
+
+
+def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:
+    """Build the closure of a kinematic loop.
+
+    Raises:
+        ConfigurationError: if a frame is unknown, or there is no joint between the two frames.
+    """
+    return LoopClosure(
+        name,
+        model,
+        (loop.frame_a, loop.frame_b),
+        (placement_of(loop.translation_a, loop.rpy_a), placement_of(loop.translation_b, loop.rpy_b)),
+        loop.mask,
+        stiffness=loop.stiffness,
+    )

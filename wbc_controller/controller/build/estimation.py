@@ -1,0 +1,177 @@
+"""What is estimated of a robot, from its settings: its base, and the forces beside its model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.contacts import Contact, FixedContact, PointContact, SurfaceContact, UnilateralContact
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.estimation.absolute_pose import PoseSensor
+from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
+from wbc_controller.estimation.model_error import BesideTheModel
+from wbc_controller.estimation.contact_forces import ContactForces
+from wbc_controller.estimation.disturbance_observer import DisturbanceEstimate, DisturbanceLimits
+from wbc_controller.estimation.friction import FrictionCompensation
+from wbc_controller.estimation.contact_detection import ContactSensing, HoldingLimits
+from wbc_controller.estimation.invariant_filter import ImuNoise
+from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
+from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+
+
+def imu_frame(settings: Settings, model: RobotModel) -> str:
+    """Frame of the robot's IMU."""
+    return settings.estimation.imu_frame or model.base_link
+
+
+def pose_frame(settings: Settings, model: RobotModel) -> str:
+    """Frame of the robot whose absolute poses are measured."""
+    return settings.estimation.pose_frame or model.base_link
+
+
+def torque_filter(settings: Settings) -> float:
+    """Time constant with which the torques sent follow those of the solutions, s; 0 for at once."""
+    known = settings.estimation
+    asked = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
+    return known.torque_filter_time if asked else 0.0
+
+
+def disturbance_limits(settings: Settings) -> DisturbanceLimits:
+    """How fast what the model lacks is estimated."""
+    known = settings.estimation
+    asked = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
+    return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
+
+
+def make_beside_the_model(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BesideTheModel:
+    """Make what says which forces act beside the model: known friction, and the estimate.
+
+    Args:
+        settings: the robot's settings.
+        model: its model.
+        contacts: its contacts, by name.
+
+    Raises:
+        ConfigurationError: where a joint with friction is unknown.
+    """
+    friction = settings.robot.friction
+    for joint in friction:
+        if joint not in model.joints:
+            raise ConfigurationError(f"robot.friction.{joint}: {valid_choices(joint, model.joints)}")
+    known = (
+        FrictionCompensation(
+            model,
+            {joint: each.dry for joint, each in friction.items()},
+            {joint: each.viscous for joint, each in friction.items()},
+        )
+        if friction
+        else None
+    )
+    estimate = DisturbanceEstimate(model, disturbance_limits(settings))
+    carried = None
+    if estimates_base(settings, model):
+        limits = make_sensing(settings, model, contacts).limits
+        normals = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
+        carried = ContactForces(normals, limits.on, limits.off)
+    return BesideTheModel(estimate, known, carried, 1.0 / settings.control.rate)
+
+
+def make_velocity_filter(settings: Settings) -> VelocityFilter | None:
+    """Make the filter of joint velocities; None where they are measured."""
+    known = settings.estimation
+    return VelocityFilter(known.joint_velocity_time) if known.joint_velocity == "differentiated" else None
+
+
+def velocity_delay(settings: Settings) -> float:
+    """By how much joint velocities are late that come once per control period, s; 0 where they are measured."""
+    known = settings.estimation
+    return delay(known.joint_velocity_time, 1.0 / settings.control.rate) if make_velocity_filter(settings) else 0.0
+
+
+def estimates_base(settings: Settings, model: RobotModel) -> bool:
+    """Whether the controller itself estimates its base: it floats, and is not measured elsewhere."""
+    return settings.estimation.base_state == "imu" and model.floating_base
+
+
+def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
+    """Make the estimator of a floating base.
+
+    Args:
+        settings: the robot's settings.
+        model: its model.
+        contacts: its contacts, by name.
+
+    Raises:
+        ConfigurationError: where the base is fixed, the IMU has no frame, or no contact could carry an estimate.
+    """
+    known = settings.estimation
+    if not model.floating_base:
+        raise ConfigurationError(f"robot.base = {settings.robot.base!r}: there is no base to estimate; Valid: floating")
+    frames = {name: contact.frame for name, contact in settings.contacts.items()}
+    legs = LegKinematics(
+        model,
+        contacts,
+        frames,
+        imu_frame(settings, model),
+        joint_noise=known.joint_position_noise,
+        point_noise=known.contact_position_noise,
+    )
+    if not legs.points:
+        raise ConfigurationError(
+            "the base cannot be estimated: no contact of the configuration stays where it is (surface, point, fixed; "
+            "not wheels, and not contacts between two links); take estimation.base_state = 'odom'"
+        )
+    noise = ImuNoise(
+        known.gyroscope_noise,
+        known.accelerometer_noise,
+        known.gyroscope_bias_walk,
+        known.accelerometer_bias_walk,
+        known.contact_noise,
+    )
+    sensors = Sensors(noise, known.accelerometer_bias, known.settling, known.stillness)
+    poses = (
+        PoseSensor(pose_frame(settings, model), known.pose_noise, known.pose_turn_noise)
+        if known.absolute_pose
+        else None
+    )
+    return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear), poses)
+
+
+def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
+    """What is known of the sensors at the contacts, by name."""
+    known, weight = settings.estimation, model.mass * model.gravity
+    limits = HoldingLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
+    return ContactSensing(contact_normals(settings, model, contacts), limits)
+
+
+def contact_normals(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
+) -> dict[str, dict[str, Array]]:
+    """The normal of each contact in the axes of each frame in which a force on it may be measured, (3,) each.
+
+    These are its own axes, by the contact's name or none; of soles and of links that are held all frames of the link;
+    of balls and wheels, which turn against the ground, the world.
+
+    Args:
+        settings: the robot's settings.
+        model: its model.
+        contacts: its contacts, by name.
+    """
+    dynamics, frames = Dynamics(model), model.pinocchio.frames
+    normals: dict[str, dict[str, Array]] = {}
+    for name, contact in contacts.items():
+        own = {"": np.array([0.0, 0.0, 1.0]), name: np.array([0.0, 0.0, 1.0])}
+        if isinstance(contact, SurfaceContact | FixedContact):
+            normal = contact.placement(dynamics).rotation[:, 2]
+            link = frames[model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")].parentJoint
+            fixed = {f.name: i for i, f in enumerate(frames) if f.parentJoint == link}
+            own = {frame: dynamics.placement(i).rotation.T @ normal for frame, i in fixed.items()} | own
+        elif isinstance(contact, PointContact) and not contact.internal:
+            own["world"] = contact.axes(dynamics)[:, 2]
+        normals[name] = own
+    return normals

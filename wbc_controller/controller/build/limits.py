@@ -1,0 +1,75 @@
+"""Builds limits from the settings: the motors' torque-speed curve, and self-collision avoidance."""
+
+from __future__ import annotations
+
+import logging
+
+from wbc_controller.controller.build.collision_model import build_collision_model
+from wbc_controller.inverse_dynamics.limits import SelfCollisionLimit, TorqueSpeedCurve
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.records import frozen
+from wbc_controller.settings import Settings
+from wbc_controller.settings.resources import locate, read_text
+
+_log = logging.getLogger(__name__)
+
+
+def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve | None:
+    """Build the torque-speed curve of the motors; None if it is disabled.
+
+    Raises:
+        ConfigurationError: if an actuator is unknown, or an actuator of a transmission has no speeds.
+    """
+    curve = settings.limits.torque_speed
+    if not curve.enabled:
+        return None
+    for name in curve.actuators:
+        if name not in model.actuators:
+            raise ConfigurationError(
+                f"limits.torque_speed.actuators: {name!r} is no actuator; {valid_choices(name, model.actuators)}"
+            )
+    limits = dict(zip(model.joints, model.velocity_limits.tolist(), strict=True))
+    corner, no_load = [], []
+    for name in model.actuators:
+        own = curve.actuators.get(name)
+        if own is None and name in settings.robot.transmission:
+            raise ConfigurationError(
+                f"limits.torque_speed.actuators: {name!r} of robot.transmission needs a corner and a no_load of its "
+                "own, as the URDF's velocity limits are those of joints"
+            )
+        corner.append(own.corner if own is not None else curve.corner * limits[name])
+        no_load.append(own.no_load if own is not None else curve.no_load * limits[name])
+    return TorqueSpeedCurve(frozen(corner), frozen(no_load))
+
+
+def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionLimit:
+    """Build the self-collision limit; logs the pairs of links that it leaves out.
+
+    Raises:
+        ConfigurationError: if the URDF, its meshes or the SRDF cannot be used.
+    """
+    own = settings.limits.self_collision
+    srdf = None
+    if own.srdf:
+        key = "limits.self_collision.srdf"
+        srdf = read_text(locate(own.srdf, key), f"{key} = {own.srdf!r}", LARGEST_URDF)
+    collision = build_collision_model(
+        model,
+        margin=own.margin,
+        srdf=srdf,
+        pairs=own.pairs,
+        visual=own.visual,
+        folder=locate(settings.robot.urdf).parent if settings.robot.urdf else None,
+    )
+    _log.info("self-collision: %s", collision.summary)
+    return SelfCollisionLimit(
+        model,
+        collision.geometry,
+        margin=own.margin,
+        acceleration=own.acceleration,
+        horizon=own.horizon,
+        max_pairs=own.max_pairs,
+        summary=collision.summary,
+    )

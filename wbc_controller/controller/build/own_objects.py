@@ -1,0 +1,209 @@
+"""Makes a user's own tasks, contacts and limits, and checks their attributes and one result of each method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
+from wbc_controller.inverse_dynamics.contacts.contact import anchor_of, points_of
+from wbc_controller.inverse_dynamics.contacts.contact import evaluate as evaluate_contact
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.method_calls import array_from, bounds_of, call, checked, require_bounds, require_finite
+from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
+from wbc_controller.inverse_dynamics.tasks.task import equation_of, rest_of
+from wbc_controller.inverse_dynamics.tasks.task import evaluate as evaluate_task
+from wbc_controller.errors import ConfigurationError, MethodError
+
+_Made = TypeVar("_Made", Task, Contact, RowLimit)
+
+
+def make_own(
+    makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
+) -> list[_Made]:
+    """Make the user's own objects, and check that each has the right class and a unique name.
+
+    Args:
+        makers: classes or functions that take the model and return an object.
+        model: the robot's model.
+        kind: class of the objects.
+        key: ``tasks``, ``contacts`` or ``limits``, for error messages.
+        taken: names that are already used.
+
+    Raises:
+        ConfigurationError: if an object has another class, or its name is already used.
+    """
+    made: list[_Made] = []
+    for make in makers:
+        one = make(model)
+        if not isinstance(one, kind):
+            raise ConfigurationError(
+                f"{key}: {make!r} made a {type(one).__name__}; it must make a {kind.__name__} when it is called with "
+                "the robot's model"
+            )
+        name = getattr(one, "name", None)
+        if name is not None and name in (*taken, *(other.name for other in made if not isinstance(other, RowLimit))):
+            raise ConfigurationError(f"{key}: the name {name!r} stands twice; give each of them one of its own")
+        made.append(one)
+    return made
+
+
+def check_attributes(
+    model: RobotModel, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
+) -> None:
+    """Check the attributes from which the quadratic program is laid out.
+
+    Args:
+        model: the robot's model.
+        tasks: the user's own tasks.
+        contacts: the user's own contacts.
+        limits: the user's own limits.
+
+    Raises:
+        ConfigurationError: with the class, the attribute, its value and the expected one.
+    """
+    for task in tasks:
+        _check_task(task, model)
+    for contact in contacts:
+        _check_contact(contact)
+    for limit in limits:
+        _check_limit(limit)
+
+
+def _check_task(task: Task, model: RobotModel) -> None:
+    size = _attribute(task, "size")
+    _require(task, "size", size, "an integer above 0", isinstance(size, int) and size > 0)
+    rows = _attribute(task, "rows")
+    fits = len(rows) > 0 and bool((rows >= 0).all() and (rows < size).all())
+    _require(task, "rows", rows, f"indices below size = {size}, from a mask that selects at least one axis", fits)
+    _require(task, "weight", task.weight, "a finite number of at least 0", _is_number(task.weight, 0.0))
+    _require(task, "level", task.level, "an integer of at least 0", isinstance(task.level, int) and task.level >= 0)
+    duration = task.setpoint_duration
+    _require(task, "setpoint_duration", duration, "a finite time of at least 0 s", _is_number(duration, 0.0))
+    for name in task.gain_names:
+        _require(task, name, getattr(task, name), f"finite numbers of shape () or ({size},)", _fits(task, name))
+    if task.tolerance is not None:
+        fits = _fits(task, "tolerance") and bool((np.asarray(task.tolerance) >= 0.0).all())
+        _require(task, "tolerance", task.tolerance, f"finite numbers of at least 0, shape () or ({size},)", fits)
+    if isinstance(task, EffortTask):
+        checked(task, "__init__", task.target, (task.form.size,))
+    columns = task.columns if isinstance(task, AccelerationTask) else None
+    if columns is not None:
+        try:
+            found = np.arange(model.nv)[columns]
+        except (IndexError, TypeError, ValueError):
+            found = np.zeros(0, dtype=np.int64)
+        fits = found.shape == (size,) and len(rows) == size
+        _require(task, "columns", columns, f"{size} indices below nv = {model.nv}, with a mask that selects all", fits)
+
+
+def _check_contact(contact: Contact) -> None:
+    size = contact.size
+    basis, cone, metric = (_attribute(contact, name) for name in ("basis", "cone", "metric"))
+    _require(contact, "basis", basis, f"finite numbers of shape (6, {size})", _is_matrix(basis, (6, size)))
+    rows = np.shape(cone)[0] if np.ndim(cone) == 2 else 0
+    _require(contact, "cone", cone, f"finite numbers of shape (rows, {size})", _is_matrix(cone, (rows, size)))
+    _require(contact, "metric", metric, f"finite numbers of shape ({size},)", _is_matrix(metric, (size,)))
+    names = ("damping", "ramp", *(("stiffness",) if isinstance(contact, AnchoredContact) else ()))
+    for name in names:
+        value = getattr(contact, name)
+        _require(contact, name, value, "a finite number of at least 0", _is_number(value, 0.0))
+    for group in contact.bound_groups:
+        fits = len(group) == 3 and 0 <= group[1] < group[2] <= size
+        _require(contact, "bound_groups", group, f"a name and two indices from 0 to {size}, in rising order", fits)
+
+
+def _check_limit(limit: RowLimit) -> None:
+    for name in ("kind", "unit"):
+        value = _attribute(limit, name)
+        _require(limit, name, value, "a text", isinstance(value, str))
+    names = _attribute(limit, "names")
+    fits = isinstance(names, tuple | list) and len(names) > 0 and all(isinstance(name, str) for name in names)
+    _require(limit, "names", names, "a tuple with a text for each row", fits)
+
+
+def _attribute(owner: Task | Contact | RowLimit, name: str) -> Any:
+    try:
+        return getattr(owner, name)
+    except AttributeError as error:
+        raise ConfigurationError(
+            f"{type(owner).__name__} has no attribute {name!r}, which its class must set"
+        ) from error
+
+
+def _require(owner: Task | Contact | RowLimit, name: str, value: Any, expected: str, fits: bool) -> None:
+    if not fits:
+        raise ConfigurationError(f"{owner.full_name}: {type(owner).__name__}.{name} is {value!r}, expected {expected}")
+
+
+def _is_number(value: Any, least: float) -> bool:
+    return isinstance(value, int | float | np.floating | np.integer) and bool(least <= value < np.inf)
+
+
+def _fits(task: Task, name: str) -> bool:
+    value = getattr(task, name)
+    return _is_matrix(value, np.shape(value)) and np.shape(value) in ((), (task.size,))
+
+
+def _is_matrix(value: Any, shape: tuple[int, ...]) -> bool:
+    array = np.asarray(value)
+    return array.dtype.kind in "iuf" and array.shape == shape and bool(np.isfinite(array).all())
+
+
+def evaluate_methods(
+    formulation: Formulation, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
+) -> None:
+    """Evaluate each method once, at rest in the nominal posture, and check what it returns.
+
+    Args:
+        formulation: the program that the objects are part of.
+        tasks: the user's own tasks.
+        contacts: the user's own contacts.
+        limits: the user's own limits.
+
+    Raises:
+        MethodError: if a method raises an exception, or returns an array of another shape or type, NaN or infinity.
+    """
+    model, dynamics = formulation.model, Dynamics(formulation.model)
+    dynamics.compute(model.configuration(model.posture), np.zeros(model.nv))
+    for task in tasks:
+        reference = rest_of(task, dynamics)
+        if isinstance(task, AccelerationTask):
+            evaluate_task(task, dynamics, reference)
+        elif isinstance(task, EffortTask):
+            layout = formulation.layout(tuple(formulation.contacts))
+            equation_of(task, layout, reference, layout.problem.n)
+    for contact in contacts:
+        _evaluate_contact(contact, dynamics)
+    for limit in limits:
+        _evaluate_limit(limit, dynamics, formulation.period)
+
+
+def _evaluate_contact(contact: Contact, dynamics: Dynamics) -> None:
+    size = contact.size
+    evaluate_contact(contact, dynamics)
+    for activation in (0.5, 1.0):
+        bounds_of(contact, "bounds", call(contact, "bounds", activation), size)
+    points_of(contact, dynamics)
+    array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(size))
+    if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
+        array_from(contact, "displacement", (size,), dynamics, anchor_of(contact, dynamics))
+
+
+def _evaluate_limit(limit: RowLimit, dynamics: Dynamics, period: float) -> None:
+    count = len(limit.names)
+    rows = np.full((count, dynamics.model.nv), np.nan)
+    lower, upper = np.full(count, np.nan), np.full(count, np.nan)
+    call(limit, "fill", dynamics, period, rows, lower, upper)
+    require_finite(limit, "fill", "rows", rows)
+    require_bounds(limit, "fill", lower, upper)
+    if len(limit.names) != count:
+        raise MethodError(
+            f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names from {count} to "
+            f"{len(limit.names)}; the number of rows must not change"
+        )

@@ -1,0 +1,73 @@
+"""Builds the quadratic program from the settings and a user's own tasks, contacts and limits."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+
+from wbc_controller.controller.build.contacts import make_contact, make_loop_closure
+from wbc_controller.controller.build.limits import make_self_collision, make_torque_speed
+from wbc_controller.controller.build.own_objects import check_attributes, evaluate_methods, make_own
+from wbc_controller.controller.build.references import make_tuning
+from wbc_controller.controller.build.tasks import make_task
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
+from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.solvers.factory import require_solver
+from wbc_controller.inverse_dynamics.tasks import Task
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.settings import Settings
+
+
+def make_qp(
+    settings: Settings,
+    model: RobotModel,
+    timer: Callable[[], float] = time.perf_counter,
+    *,
+    tasks: Iterable[Callable[[RobotModel], Task]] = (),
+    contacts: Iterable[Callable[[RobotModel], Contact]] = (),
+    limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
+) -> WholeBodyQP:
+    """Build the quadratic program of a robot.
+
+    Args:
+        settings: the robot's settings.
+        model: the robot's model.
+        timer: returns seconds, for the stage times.
+        tasks: the user's own tasks, added to those of the settings: classes or functions that take the model and return
+            a task.
+        contacts: the user's own contacts, given in the same way.
+        limits: the user's own limits, given in the same way.
+
+    Raises:
+        ConfigurationError: if settings and model do not fit together, or a name is already used.
+        MethodError: if a method of the user's own tasks, contacts or limits fails in the nominal posture.
+    """
+    require_solver(settings.solver.name)
+    own = settings.limits
+    configured = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}
+    all_tasks = [make_task(name, task, model, configured) for name, task in settings.tasks.items()]
+    own_tasks = make_own(tasks, model, Task, "tasks", list(settings.tasks))
+    all_tasks += own_tasks
+    loops = [make_loop_closure(name, loop, model) for name, loop in settings.loops.items()]
+    all_contacts = [*configured.values(), *loops]
+    own_contacts = make_own(contacts, model, Contact, "contacts", [contact.name for contact in all_contacts])
+    all_contacts += own_contacts
+    row_limits: list[RowLimit] = [make_self_collision(settings, model)] if own.self_collision.enabled else []
+    own_limits = make_own(limits, model, RowLimit, "limits", [])
+    row_limits += own_limits
+    check_attributes(model, own_tasks, own_contacts, own_limits)
+    formulation = Formulation(
+        model,
+        all_tasks,
+        all_contacts,
+        TorqueLimit(model.effort_limits, own.torque_rate, make_torque_speed(settings, model)),
+        JointMotionLimit.of(model, make_tuning(settings, all_tasks), position=own.position, velocity=own.velocity),
+        row_limits,
+        period=1.0 / settings.control.rate,
+        regularization_acceleration=settings.solver.regularization_acceleration,
+        regularization_force=settings.solver.regularization_force,
+    )
+    evaluate_methods(formulation, own_tasks, own_contacts, own_limits)
+    return WholeBodyQP(formulation, solver=settings.solver.name, timer=timer)

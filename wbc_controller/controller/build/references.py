@@ -1,0 +1,66 @@
+"""Builds the board of references, and the tuning that can change while the controller runs, from the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from wbc_controller.controller.build.contacts import make_contact_plan
+from wbc_controller.controller.build.tasks import make_task
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit
+from wbc_controller.inverse_dynamics.references.board import BoardPlan, ReferenceBoard, TaskPlan
+from wbc_controller.inverse_dynamics.tasks import Task
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Tuning
+from wbc_controller.settings import Settings
+
+
+def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
+    """Collect the gains and limits that can be changed while the controller runs."""
+    limits = settings.limits
+    return Tuning(
+        gains={task.name: task.gains for task in tasks},
+        position_margin=limits.position_margin,
+        position_horizon=limits.position_horizon,
+        velocity_scale=limits.velocity_scale,
+        acceleration=limits.acceleration,
+        torque_rate=limits.torque_rate,
+    )
+
+
+def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
+    """Build the board that holds the references set by commands."""
+    return ReferenceBoard(make_board_plan(settings, qp))
+
+
+def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
+    """Collect initial values and ramp times of references, weights, contacts, gains and limits.
+
+    The values come from the settings, and for a user's own tasks and contacts from the objects themselves.
+
+    Args:
+        settings: the robot's settings, which may have changed since the program was built.
+        qp: the robot's quadratic program.
+
+    Raises:
+        ConfigurationError: if settings and model do not fit together.
+    """
+    limits, model = settings.limits, qp.model
+    own_tasks = [task for name, task in qp.tasks.items() if name not in settings.tasks]
+    configured = [make_task(name, task, model, qp.contacts) for name, task in settings.tasks.items()]
+    tuning = make_tuning(settings, [*configured, *own_tasks])
+    JointMotionLimit.of(model, tuning, position=limits.position, velocity=limits.velocity)  # raises on invalid limits
+    tasks = {
+        name: TaskPlan(qp.tasks[name], task.weight, task.enabled, task.setpoint_duration)
+        for name, task in settings.tasks.items()
+    }
+    tasks |= {task.name: TaskPlan(task, task.weight, task.enabled, task.setpoint_duration) for task in own_tasks}
+    contacts = {
+        name: make_contact_plan(qp.contacts[name], contact.enabled, contact.ramp)
+        for name, contact in settings.contacts.items()
+    }
+    contacts |= {
+        name: make_contact_plan(contact, contact.enabled, contact.ramp)
+        for name, contact in qp.contacts.items()
+        if name not in settings.contacts and not contact.permanent
+    }
+    return BoardPlan(tasks=tasks, contacts=contacts, weight_ramp=settings.control.weight_ramp, tuning=tuning)

@@ -1,0 +1,47 @@
+"""Builds the safety supervisor from the settings."""
+
+from __future__ import annotations
+
+from wbc_controller.controller.build.estimation import torque_filter, velocity_delay
+from wbc_controller.controller.build.limits import make_torque_speed
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.safety.plausibility import FallLimits, PlausibilityLimits
+from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
+from wbc_controller.settings import Settings
+
+
+def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
+    """Build the safety supervisor."""
+    return Supervisor(model, make_supervisor_limits(settings, model))
+
+
+def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:
+    """Collect the times and limits that the supervisor enforces."""
+    safety = settings.safety
+    return SupervisorLimits(
+        activation_ramp=safety.activation_ramp,
+        hold_time=safety.hold_time,
+        damping_time=safety.damping_time,
+        damping=safety.damping,
+        torque_rate=settings.limits.torque_rate,
+        period=1.0 / settings.control.rate,
+        torque_speed=make_torque_speed(settings, model),
+        hold_window=safety.hold_window,
+        relax_time=safety.relax_time,
+        relax_window=safety.relax_window,
+        plausibility=PlausibilityLimits(
+            magnitude=safety.max_magnitude,
+            joint_speed=safety.max_joint_speed,
+            base_speed=safety.max_base_speed,
+            base_turn=safety.max_base_turn,
+            joint_mismatch=safety.joint_mismatch,
+            base_mismatch=safety.base_mismatch,
+            base_turn_mismatch=safety.base_turn_mismatch,
+            frozen_motion=safety.frozen_motion,
+            # Odometry that repeats for less than this is slow, and not stale yet.
+            frozen_time=max(safety.frozen_time, safety.state_timeout),
+        ),
+        velocity_delay=velocity_delay(settings),
+        torque_filter=torque_filter(settings),
+        fall=FallLimits(tilt=safety.max_tilt, height=safety.min_height),
+    )

@@ -1,0 +1,252 @@
+"""Compares the contacts of a configuration with the collision shapes that the URDF gives the same bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees, tan
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.controller.build.collision_elements import read_collision_elements
+from wbc_controller.controller.build.footprint import LAYER, Footprint, footprint
+from wbc_controller.controller.check.finding import Finding
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts import PointContact, SurfaceContact, UnilateralContact
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+from wbc_controller.settings import SurfaceContact as SurfaceSettings
+from wbc_controller.settings.resources import locate
+
+#: Largest distance between a contact and the lowest point of its body's shapes, m: shapes are simplified and padded by
+#: up to a centimetre or two, and a mistaken frame is further off.
+_HEIGHT = 0.02
+#: Distance from which on it is worth a word, m: more than the tread of a sole.
+_NOTICED = 0.005
+#: Largest angle between a sole and the flat underside of its shapes, rad: 5°.
+_TILT = 0.0873
+#: Largest reach of a support beyond the true one, m, and as a share of its smaller side: a robot that leans on a part
+#: of a sole that is not there falls. Edges of meshes are rounded by less.
+_OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
+#: Reach beyond the true support that is worth a word, m: 2.5 mm let G1's foot tip on its corner under a shove, with a
+#: spike of 90 % of a joint's torque limit in place of 54 %.
+_ROCKS = 0.001
+#: Thickness of the layer above the lowest point that the floor touches first, m: the mock robot's soles are as thick.
+_TREAD = 0.002
+#: Longest sole, m, over which a tilt that is allowed raises one end.
+_LONGEST = 0.3
+#: Largest distance of a point of contact from the footprint of its body, m: the simplified ball of a foot is up to this
+#: far from where the frame stands.
+_BESIDE = 0.03
+#: Cosine of the angle between a contact's normal and the floor's beyond which it is upside down, 120°.
+_UPSIDE_DOWN = -0.5
+
+
+def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[str]:
+    """Names of the active flat contacts with the world whose normals point down, in the configuration of the dynamics.
+
+    Args:
+        qp: the quadratic program of the robot.
+        active: names of the active contacts.
+        normal: unit normal of the floor, in the world, (3,).
+    """
+    surfaces = {name: contact for name in active if isinstance(contact := qp.contacts[name], SurfaceContact)}
+    return [
+        name
+        for name, contact in surfaces.items()
+        if not contact.internal and contact.placement(qp.dynamics).rotation[:, 2] @ normal < _UPSIDE_DOWN
+    ]
+
+
+def upside_down_sentence(name: str) -> str:
+    """What is wrong with a contact whose normal points down, and its cure."""
+    return (
+        f"contacts.{name}.rpy: the sole is upside down: its z axis points down in robot.posture, and has to point away "
+        "from the floor; turn it by 3.14159 about x or y"
+    )
+
+
+def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
+    """Compare the contacts with the world with the collision shapes of their bodies.
+
+    Soles are compared wherever they are; balls and wheels where they are enabled, as what of them touches follows from
+    the posture.
+
+    Args:
+        settings: the robot's settings.
+        qp: its quadratic program, with the dynamics in the nominal posture.
+        normal: unit normal of the floor, in the world, (3,).
+
+    Raises:
+        ConfigurationError: if a contact is not where the shapes are, or larger than they are.
+    """
+    model, path = qp.model, settings.robot.urdf
+    contacts = {
+        name: contact
+        for name, spec in settings.contacts.items()
+        if isinstance(contact := qp.contacts[name], UnilateralContact)
+        and not contact.internal
+        and (isinstance(contact, SurfaceContact) or spec.enabled)
+    }
+    if not contacts:
+        return []
+    try:
+        elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
+    except ConfigurationError as error:  # the robot can do without its meshes
+        return [Finding("not compared", f"the contacts with the URDF: {error}")]
+    found, without = [], []
+    for name, contact in contacts.items():
+        text = _compared(settings, qp, elements, name, contact, normal)
+        if text is None:
+            without.append(name)
+        else:
+            found.append(f"{name} {text}")
+    findings = [Finding("contact shapes", "; ".join(found))] if found else []
+    if without:
+        reason = "no link that moves with them has a <collision> that could be read"
+        findings.append(Finding("not compared", f"{', '.join(without)} with the URDF: {reason}"))
+    return findings
+
+
+def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
+    """Where the URDF's shapes touch the plane of each contact with the world, in the configuration of the dynamics.
+
+    Args:
+        settings: the robot's settings.
+        qp: its quadratic program.
+
+    Returns:
+        Corners of the convex underside in the world, (n, 3) in m, by contact; without contacts whose body has no
+        shapes, or shapes that cannot be read.
+    """
+    model, path, found = qp.model, settings.robot.urdf, {}
+    try:
+        elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
+    except ConfigurationError:  # `compare_with_shapes` says so
+        return {}
+    for name, contact in qp.contacts.items():
+        if not isinstance(contact, UnilateralContact) or contact.internal:
+            continue
+        frame = model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
+        body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
+        plane = (
+            contact.placement(qp.dynamics)
+            if isinstance(contact, SurfaceContact)
+            else pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
+        )
+        joint = int(model.pinocchio.frames[frame].parentJoint)
+        seen = footprint(model, elements, joint, body.actInv(plane), _TREAD)
+        if seen is not None:
+            corners = np.column_stack([seen.polygon, np.full(len(seen.polygon), seen.height)])
+            found[name] = np.asarray(corners @ plane.rotation.T + plane.translation)
+    return found
+
+
+def _compared(
+    settings: Settings,
+    qp: WholeBodyQP,
+    elements: Mapping[int, Sequence[pin.GeometryObject]],
+    name: str,
+    contact: UnilateralContact,
+    normal: Array,
+) -> str | None:
+    """Compare one contact; None where its body has no shapes."""
+    spec, model = settings.contacts[name], qp.model
+    frame = model.frame_id(spec.frame, f"contacts.{name}.frame")
+    body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
+    joint = int(model.pinocchio.frames[frame].parentJoint)
+
+    def on(plane: pin.SE3, layer: float = LAYER) -> Footprint | None:
+        return footprint(model, elements, joint, body.actInv(plane), layer)
+
+    if isinstance(contact, SurfaceContact) and isinstance(spec, SurfaceSettings):
+        plane = contact.placement(qp.dynamics)
+        seen = on(plane)
+        if seen is None:
+            return None
+        if name in upside_down(qp, [name], normal):
+            turned = on(plane * pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3)))
+            if turned is not None and abs(turned.height) <= _HEIGHT:
+                raise ConfigurationError(upside_down_sentence(name))
+        up = pin.rpy.rpyToMatrix(np.array(spec.rpy))[:, 2]
+        _require_height(name, "sole", seen.height, _moved(spec.translation, seen.height * up))
+        tilt = seen.tilt or 0.0
+        if not (tilt <= _TILT):
+            raise ConfigurationError(
+                f"contacts.{name}.rpy: the sole is tilted by {degrees(tilt):.1f}° against the flat underside of "
+                f"{spec.frame!r} in the URDF (allowed {degrees(_TILT):.0f}°); its z axis has to be normal to it"
+            )
+        # One end of a tilted underside is off the plane.
+        seen = on(plane, LAYER + _LONGEST * tan(tilt)) or seen
+        _require_size(name, spec, seen)
+        flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or seen
+        over = float(flat.outside(np.array(spec.corners)).max())
+        length, width = 1e3 * np.ptp(np.array(spec.corners), axis=0)
+        beyond = f", {1e3 * over:.1f} mm beyond its edge: on it the foot rocks" if over > _ROCKS else ""
+        return f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _off(seen.height, tilt) + beyond
+    if not isinstance(contact, PointContact) or contact.wrench_in_world(qp.dynamics, np.eye(3)[2])[:3] @ normal < 0.5:
+        return "on no floor, not compared"
+    point = contact.points(qp.dynamics)[0]
+    seen = on(pin.SE3(contact.axes(qp.dynamics), point))
+    if seen is None:
+        return None
+    radius = f"radius = {contact.radius:g}"
+    kind = f"lowest point ({radius})"
+    shift = qp.dynamics.placement(frame).rotation.T @ (seen.height * contact.axes(qp.dynamics)[:, 2])
+    _require_height(name, kind, seen.height, _moved(spec.translation, shift))
+    beside = float(seen.outside(np.zeros((1, 2)))[0])
+    if not (beside <= _BESIDE):
+        raise ConfigurationError(
+            f"contacts.{name}: its {kind} is {1e3 * beside:.0f} mm beside what of {spec.frame!r} touches the floor in "
+            f"the URDF (allowed {1e3 * _BESIDE:.0f} mm); correct frame or translation"
+        )
+    return f"{radius} m" + (_off(seen.height) or " agrees")
+
+
+def _moved(translation: Sequence[float], by: Array) -> str:
+    return "[" + ", ".join(f"{value:.3f}" for value in np.array(translation) + by + 0.0) + "]"
+
+
+def _size(seen: Footprint) -> str:
+    length, width = 1e3 * seen.size
+    return f"{length:.0f} × {width:.0f} mm"
+
+
+def _off(height: float, tilt: float = 0.0) -> str:
+    parts = [f"{abs(1e3 * height):.0f} mm {_side(height)} it"] if abs(height) > _NOTICED else []
+    parts += [f"tilted against it by {degrees(tilt):.1f}°"] if degrees(tilt) > 1.0 else []
+    return ", " + " and ".join(parts) if parts else ""
+
+
+def _side(height: float) -> str:
+    return "below" if height > 0.0 else "above"
+
+
+def _require_height(name: str, kind: str, height: float, translation: str) -> None:
+    if not (abs(height) <= _HEIGHT):
+        raise ConfigurationError(
+            f"contacts.{name}: its {kind} is {1e3 * abs(height):.0f} mm {_side(height)} the lowest point of the link's "
+            f"collision shapes in the URDF (allowed {1e3 * _HEIGHT:.0f} mm); correct frame or translation, such as "
+            f"translation: {translation}"
+        )
+
+
+def _require_size(name: str, spec: SurfaceSettings, seen: Footprint) -> None:
+    """Refuse a support that reaches far beyond the true one."""
+    corners = np.array(spec.corners)
+    allowed = min(_OVERHANG, _OVERHANG_SHARE * float(seen.size.min()))
+    over = float(seen.outside(corners).max())
+    if over <= allowed:
+        return
+    key = "vertices" if spec.vertices is not None else "half_length and half_width"
+    if seen.outside(corners[:, ::-1]).max() <= allowed:
+        raise ConfigurationError(
+            f"contacts.{name}: {key} are swapped: the sole of {spec.frame!r} in the URDF is {_size(seen)} along x and y"
+        )
+    middle = 0.5 * (seen.polygon.min(axis=0) + seen.polygon.max(axis=0))
+    raise ConfigurationError(
+        f"contacts.{name}: {key} reach {1e3 * over:.0f} mm beyond the sole of {spec.frame!r} in the URDF (allowed "
+        f"{1e3 * allowed:.0f} mm), which is {_size(seen)} about [{middle[0]:.3f}, {middle[1]:.3f}] m of the contact; "
+        "the robot would lean on what is not there"
+    )

@@ -1,0 +1,209 @@
+"""Whether masses, limits, sizes and friction are those of a robot, and what of a URDF a simulator refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.controller.build.robot_description import impossible_inertias, inertia_tensor, some_body_has
+from wbc_controller.controller.check.finding import Finding
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
+from wbc_controller.records import Array
+from wbc_controller.settings import FixedContact, Settings
+
+#: Smallest mass, kg, and principal moment of inertia, kg·m², of a body that moves: what is smaller counts as none.
+_LEAST = 1.0e-15
+#: Largest distance between two joints at one place, m.
+_ONE_PLACE = 1.0e-3
+#: Mass from which on a link without inertia is worth a word, kg.
+_NOTICED_MASS = 0.05
+#: Largest distance of a joint from its parent's, m: more was meant in millimetres.
+_LARGEST_LINK = 20.0
+#: Largest effort limit, in weights times sizes of the robot: strong ones reach about 1.
+_STRONGEST = 10.0
+#: Largest velocity limit of a joint, rad/s or m/s: fast ones reach 40.
+_FASTEST = 300.0
+#: Smallest plausible friction: wet ice has 0.1.
+_SLIPPERY = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    name: str
+    mass: float
+    moments: Array  # (3,) in kg·m², rising
+
+
+def _links(urdf: str) -> Iterator[_Link]:
+    for link in ElementTree.fromstring(urdf).findall("link"):  # noqa: S314 - checked when the model was made
+        mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+        tensor = np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia)
+        moments = np.asarray(np.linalg.eigvalsh(tensor), dtype=np.float64)
+        yield _Link(str(link.get("name")), 0.0 if mass is None else float(mass.get("value", "0")), moments)
+
+
+def require_bodies(model: RobotModel) -> None:
+    """Refuse a body that moves and has no mass or no inertia: its motion has no equation, and simulators refuse it.
+
+    A body is all links that one joint moves; one of them with a mass and three positive moments of inertia suffices.
+    `bare_links` need none.
+
+    Raises:
+        ConfigurationError: if there is such a body, or a link is so far from its parent that its unit is mistaken.
+    """
+    links = {link.name: link for link in _links(model.urdf)}
+    bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
+    for frame in model.pinocchio.frames:
+        if frame.type == pin.BODY and frame.parentJoint in bodies and frame.name in links:
+            bodies[frame.parentJoint].append(links[frame.name])
+    bare = bare_links(model)
+    for joint, own in bodies.items():
+        if own[:1] and own[0].name in bare:
+            continue
+        if own and not any(link.mass >= _LEAST and _usable(link.moments).min() >= _LEAST for link in own):
+            heaviest = max(own, key=lambda link: link.mass)
+            raise ConfigurationError(
+                f"robot.urdf: link {heaviest.name!r}, which {_mover(model, joint)} moves, has {heaviest.mass:g} kg and "
+                f"the moments of inertia {np.array2string(heaviest.moments, precision=3)} kg·m²; a body that moves "
+                "needs a mass and three positive moments, and the mock robot refuses it"
+            )
+    for joint, placement in enumerate(model.pinocchio.jointPlacements):
+        if not (float(np.linalg.norm(placement.translation)) <= _LARGEST_LINK):
+            raise ConfigurationError(
+                f"robot.urdf: joint {model.pinocchio.names[joint]!r} is "
+                f"{np.linalg.norm(placement.translation):.4g} m from the joint before it; URDFs are in metres"
+            )
+
+
+def bare_links(model: RobotModel) -> list[str]:
+    """Names of links without mass between two joints at one place, as planar bases and ball joints have them.
+
+    What the second joint moves gives the first one its inertia, so that both have an equation of motion.
+    """
+    pinocchio, names = model.pinocchio, []
+    for joint in range(1, pinocchio.njoints):
+        carried = [child for child in range(joint + 1, pinocchio.njoints) if pinocchio.parents[child] == joint]
+        if pinocchio.inertias[joint].mass == 0.0 and len(carried) == 1:
+            apart = float(np.linalg.norm(pinocchio.jointPlacements[carried[0]].translation))
+            if apart <= _ONE_PLACE:
+                frames = (frame for frame in pinocchio.frames if frame.parentJoint == joint)
+                names.append(next(str(frame.name) for frame in frames if frame.type == pin.BODY))
+    return names
+
+
+def _usable(moments: Array) -> Array:
+    """The moments as a simulator is given them: the mean where they are impossible."""
+    return moments if some_body_has(moments) else np.full(3, moments.mean())
+
+
+def _mover(model: RobotModel, joint: int) -> str:
+    return "the floating base" if model.floating_base and joint == 1 else f"joint {model.pinocchio.names[joint]!r}"
+
+
+def inertias(model: RobotModel) -> list[Finding]:
+    """Report links with an impossible inertia, or with none: if they have a noticeable mass, the URDF is wrong."""
+    parts = [f"no body has that of {', '.join(names)}"] if (names := impossible_inertias(model.urdf)) else []
+    points = [
+        f"{link.name} ({link.mass:g} kg)"
+        for link in _links(model.urdf)
+        if link.mass >= _NOTICED_MASS and not link.moments.any()
+    ]
+    parts += [f"none of {', '.join(points)}, which count as point masses"] if points else []
+    return [Finding("inertias", "; ".join(parts))] if parts else []
+
+
+def require_friction(settings: Settings) -> None:
+    """Refuse a contact with less friction than ice.
+
+    Raises:
+        ConfigurationError: if there is one.
+    """
+    for name, contact in settings.contacts.items():
+        if not isinstance(contact, FixedContact) and not (contact.friction >= _SLIPPERY):
+            raise ConfigurationError(
+                f"contacts.{name}.friction = {contact.friction:g}: wet ice has {_SLIPPERY:g}, and rubber on a "
+                "floor 0.5 to 1"
+            )
+
+
+def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Finding]:
+    """Report limits that no robot of this weight and size has, those of the configuration, and joints without any.
+
+    Args:
+        settings: the robot's settings.
+        model: its model.
+        placements: positions of the links and joints in the posture, (n, 3) in m.
+    """
+    size = float(np.linalg.norm(np.ptp(placements, axis=0)))
+    reach = model.mass * model.gravity * size
+    strong = [
+        f"{name} {limit:g} N·m"
+        for name, limit in zip(model.actuators, model.effort_limits, strict=True)
+        if not (limit <= _STRONGEST * reach)
+    ]
+    fast = [
+        f"{name} {limit:g} {unit}/s"
+        for name, limit, unit in zip(model.joints, model.velocity_limits, model.units, strict=True)
+        if not (limit <= _FASTEST)
+    ]
+    endless = [name for name, upper in zip(model.joints, model.position_upper, strict=True) if upper >= UNLIMITED]
+    findings = []
+    if strong:
+        findings.append(
+            Finding(
+                "implausible", f"effort limits of {_some(strong)}: weight times size of the robot is {reach:.3g} N·m; "
+                "give the motors' own by robot.joint_limits, as nothing else limits torques",
+            )
+        )  # fmt: skip
+    if fast:
+        findings.append(
+            Finding(
+                "implausible", f"velocity limits of {_some(fast)}: no joint is as fast; give them by robot.joint_limits"
+            )
+        )
+    if endless:
+        findings.append(Finding("no position limits", _some(endless)))
+    own = {
+        name: ", ".join(f"{key} {value:g}" for key, value in given.model_dump().items() if value is not None)
+        for name, given in settings.robot.joint_limits.items()
+    }
+    if own:
+        text = "; ".join(f"{name} {values}" for name, values in own.items())
+        findings.append(Finding("joint limits", f"of the configuration: {text}"))
+    return findings
+
+
+def _some(names: list[str]) -> str:
+    """Names for a line: the first few, and how many more there are."""
+    shown = ", ".join(names[:4])
+    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"
+
+
+def locked_joints(model: RobotModel) -> list[Finding]:
+    """Report the joints of the URDF that neither move nor follow another one, with their positions.
+
+    One of type floating below the root of a robot with a floating base is not worth a word: the base floats.
+    """
+    tree = ElementTree.fromstring(model.urdf)  # noqa: S314 - checked when the model was made
+    moving = set(model.moving_joints)
+    texts, zero = [], False
+    for joint in tree.findall("joint"):
+        name, parent = str(joint.get("name")), joint.find("parent")
+        if joint.get("type") == "fixed" or name in moving:
+            continue
+        if joint.get("type") == "floating":
+            if not (model.floating_base and parent is not None and parent.get("link") == model.base_link):
+                texts.append(f"{name} (floating in the URDF: a robot has one floating base, its root link)")
+        elif name in model.locked:
+            texts.append(f"{name} at {model.locked[name]:g}")
+        else:
+            texts.append(name)
+            zero = True
+    ending = " (at zero where nothing is said)" if zero else ""
+    return [Finding("locked joints", ", ".join(texts) + ending)] if texts else []

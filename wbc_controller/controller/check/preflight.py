@@ -1,0 +1,355 @@
+"""Checks of a robot's configuration before it moves, as reported by `wbc check`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import acos, degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.spatial import ConvexHull, QhullError
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.references import make_board
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_sentence
+from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check.model_plausibility import (
+    inertias,
+    limits,
+    locked_joints,
+    require_bodies,
+    require_friction,
+)
+from wbc_controller.controller.check.reserves import reserves
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
+from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
+from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT
+from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
+from wbc_controller.inverse_dynamics.solvers import make_solver
+from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Array, References, RobotState, frozen
+from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config, load
+
+#: Largest height difference of contacts on one floor, with the base upright, m.
+_LEVEL = 0.01
+#: Cosine of the largest angle between the floor's normal and that of a contact on the floor, 60°.
+_FLOOR = 0.5
+#: Largest position error of a loop in the nominal posture, m or rad.
+_CLOSED = 1.0e-3
+#: Largest torque by which a passive joint may be out of balance, as a share of the smallest effort limit.
+_BALANCE = 1.0e-3
+#: Largest distance that is said in millimetres, m.
+_NEAR = 10.0
+#: Tilt of a sole from which on its robot is said to turn on release, rad: 1°.
+_TILTED = 0.0175
+#: Smallest share of a joint in a motion that tasks and contacts leave free.
+_FREE = 1.0e-6
+
+
+def stance(
+    model: RobotModel, qp: WholeBodyQP, active: Sequence[str], floor_normal: Sequence[float] | Array = (0.0, 0.0, 1.0)
+) -> Array:
+    """Return the configuration with the nominal posture, base upright and lowest contact on the floor, (nq,).
+
+    Args:
+        model: the robot's model.
+        qp: the quadratic program of the robot.
+        active: names of the active contacts.
+        floor_normal: normal of the floor through the world's origin, in the world, (3,).
+    """
+    q = model.configuration(model.posture)
+    qp.dynamics.update(q, np.zeros(model.nv))
+    normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
+    heights = [points @ normal for points in _on_the_floor(qp, active, normal).values()]
+    if model.floating_base and heights:
+        q[2] -= np.concatenate(heights).min() / normal[2]
+    return q
+
+
+def _on_the_floor(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
+    """Corners of the active contacts on the floor, in the world; without contacts on a wall, a rail or another link."""
+    dynamics, found = qp.dynamics, {}
+    for name in active:
+        contact = qp.contacts[name]
+        if isinstance(contact, UnilateralContact) and not contact.internal:
+            push = contact.wrench_in_world(dynamics, np.eye(contact.size)[contact.normal])[:3]
+            if push @ normal > _FLOOR:
+                found[name] = contact.points(dynamics)
+    return found
+
+
+def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
+    """Build all objects of a configuration, and check whether it agrees with the URDF and the robot can stand.
+
+    Unlike `check_qp` this reads the meshes of the URDF, which takes up to seconds.
+
+    Args:
+        config: the configuration, or an argument of `load`.
+        urdf: the URDF's text, if ``robot.urdf`` names no file.
+
+    Returns:
+        The findings.
+
+    Raises:
+        ConfigurationError: if the robot cannot be controlled, cannot stand still in its nominal posture, or its
+            contacts are not those of the URDF's shapes.
+    """
+    config = load(config, urdf=urdf)
+    settings = config.settings
+    try:
+        model = make_model(settings, config.urdf)
+        require_bodies(model)
+        require_friction(settings)
+        qp = make_qp(settings, model)
+        active = [name for name, contact in settings.contacts.items() if contact.enabled]
+        normal = _floor(settings)
+        q = stance(model, qp, active, normal)
+        qp.dynamics.update(q, np.zeros(model.nv))
+        shapes = compare_with_shapes(settings, qp, normal)
+        findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
+        qp.dynamics.update(q, np.zeros(model.nv))
+        findings += _posture(settings, qp, active, normal)
+        findings += [*locked_joints(model), *_unheld(settings, qp, active)]
+        findings += limits(settings, model, _placements(qp))
+        if model.floating_base:
+            findings += reserves(qp, active, q, _hanging(qp, active))
+        return findings
+    except ConfigurationError as error:
+        raise ConfigurationError(config.named(str(error))) from error
+
+
+def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
+    """Check whether a robot, given its quadratic program, can stand as configured; resets the board's references.
+
+    Args:
+        settings: the robot's settings.
+        qp: the quadratic program of the robot.
+        board: the board of references.
+
+    Raises:
+        ConfigurationError: as in `check`.
+    """
+    model = qp.model
+    active = [name for name, contact in settings.contacts.items() if contact.enabled]
+    normal = _floor(settings)
+    q = stance(model, qp, active, normal)
+    findings = [
+        Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
+        Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
+        *inertias(model),
+        Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
+        Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
+        Finding(
+            "contacts", ", ".join(f"{name} ({contact.type})" for name, contact in settings.contacts.items()) or "none"
+        ),
+        Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
+    ]
+    findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
+    qp.dynamics.update(q, np.zeros(model.nv))
+    findings += _loops(qp)
+    standing = _on_the_floor(qp, active, normal)
+    if standing and model.floating_base:
+        findings.append(_support(qp, standing, normal))
+    board.reset(qp.dynamics, 0.0)
+    state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
+    findings += _balance(qp, _hanging(qp, active))
+    findings += _static(qp, state, board.sample(0.0), active, normal)
+    return findings
+
+
+def _floor(settings: Settings) -> Array:
+    """Unit normal of the floor, in the world, (3,)."""
+    return np.asarray(np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal))
+
+
+def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
+    """Report where base and centre of mass are, as setpoints are absolute, and how the soles lie on the floor."""
+    dynamics, link = qp.dynamics, qp.model.base_link
+    base = dynamics.placement(qp.model.frame_id(link, "base")).translation
+    findings = [
+        Finding(
+            "posture",
+            f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m",
+        )
+    ]
+    standing = _on_the_floor(qp, active, normal)
+    tilts = {
+        name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
+        for name in standing
+        if isinstance(contact := qp.contacts[name], SurfaceContact)
+    }
+    if tilts:
+        text = ", ".join(f"{name} {degrees(tilt):.1f}°" for name, tilt in tilts.items())
+        turns = max(tilts.values()) > _TILTED
+        why = "; on release they turn flat, and the robot with them: correct robot.posture" if turns else ""
+        findings.append(Finding("tilt of soles", f"against the floor: {text}{why}"))
+    return findings
+
+
+def _point(position: Array) -> str:
+    return "[" + ", ".join(f"{value:.3f}" for value in position + 0.0) + "]"
+
+
+def _placements(qp: WholeBodyQP) -> Array:
+    """Positions of the frames in the world, (n, 3) in m."""
+    return np.array([qp.dynamics.placement(i).translation for i in range(1, len(qp.model.pinocchio.frames))])
+
+
+def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
+    """Report joints that can move while all enabled tasks and contacts are met: nothing says where they go."""
+    model, dynamics = qp.model, qp.dynamics
+    tasks = [
+        task.jacobian(dynamics)[task.rows]
+        for name, task in qp.tasks.items()
+        if isinstance(task, AccelerationTask) and settings.tasks[name].enabled
+    ]
+    held = [contact.jacobian(dynamics) for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    rows = np.vstack([np.zeros((1, model.nv)), *tasks, *held, model.actuation.C])
+    free = np.abs(null_space(rows)[model.v_index]).max(axis=1, initial=0.0) > _FREE
+    names = [name for name, loose in zip(model.joints, free, strict=True) if loose]
+    return [Finding("held by no task", f"{', '.join(names)}: add them to a task of type posture")] if names else []
+
+
+def _joints(model: RobotModel) -> str:
+    if model.passive is None and model.followers is None and model.actuators == model.joints:
+        return f"{model.na} actuated"
+    parts = [f"{model.nj}", f"{model.na} actuators"]
+    parts += [f"{len(model.passive.joints)} passive"] if model.passive is not None else []
+    parts += [f"{len(model.followers)} that follow others"] if model.followers is not None else []
+    return ", ".join(parts)
+
+
+def _loops(qp: WholeBodyQP) -> list[Finding]:
+    """Check that the nominal posture closes the loops."""
+    loops = [contact for contact in qp.contacts.values() if isinstance(contact, LoopClosure)]
+    for loop in loops:
+        error = loop.error(qp.dynamics)
+        if not (np.abs(error).max() <= _CLOSED):
+            parts = [f"{value:.3g} {'rad' if turns else 'm'}" for value, turns in zip(error, loop.moments, strict=True)]
+            raise ConfigurationError(
+                f"robot.posture: it leaves the loop {loop.name!r} open by [{', '.join(parts)}] along the axes of "
+                f"frame_a that it holds (allowed {_CLOSED:g})"
+            )
+    return [Finding("loops", ", ".join(loop.name for loop in loops) + ": closed in the posture")] if loops else []
+
+
+def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Finding:
+    heights = {name: float((corners @ normal).max()) for name, corners in points.items()}
+    high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= _LEVEL)]
+    if high:
+        raise ConfigurationError(
+            f"robot.posture: with the base upright these contacts are above the floor on which the lowest one stands: "
+            f"{', '.join(high)} (allowed {1e3 * _LEVEL:.0f} mm)"
+        )
+    margin = support_margin(np.vstack(list(points.values()))[:, :2], qp.dynamics.com[:2])
+    side = "inside" if margin >= 0.0 else "outside"
+    return Finding("centre of mass", f"{_length(margin)} {side} the edge of the support")
+
+
+def _length(distance: float) -> str:
+    """The magnitude of a distance in a line, m where millimetres say nothing."""
+    size = abs(distance)
+    return f"{1e3 * size:.0f} mm" if size < _NEAR else f"{size:.3g} m"
+
+
+def support_margin(points: Array, position: Array) -> float:
+    """Distance from a point to the edge of the convex hull of some points, negative outside.
+
+    Args:
+        points: (n, 2) in m.
+        position: (2,) in m.
+    """
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # points on a line have no interior
+        return -float(np.min(np.linalg.norm(points - position, axis=1)))
+    return float(-np.max(hull.equations[:, :2] @ position + hull.equations[:, 2]))
+
+
+def _static(
+    qp: WholeBodyQP, state: RobotState, references: References, active: list[str], normal: Array
+) -> list[Finding]:
+    """Find torques and forces that hold the robot at rest."""
+    model = qp.model
+    layout = qp.formulation.build(state, references).snapshot()  # a copy, as it is changed below
+    problem = layout.problem
+    still = np.delete(np.arange(model.nv), model.v_index[_hanging(qp, active)])
+    problem.x_lower[still] = problem.x_upper[still] = 0.0
+    problem.b[: layout.mechanism.start] = 0.0  # ignore the small position errors of loops
+    solver = make_solver("daqp", problem)
+    x = solver.solve(problem).x
+    if x is None:
+        why = explain(layout, model, qp.formulation.effort_bounds(references), held=("motion",))
+        because = f"; {why.sentence}" if why is not None else ""
+        turned = upside_down(qp, active, normal)
+        raise ConfigurationError(
+            upside_down_sentence(turned[0]) if turned else _why_not(qp, tuple(active), normal) + because
+        )
+    tau = model.actuation.torques(qp.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
+    share = np.abs(tau) / model.effort_limits
+    worst = int(np.argmax(share))
+    names = ", ".join(active) or "no contact"
+    return [
+        Finding("standing", f"possible on {names}; the largest torque is {abs(tau[worst]):.1f} N·m at "
+                            f"{model.actuators[worst]}, {100 * share[worst]:.0f} % of its limit")
+    ]  # fmt: skip
+
+
+def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
+    model = qp.model
+    if model.floating_base and not active:
+        return "contacts: none is enabled, so a robot with a floating base falls"
+    begin = f"the robot cannot stand still in robot.posture on {', '.join(active) or 'its fixed base'}: "
+    standing = _on_the_floor(qp, active, normal)
+    if set(standing) == set(active) and model.floating_base:
+        margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
+        if margin < 0.0:
+            far = "; correct the origins of the <inertial> elements in the URDF" if -margin > _NEAR else ""
+            return begin + f"the centre of mass is {_length(margin)} outside the support{far}"
+        most = sum(qp.contacts[name].bounds(1.0)[1][2] for name in active)
+        weight = model.mass * model.gravity
+        if most < weight:
+            return begin + (f"contacts: max_normal_force adds up to {most:g} N, and the robot weighs {weight:.1f} N")
+    h = qp.dynamics.h  # at rest: gravity minus the springs of passive joints
+    over = [
+        f"{name} {abs(torque):.1f} of {limit:g} N·m"
+        for name, torque, limit in zip(model.actuators, model.actuation.torques(h), model.effort_limits, strict=True)
+        if abs(torque) > limit
+    ]
+    if over and not model.floating_base:
+        return begin + "gravity needs more than the effort limit of " + ", ".join(over)
+    return begin + (
+        "no contact forces within friction and the supports carry the weight within the effort limits "
+        f"(scaled by robot.effort_limit_scale, from {model.effort_limits.min():g} to {model.effort_limits.max():g} N·m)"
+        + (f" and the springs of {', '.join(model.passive.joints)}" if model.passive is not None else "")
+    )
+
+
+def _hanging(qp: WholeBodyQP, active: list[str]) -> list[int]:
+    """Indices of passive joints without support by a contact or loop: only their springs determine where they rest."""
+    bearing = [contact for name, contact in qp.contacts.items() if name in active or isinstance(contact, LoopClosure)]
+    borne = np.zeros(qp.model.nv, dtype=bool)
+    for contact in bearing:
+        borne |= np.any(contact.jacobian(qp.dynamics), axis=0)
+    driven = qp.model.actuation.driven
+    return [i for i, column in enumerate(qp.model.v_index.tolist()) if not driven[i] and not borne[column]]
+
+
+def _balance(qp: WholeBodyQP, hanging: list[int]) -> list[Finding]:
+    """Report unsupported passive joints that are not in balance in the posture, with the `rest` that balances them."""
+    model, found = qp.model, []
+    torques = model.joint_forces(qp.dynamics.h)  # at rest: gravity minus the springs
+    for i in hanging:
+        if not abs(torques[i]) <= _BALANCE * float(model.effort_limits.min()):
+            spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJoint()
+            rest = f" (stays with rest: {spring.rest + torques[i] / spring.stiffness:.6g})" if spring.stiffness else ""
+            found.append(f"{model.joints[i]} by {-torques[i]:.2g} N·m{rest}")
+    return [Finding("passive joints", "not in balance in the posture: " + ", ".join(found))] if found else []

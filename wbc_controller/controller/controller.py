@@ -1,0 +1,355 @@
+"""The whole-body controller of one robot, as a Python user runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.controller.cycle import ControlCycle, seconds
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.inverse_dynamics.references.changes import (
+    Change,
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.inverse_dynamics.references.trajectories import Knot
+from wbc_controller.inverse_dynamics.tasks import Task
+from wbc_controller.inverse_dynamics.tasks.form import finite, shortened
+from wbc_controller.records import Array, Fault, Reference, RobotState, frozen
+from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.settings.nesting import nested
+
+
+class Controller(ControlCycle):
+    """Turns states into torques: references, quadratic program and supervisor in one object.
+
+    ::
+
+        controller = Controller(load("g1"))
+        controller.reset(q, v)
+        while True:
+            result = controller.step(q, v, t)     # result.tau are the torques
+
+    The supervisor is part of it: torques ramp in after `reset`, hold their limits and their rate, and where something
+    is wrong the mode goes from active to holding, damping and fault, as docs/safety.md says. The ROS 2 service runs
+    this same object; what `set`, `enable` and the like do, it does by topic.
+
+    States are Pinocchio's: for a floating base ``q = [position in the world, quaternion (x, y, z, w), joints]`` and
+    ``v = [linear velocity, angular velocity, joint velocities]`` with the base's velocities in its own axes.
+    `state_from_joints` and `MujocoInterface` make them from other conventions.
+
+    Its attributes are those of `ControlCycle`.
+    """
+
+    _time: float | None = None  # of the last step or reset
+
+    def reset(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float = 0.0) -> None:
+        """Start anew from a state: references are where the robot is, and the torques ramp in from zero.
+
+        The ramp takes ``safety.activation_ramp``. Faults are cleared, commands forgotten; settings that were changed by
+        `update` stay. The next `step` is active.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+            t: time on your clock, s; it may be earlier than before.
+
+        Raises:
+            InputRefused: where the state has another shape, or a value is not finite.
+        """
+        state = self._state(q, v, t)
+        finite(state.q, "q"), finite(state.v, "v")
+        self._time = seconds(state)
+        self.qp.forget()
+        self._commands, self._streamed = [], {}
+        self._failure, self._explained = None, -np.inf
+        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        self.qp.dynamics.update(state.q, state.v)
+        self.board.reset(self.qp.dynamics, self._time)
+        self.beside.restart()
+        self.supervisor.request("activate", self._time, None)
+
+    def stance(self) -> Array:
+        """The nominal posture with the base upright and the lowest contact on the floor z = 0, q (nq,): a start."""
+        active = [name for name, contact in self.board.contact_plans.items() if contact.enabled]
+        return stance(self.model, self.qp, active)
+
+    def step(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> CycleResult:
+        """Run one control cycle.
+
+        Args:
+            q: configuration, (nq,).
+            v: generalized velocity, (nv,).
+            t: time on your clock, s; not before that of the last step.
+
+        Returns:
+            The torques, and all that led to them. A state that is not finite leads to damping, with a fault.
+
+        Raises:
+            InputRefused: where the state has another shape, the time goes back, or there was no `reset`.
+        """
+        if not (t >= self._now()):
+            raise InputRefused(f"t = {t!r} s is before the last step, which was at {self._now():.9g} s")
+        state = self._state(q, v, t)
+        problem = None
+        for name, values in (("q", state.q), ("v", state.v)):
+            if not np.isfinite(values).all():
+                problem = Fault("BAD_STATE", f"{name} holds a value that is not finite: {shortened(values)}")
+        self._time = seconds(state)
+        commands, self._commands = self._commands, []
+        result = self.cycle(
+            self._time,
+            state,
+            state.v[self.model.v_places],
+            problem=problem,
+            changes=[(change,) for change in commands],
+        )
+        self.explain_failure(self._time)
+        return result
+
+    def set(
+        self,
+        task: str,
+        position: Any,
+        velocity: npt.ArrayLike | None = None,
+        acceleration: npt.ArrayLike | None = None,
+        *,
+        duration: float | None = None,
+    ) -> None:
+        """Give a task a reference.
+
+        With a position alone the reference moves there along a quintic. With a velocity or acceleration it is streamed:
+        the next step takes it as it is, and where no other follows it stays at the position.
+
+        Args:
+            task: its name.
+            position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). For tasks on
+                joints it may be a dictionary of some of them, for poses a `pinocchio.SE3`.
+            velocity: feed-forward, with as many values as the task has axes; world axes, linear part first.
+            acceleration: feed-forward, in the same form.
+            duration: time in which the position is reached, s; the task's ``setpoint_duration`` where it is not given.
+
+        Raises:
+            InputRefused: where there is no such task, or a value cannot be used.
+        """
+        values = self._position(task, position, f"the position of task {task!r}")
+        streamed = velocity is not None or acceleration is not None
+        if duration is not None and (streamed or not (0.0 <= duration < np.inf)):
+            why = "a streamed reference has none" if streamed else "it must be finite and not negative"
+            raise InputRefused(f"duration = {duration!r} s of task {task!r}: {why}")
+        if not streamed:
+            self._command(SetSetpoint(task, values, duration))
+            return
+        size = len(self.board.present(task, self._now()).velocity)
+        rates = [
+            _finite(given, size, f"the {what} of task {task!r}")
+            for what, given in (("velocity", velocity), ("acceleration", acceleration))
+        ]
+        self._command(SetSetpoint(task, values, 0.0))
+        self._streamed[task] = Reference(frozen(values), *map(frozen, rates))
+
+    def follow(
+        self,
+        task: str,
+        times: npt.ArrayLike,
+        positions: Any,
+        velocities: npt.ArrayLike | None = None,
+        accelerations: npt.ArrayLike | None = None,
+    ) -> None:
+        """Let a task follow a trajectory from now on, interpolated by quintics; at its end it stays.
+
+        Args:
+            task: its name.
+            times: of the points, counted from now, rising, (n,) in s.
+            positions: n of them, each as in `set`.
+            velocities: at the points, (n, m); zero where they are not given.
+            accelerations: likewise.
+
+        Raises:
+            InputRefused: where there is no such task, or a value cannot be used.
+        """
+        self._task(task)
+        seconds = finite(times, "times")
+        if seconds.ndim != 1 or not len(seconds) or not (seconds[0] >= 0.0) or not (np.diff(seconds) > 0.0).all():
+            raise InputRefused(f"times of task {task!r} must rise from 0 or more, not {np.asarray(times)!r}")
+        points = [self._position(task, each, f"a position of task {task!r}") for each in _rows(positions, seconds)]
+        size = len(self.board.present(task, self._now()).velocity)
+        still = np.zeros((len(seconds), size))
+        rates = [
+            [_finite(each, size, f"{what} of task {task!r}") for each in _rows(given, seconds)]
+            for what, given in (
+                ("a velocity", still if velocities is None else velocities),
+                ("an acceleration", still if accelerations is None else accelerations),
+            )
+        ]
+        knots = tuple(Knot(*each) for each in zip(seconds.tolist(), points, *rates, strict=True))
+        self._command(SetTrajectory(task, None, knots))
+
+    def enable(self, name: str, enabled: bool = True) -> None:
+        """Switch a task or contact on, along a ramp: a weight rises, a contact is loaded.
+
+        Args:
+            name: of the task or contact; where both have the name, ``tasks.<name>`` or ``contacts.<name>``.
+            enabled: False switches it off.
+
+        Raises:
+            InputRefused: where there is none of the name.
+        """
+        section, _, inner = name.rpartition(".")
+        kinds: dict[str, tuple[Mapping[str, Any], type[EnableTask | EnableContact]]] = {
+            "tasks": (self.board.plans, EnableTask),
+            "contacts": (self.board.contact_plans, EnableContact),
+        }
+        found = [kind for key, (known, kind) in kinds.items() if inner in known and section in ("", key)]
+        if not found:
+            names = [*self.board.plans, *self.board.contact_plans]
+            raise InputRefused(f"{name!r} is no task and no contact; {valid_choices(name, names)}")
+        if len(found) > 1:
+            raise InputRefused(f"{name!r} is a task and a contact: say tasks.{name} or contacts.{name}")
+        self._command(found[0](inner, enabled))
+
+    def disable(self, name: str) -> None:
+        """Switch a task or contact off, along a ramp; as `enable`."""
+        self.enable(name, False)
+
+    def set_weight(self, task: str, weight: float) -> None:
+        """Give a task another weight, reached along a ramp of ``control.weight_ramp``.
+
+        Raises:
+            InputRefused: where there is no such task, or the weight is negative or above 1e6.
+        """
+        self._task(task)
+        if not (0.0 <= weight <= 1.0e6):
+            raise InputRefused(f"the weight of task {task!r} must be from 0 to 1e6, not {weight!r}")
+        self._command(SetWeight(task, float(weight)))
+
+    def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
+        """State a known external wrench; it stays until it is replaced.
+
+        Args:
+            frame: a frame of the URDF, at whose origin it acts.
+            wrench: force in N and torque in N·m, world axes, (6,).
+
+        Raises:
+            InputRefused: where there is no such frame, or a value cannot be used.
+        """
+        try:
+            self.model.frame_id(frame, "frame")
+        except ConfigurationError as error:
+            raise InputRefused(str(error)) from error
+        self._command(SetExternalWrench(frame, frozen(_finite(wrench, 6, f"the wrench at {frame!r}"))))
+
+    def update(self, changes: Mapping[str, Any]) -> None:
+        """Change settings that may change while the controller runs: gains, limits, weights, times of ramps.
+
+        They are reached along a ramp, and outlive `reset`. docs/configuration.md marks them as *live*.
+
+        Args:
+            changes: by dotted key, such as ``{"tasks.com.stiffness": 200.0}``; all are applied, or none.
+
+        Raises:
+            ConfigurationError: where a value is not valid, or the key is read only at the start.
+        """
+        self.live.accept(nested(changes), "update")
+        self._take_live(self._time)
+
+    def request(self, word: str) -> None:
+        """Ask the supervisor for a mode: ``deactivate`` ramps the torques out, ``damp`` damps, ``estop`` stops at once.
+
+        Raises:
+            InputRefused: where the word is unknown, or not possible in the present mode.
+        """
+        if word == "activate":
+            raise InputRefused("command 'activate' needs a state: call reset(q, v, t)")
+        self.supervisor.request(word, self._now(), None)
+
+    def __repr__(self) -> str:
+        model = self.model
+        return (
+            f"<Controller of {model.name}: {model.nj} joints, {len(self.qp.tasks)} tasks, {len(self.qp.contacts)} "
+            f"contacts, {1.0 / self.period:g} Hz, {self.mode.value}>"
+        )
+
+    def _state(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> RobotState:
+        """Copy a state, and see that it is one."""
+        if not np.isfinite(t):
+            raise InputRefused(f"t = {t!r} s is not finite")
+        return RobotState(
+            round(t * 1.0e9),
+            frozen(_sized(q, self.model.nq, "q")),
+            frozen(_sized(v, self.model.nv, "v")),
+        )
+
+    def _now(self) -> float:
+        if self._time is None:
+            raise InputRefused("the controller has no state yet; call reset(q, v, t) first")
+        return self._time
+
+    def _command(self, change: Change) -> None:
+        """Have a change applied in the next cycle, as one that comes by topic."""
+        self._now()
+        self._commands.append(change)
+        if isinstance(change, SetSetpoint | SetTrajectory):
+            self._streamed.pop(change.task, None)
+
+    def _position(self, task: str, position: Any, what: str) -> Array:
+        """Read a position in the form of its task."""
+        form = self._task(task).form
+        if isinstance(position, Mapping):
+            position = self._joint_positions(task, position)
+        elif isinstance(position, pin.SE3):
+            position = pin.SE3ToXYZQUAT(position)
+        return form.position(position, what)
+
+    def _task(self, name: str) -> Task:
+        if name not in self.qp.tasks:
+            raise InputRefused(f"there is no task {name!r}; {valid_choices(name, self.qp.tasks)}")
+        return self.qp.tasks[name]
+
+    def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
+        """The present reference of a task on joints, with some of them elsewhere."""
+        joints: tuple[str, ...] | None = getattr(self.qp.tasks[task], "joints", None)
+        if joints is None:
+            raise InputRefused(f"task {task!r} is not about joints; its position is an array")
+        for name in given:
+            if name not in joints:
+                raise InputRefused(f"{name!r} is not a joint of task {task!r}; {valid_choices(name, joints)}")
+        present = self.board.present(task, self._now()).position
+        for change in self._commands:
+            if isinstance(change, SetSetpoint) and change.task == task:
+                present = change.position
+        return np.array([given.get(name, value) for name, value in zip(joints, present.tolist(), strict=True)])
+
+
+def _sized(values: npt.ArrayLike, size: int, what: str) -> Array:
+    """Read an array of numbers of a size."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputRefused(f"{what} is not an array of numbers: {error}") from error
+    if array.shape != (size,):
+        raise InputRefused(f"{what} has the shape {array.shape}; it takes ({size},)")
+    return array
+
+
+def _finite(values: npt.ArrayLike | None, size: int, what: str) -> Array:
+    """See that an array has its size, and only finite values; zeros where there is none."""
+    return finite(_sized(np.zeros(size) if values is None else values, size, what), what)
+
+
+def _rows(values: Any, times: Array) -> Sequence[Any]:
+    """One entry for each time."""
+    rows = list(values)
+    if len(rows) != len(times):
+        raise InputRefused(f"there are {len(rows)} points for {len(times)} times")
+    return rows

@@ -1,0 +1,440 @@
+"""One control cycle: requests, changes, quadratic program, supervisor."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.build.estimation import make_beside_the_model
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import check_qp
+from wbc_controller.controller.live_settings import LiveSettings, live_part
+from wbc_controller.controller.memory import Taped, give_back, taken
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.errors import ConfigurationError, InputRefused, MethodError, NoSolution
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
+from wbc_controller.inverse_dynamics.references.changes import Change
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks import Task
+from wbc_controller.records import (
+    Array,
+    ChangeSettings,
+    Fault,
+    Mode,
+    Reference,
+    References,
+    RobotState,
+    Solution,
+)
+from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config, load
+
+_log = logging.getLogger(__name__)
+
+#: Least time between two explanations of why there is no solution, s: each takes several periods.
+_EXPLAIN_PAUSE = 1.0
+
+
+class ControlCycle:
+    """References, quadratic program and supervisor of one robot, called once per control period.
+
+    What calls it is the front door for Python users, `Controller`, or the service behind the topics.
+
+    Attributes:
+        config: the configuration that it was made from.
+        qp: the quadratic program.
+        board: the references that the commands have set.
+        supervisor: makes the commands, and holds the modes.
+        beside: what acts beside the model.
+        live: the settings with all changes since.
+        tape: where it is a list, what each cycle was given, and what it gave, is appended; whoever records empties it.
+        holding: names of the contacts that were active in the last cycle, but for those that carry nothing; where none
+            was solved, of those that are active when the controller is activated.
+    """
+
+    def __init__(
+        self,
+        config: Config | Settings | Mapping[str, Any] | str | Path,
+        *,
+        tasks: Iterable[Callable[[RobotModel], Task]] = (),
+        contacts: Iterable[Callable[[RobotModel], Contact]] = (),
+        limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
+        preflight: bool = True,
+        model: RobotModel | None = None,
+        timer: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Build everything.
+
+        Args:
+            config: the configuration, or what `load` takes.
+            tasks: your own: each is a class, or a function, that is called with the robot's model and gives a `Task`.
+                Its attributes ``weight``, ``enabled``, ``level`` and ``setpoint_duration`` count.
+            contacts: likewise; their attributes ``enabled`` and ``ramp`` count.
+            limits: likewise.
+            preflight: also check that the robot can stand as configured, as ``wbc check`` does.
+            model: the robot's model, where it has been built already.
+            timer: gives seconds, for the stage times.
+
+        Raises:
+            ConfigurationError: if the configuration cannot be used, with the value and the valid ones; or if a method
+                of your own objects fails or returns an invalid array, with the class and the method.
+        """
+        self.config = load(config)
+        settings = self.config.settings
+        try:
+            model = make_model(settings, self.config.urdf) if model is None else model
+            self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
+            self.beside = make_beside_the_model(settings, model, self.qp.contacts)
+            self.live = LiveSettings(settings, partial(live_part, qp=self.qp))
+            if preflight:
+                check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
+        except ConfigurationError as error:
+            raise ConfigurationError(self.config.named(str(error))) from error
+        self._parts = self.live.newest
+        self.board = ReferenceBoard(self._parts.board)
+        self.supervisor = Supervisor(model, self._parts.supervisor)
+        self.holding = self._at_activation()
+        self._timer = timer
+        self._commands: list[Change] = []  # by call, for the next cycle
+        self._streamed: dict[str, Reference] = {}  # references that count as they are, in the next cycle
+        # It takes several periods to explain a failure: another thread does, and the commands go on.
+        self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
+        self._explanation: Future[NoSolution] | None = None
+        self._explained = -np.inf
+        self._failure: NoSolution | None = None
+        self._defect: Fault | None = None  # of what stands around the cycle
+        self.tape: list[Taped] | None = None
+        self._held: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
+        self._apart = False  # whether something has changed beside the cycles since the last one
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot's model."""
+        return self.qp.model
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The terms of the equations of motion at the state of the last cycle; the next one overwrites them.
+
+        Before the first one they are those of the nominal posture, with the base in the world's origin.
+        """
+        return self.qp.dynamics
+
+    @property
+    def tasks(self) -> Mapping[str, Task]:
+        """The tasks, by name."""
+        return self.qp.tasks
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """The contacts, by name."""
+        return self.qp.contacts
+
+    @property
+    def limits(self) -> Mapping[str, RowLimit]:
+        """The limits on combinations of accelerations, by kind: ``self_collision`` and a user's own."""
+        return {limit.kind: limit for limit in self.qp.formulation.row_limits}
+
+    @property
+    def mode(self) -> Mode:
+        """Mode of the supervisor."""
+        return self.supervisor.mode
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the mode active was left, where it was."""
+        return self.supervisor.fault
+
+    @property
+    def period(self) -> float:
+        """Time between two steps that the configuration asks for (``control.rate``), s."""
+        return self.qp.formulation.period
+
+    @property
+    def state_timeout(self) -> float:
+        """Oldest state that torques may be computed from, s."""
+        return self._parts.state_timeout
+
+    def cycle(
+        self,
+        now: float,
+        state: RobotState | None,
+        joint_velocity: Array | None,
+        *,
+        problem: Fault | None = None,
+        requests: Sequence[str] = (),
+        changes: Iterable[Sequence[Change | ChangeSettings]] = (),
+    ) -> CycleResult:
+        """Run one cycle: requests, changes, quadratic program, supervisor.
+
+        Args:
+            now: s, on the clock of the loop.
+            state: the latched state, where there is one.
+            joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
+            problem: what is wrong with the inputs, if anything.
+            requests: words for the supervisor, in order.
+            changes: sets of changes, in order; each is applied whole or not at all.
+        """
+        started = self._timer()
+        problem, self._defect = problem or self._defect, None
+        changes = tuple(changes)
+        refused: list[str] = []
+        starts = self._take_requests(requests, now, problem, refused) if requests else False
+        left: list[tuple[Change, ...]] = []
+        supervisor = self.supervisor
+        if changes or self.live.newest is not self._parts:
+            try:
+                left = self._take_changes(changes, state, refused)
+            except Exception as error:
+                problem = _defect(error)
+        outcome: Solution | NoSolution | Fault | None = None
+        references: References | None = None
+        if problem is None and supervisor.solving:
+            outcome, references = self._compute(state, left, now, starts, refused)
+        computed = self._timer()
+        was_active = supervisor.mode is Mode.ACTIVE
+        command = supervisor.step(now, state, joint_velocity, problem, outcome)
+        solution = outcome if isinstance(outcome, Solution) else None
+        if state is not None and not self.beside.rests:
+            whole = command is not None and supervisor.torques_before(now) is not None
+            tau = command.tau if command is not None and whole else None
+            self.beside.sent(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
+        if left and outcome is None:
+            words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
+            refused.append(
+                f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
+            )
+        if references is not None and supervisor.solving:
+            activations, lifted = references.contacts, self.beside.lifted
+            if self._held is None or self._held[0] is not activations or self._held[1] is not lifted:
+                self._held = activations, lifted
+                active = [name for name, activation in activations.items() if activation > 0.0]
+                self.holding = tuple(name for name in active if name not in lifted)
+        else:
+            self.holding, self._held = self._at_activation(), None
+        self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
+        if self._explanation is not None:
+            self._take_explanation()
+        stages = {"compute": computed - started, "supervise": self._timer() - computed}
+        of_it = None if solution is None else solution.stage_seconds
+        if of_it:
+            stages |= {
+                "compute/build": of_it["build"],
+                "compute/solve": of_it["solve"],
+                "compute/unpack": of_it["unpack"],
+            }
+        result = CycleResult(
+            self.qp,
+            now,
+            supervisor.mode,
+            supervisor.fault,
+            command,
+            solution,
+            state,
+            references,
+            tuple(refused),
+            stages,
+        )
+        if self.tape is not None:
+            given = now, state, joint_velocity, problem, tuple(requests), changes
+            self.tape.append(Taped(*given, self._parts, result, self._apart))
+            self._apart = False
+        return result
+
+    def memory(self) -> dict[str, Any]:
+        """All that the next cycles depend on, beside what they are given.
+
+        Returns:
+            By part; that of ``qp`` is None where the solver keeps its warm start to itself, so that who goes on from
+            here does not come to the same bits.
+        """
+        return {
+            "qp": self.qp.memory(),
+            "board": taken(self.board),
+            "supervisor": taken(self.supervisor),
+            "beside": taken(self.beside),
+        }
+
+    def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
+        """Go on from what `memory` gave.
+
+        Args:
+            memory: of a controller of the same configuration.
+            settings: those that were in force then.
+
+        Raises:
+            ConfigurationError: where the settings do not fit the model.
+        """
+        self.live.adopt(settings)
+        self._parts = self.live.newest
+        self.board = ReferenceBoard(self._parts.board)
+        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        give_back(self.board, memory["board"])
+        give_back(self.supervisor, memory["supervisor"])
+        self.beside.estimate.limits = self._parts.disturbance
+        give_back(self.beside, memory["beside"])
+        if memory["qp"] is not None:
+            self.qp.recall(memory["qp"])
+
+    def _at_activation(self) -> tuple[str, ...]:
+        """Names of the contacts that are active when the controller is activated."""
+        return tuple(name for name, contact in self._parts.board.contacts.items() if contact.enabled)
+
+    def fail(self, error: Exception) -> None:
+        """Damp from the next cycle on: something around the cycle has failed."""
+        self._apart = True
+        self._defect = _defect(error)
+
+    def shut_down(self, now: float) -> CycleResult:
+        """Leave the joints without torque when the process ends: the last result.
+
+        Args:
+            now: s, on the clock of the loop.
+        """
+        self._apart = True
+        command = self.supervisor.shut_down(now)
+        return CycleResult(self.qp, now, self.mode, self.fault, command, None, None, None, (), {})
+
+    def explain_failure(self, now: float) -> None:
+        """Begin to find out which constraints conflict, where the last cycle had no solution: the torques are out.
+
+        A thread does it; a later cycle's fault says what it found. Once per failure: while holding, the sentence of its
+        first cycle stays in force.
+        """
+        failure, self._failure = self._failure, None
+        if failure is not None and self._explanation is None and now - self._explained >= _EXPLAIN_PAUSE:
+            self._explained = now
+            self._explanation = self._explaining.submit(failure.explained)
+
+    def _take_explanation(self) -> None:
+        """Say which constraints conflict, when that has been found out."""
+        if self._explanation is None or not self._explanation.done():
+            return
+        explanation, self._explanation = self._explanation, None
+        try:
+            failure = explanation.result()
+        except Exception:
+            _log.exception("why there was no solution could not be found out")
+            return
+        self.supervisor.explain(failure)
+        _log.warning("NO_SOLUTION: %s", failure)
+
+    def _take_requests(self, words: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
+        """Hand the requests to the supervisor; say whether the controller starts from the present state."""
+        starts = False
+        for i, word in enumerate(words):
+            if "estop" in words[:i]:  # silence may only follow zeros that were sent
+                refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
+                continue
+            try:
+                starts = self.supervisor.request(word, now, problem) or starts
+            except InputRefused as refusal:
+                refused.append(str(refusal))
+                continue
+            _log.info("command %r: now %s", word, self.mode.value)
+        return starts
+
+    def _take_changes(
+        self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
+    ) -> list[tuple[Change, ...]]:
+        """Go over to changed settings; give the changes of references that are left to be applied."""
+        left = []
+        for each in changes:
+            references = tuple(change for change in each if not isinstance(change, ChangeSettings))
+            if not references or self.supervisor.solving:  # all or nothing: references need an active controller
+                try:
+                    for change in each:
+                        if isinstance(change, ChangeSettings):
+                            self.live.accept(change.settings, "update")
+                except ConfigurationError as error:
+                    refused.append(str(error))
+                    continue
+            if references:
+                left.append(references)
+        self._take_live(seconds(state) if state is not None else None)
+        return left
+
+    def _take_live(self, time: float | None) -> None:
+        """Go over to the newest settings, along ramps where the references are followed."""
+        newest = self.live.newest
+        if newest is not self._parts:
+            self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
+            self.supervisor.limits = newest.supervisor
+            self.beside.estimate.limits = newest.disturbance
+            self._parts = newest
+
+    def _compute(
+        self,
+        state: RobotState | None,
+        changes: Iterable[tuple[Change, ...]],
+        now: float,
+        starts: bool,
+        refused: list[str],
+    ) -> tuple[Solution | NoSolution | Fault, References | None]:
+        if state is None:
+            return Fault("NO_STATE", "no state has arrived"), None
+        references = None
+        try:
+            if starts:
+                self.qp.dynamics.update(state.q, state.v)
+                self.board.reset(self.qp.dynamics, seconds(state))
+                self.beside.restart()
+            for each in changes:
+                try:
+                    self.board.apply(each, self.qp.dynamics, seconds(state))
+                except InputRefused as refusal:
+                    refused.append(str(refusal))
+            references = self.board.sample(seconds(state))
+            if self._streamed:
+                references = replace(references, tasks={**references.tasks, **self._streamed})
+                self._streamed = {}
+            if not self.beside.rests:
+                references = self._with_what_acts_beside(state, references, refused)
+            return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
+        except NoSolution as failure:
+            return failure, references
+        except Exception as error:
+            return _defect(error), references
+
+    def _with_what_acts_beside(self, state: RobotState, references: References, refused: list[str]) -> References:
+        """The references with the forces beside the model; a sentence for each contact that newly carries nothing."""
+        lifted = self.beside.lifted
+        disturbance = self.beside.look(state)
+        if self.beside.lifted is not lifted:
+            refused += [
+                f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
+                for name in self.beside.lifted
+                if name not in lifted
+            ]
+        if disturbance is None:
+            return references
+        return References(
+            references.tasks, references.weights, references.contacts, references.external_wrenches,
+            references.tuning, references.anchors, disturbance,
+        )  # fmt: skip
+
+
+def _defect(error: Exception) -> Fault:
+    """The fault of an exception: it ends in damping with a reason, never in a dead process with torques applied."""
+    _log.exception("the controller failed")
+    if isinstance(error, MethodError):
+        return Fault("METHOD_FAILED", str(error))
+    return Fault("INTERNAL_ERROR", f"{type(error).__name__}: {error}")
+
+
+def seconds(state: RobotState) -> float:
+    """Time of a state on the clock of the states, s."""
+    return state.stamp * 1.0e-9

@@ -1,0 +1,165 @@
+"""Settings that are changed while the controller runs: held to the schema, and applied by the loop between cycles."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from wbc_controller.controller.build.estimation import disturbance_limits
+from wbc_controller.controller.build.references import make_board_plan
+from wbc_controller.controller.build.safety import make_supervisor_limits
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.disturbance_observer import DisturbanceLimits
+from wbc_controller.inverse_dynamics.references.board import BoardPlan
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.safety.supervisor import SupervisorLimits
+from wbc_controller.settings import Settings
+from wbc_controller.settings.files import parse_settings
+from wbc_controller.settings.nesting import merged
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class LivePart:
+    """What of the settings the parts of a running loop go by.
+
+    Attributes:
+        settings: all of the settings.
+        board: how references, gains and limits move.
+        supervisor: what the supervisor holds.
+        state_timeout: oldest state that torques may be computed from, s.
+        disturbance: how fast what the model lacks is estimated.
+    """
+
+    settings: Settings
+    board: BoardPlan
+    supervisor: SupervisorLimits
+    state_timeout: float
+    disturbance: DisturbanceLimits
+
+
+class LiveSettings:
+    """Takes changes of the settings, from any thread; the loop takes over the newest result, whole, between two cycles.
+
+    Attributes:
+        settings: the settings with all changes that were accepted.
+        newest: their live part; another object after each change.
+        changed: called after each change, on the thread that brought it.
+    """
+
+    def __init__(self, settings: Settings, derive: Callable[[Settings], LivePart]) -> None:
+        """Begin with the settings that the controller was built from.
+
+        Args:
+            settings: those that the controller was built from.
+            derive: makes their live part; raises `ConfigurationError` where settings and model do not fit.
+        """
+        self.settings = settings
+        self.newest = derive(settings)
+        self.changed: Callable[[], None] = lambda: None
+        self._configured = settings
+        self._derive = derive
+        self._lock = threading.Lock()
+        #: The change that was prepared last, the settings that it was prepared for, and the result.
+        self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
+
+    def check(self, change: Mapping[str, Any], source: str) -> None:
+        """Say whether a change would be accepted.
+
+        Args:
+            change: a part of a configuration, nested as in its file.
+            source: where it comes from, for messages.
+
+        Raises:
+            ConfigurationError: where it would not, with the reason.
+        """
+        self._result(change, source)
+
+    def prepare(self, change: Mapping[str, Any], source: str) -> None:
+        """Do the work of `accept` ahead, on another thread than the one that will accept; as `check` otherwise."""
+        base = self.settings
+        self._prepared = (change, base, self._result(change, source))
+
+    def accept(self, change: Mapping[str, Any], source: str) -> None:
+        """Take a change, whole or not at all; arguments and errors as for `check`."""
+        prepared, base, result = self._prepared
+        with self._lock:
+            ready = prepared is change and base is self.settings
+            settings, live, differences = result if ready else self._result(change, source)
+            if not differences:
+                return
+            self.settings, self.newest = settings, live
+        _log.info("%s: %s", source, ", ".join(differences))
+        self.changed()
+
+    def adopt(self, settings: Settings) -> None:
+        """Go over to settings that another controller of the same configuration had, as its recording says.
+
+        Raises:
+            ConfigurationError: where they do not fit the model.
+        """
+        live = self._derive(settings)
+        with self._lock:
+            self.settings, self.newest = settings, live
+
+    def _result(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
+        settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
+        differences = list(_differences(self.settings, settings))
+        fixed = [key for key, live, *_ in differences if not live]
+        if fixed:
+            raise ConfigurationError(
+                f"{source}: {', '.join(fixed)}: read only when the controller is configured; configure it anew for that"
+            )
+        beyond = list(_beyond(self._configured, self.settings, settings))
+        if beyond:
+            raise ConfigurationError(f"{source}: {'; '.join(beyond)}")
+        return settings, self._derive(settings), tuple(f"{key}: {old} -> {new}" for key, _, old, new in differences)
+
+
+def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[tuple[str, bool, Any, Any]]:
+    """Each key with another value: dotted, whether it may change live, the old and the new value."""
+    live: tuple[str, ...] = getattr(old, "live", ())
+    for name in type(old).model_fields:
+        before, after, key = getattr(old, name), getattr(new, name), f"{prefix}{name}"
+        if before == after:
+            continue
+        pairs = [(key, before, after)]
+        if isinstance(before, dict):  # the tasks, or the contacts
+            entries = dict.fromkeys([*before, *after])
+            pairs = [(f"{key}.{entry}", before.get(entry), after.get(entry)) for entry in entries]
+        for key, a, b in pairs:
+            if isinstance(a, BaseModel) and type(a) is type(b):
+                yield from _differences(a, b, f"{key}.")
+            elif a != b:
+                yield key, name in live, a, b
+
+
+def _beyond(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
+    """A sentence for each value that changes to one that is out of its range while the controller runs."""
+    for name in type(new).model_fields:
+        parts = getattr(configured, name), getattr(old, name), getattr(new, name)
+        if all(isinstance(part, BaseModel) for part in parts):
+            yield from _beyond(*parts, f"{prefix}{name}.")
+    for name, (lower, upper) in getattr(new, "live_ranges", {}).items():
+        at_first, value = getattr(configured, name), getattr(new, name)
+        low = at_first if lower is None else min(lower, at_first)
+        high = at_first if upper is None else max(upper, at_first)
+        if value != getattr(old, name) and not (low <= value <= high):
+            yield f"{prefix}{name} = {value:g}: while the controller runs it may be from {low:g} to {high:g}"
+
+
+def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
+    """Collect what of the settings can change while a controller runs.
+
+    Raises:
+        ConfigurationError: where settings and model do not fit.
+    """
+    supervisor = make_supervisor_limits(settings, qp.model)
+    plan = make_board_plan(settings, qp)
+    return LivePart(settings, plan, supervisor, settings.safety.state_timeout, disturbance_limits(settings))

@@ -1,0 +1,213 @@
+"""What the controller sees and counts on, as shapes in the world: drawn by the markers for RViz and by the plots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.contacts import Contact, UnilateralContact
+from wbc_controller.inverse_dynamics.contacts.contact import points_of
+from wbc_controller.inverse_dynamics.contacts.support import support_polygon
+from wbc_controller.inverse_dynamics.method_calls import array_from
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import (
+    CapturePointTask,
+    ComTask,
+    FramePoseTask,
+    FramePositionTask,
+    GazeTask,
+    RelativePoseTask,
+    Task,
+)
+from wbc_controller.records import Array, Reference, References
+
+#: Length of the arrow for a force as large as the robot's weight, m.
+FORCE_LENGTH = 0.5
+#: Height of the friction cones, m.
+CONE_HEIGHT = 0.1
+#: Below this normal force, in weights of the robot, a contact has no centre of pressure.
+_LOADED = 1.0e-3
+#: Below this height of the centre of mass there is no pendulum, m.
+_LOWEST_PENDULUM = 0.1
+
+#: Kinds of shapes: an arrow from a point to another, a line through points, lines between pairs of them, balls.
+ARROW, LINE_STRIP, LINE_LIST, SPHERE_LIST = "arrow", "line_strip", "line_list", "sphere_list"
+#: Red, green, blue and opacity of each group of shapes, each from 0 to 1.
+COLORS = {
+    "contact_forces": (0.9, 0.2, 0.2, 1.0),
+    "friction_cones": (0.9, 0.6, 0.2, 0.6),
+    "contacts": (0.6, 0.6, 0.6, 1.0),
+    "support": (0.2, 0.7, 0.3, 1.0),
+    "com": (0.95, 0.85, 0.2, 1.0),
+    "capture_point": (0.2, 0.5, 0.95, 1.0),
+    "references": (0.8, 0.3, 0.9, 1.0),
+    "task_errors": (0.8, 0.3, 0.9, 1.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Something to be drawn.
+
+    Attributes:
+        group: what it shows, one of `COLORS`.
+        number: its place in the group.
+        kind: one of the kinds of shapes.
+        size: diameter of a ball, width of a line, diameter of an arrow's shaft, m.
+        points: (n, 3) in m, in the world.
+    """
+
+    group: str
+    number: int
+    kind: str
+    size: float
+    points: Array
+
+
+def draw(
+    dynamics: Dynamics,
+    tasks: Mapping[str, Task],
+    contacts: Mapping[str, Contact],
+    references: References | None,
+    forces: Mapping[str, Array],
+) -> Iterator[Shape]:
+    """Draw one state with what is wanted and what was answered, shape by shape.
+
+    Args:
+        dynamics: the snapshot at the state.
+        tasks: by name.
+        contacts: by name.
+        references: what is wanted, where the controller is active.
+        forces: what it counts on, by contact, in the form of `Solution.forces`; empty where there is no solution.
+
+    Yields:
+        The shapes that have points.
+    """
+    for shape in _shapes(dynamics, tasks, contacts, references, forces):
+        if len(shape.points):
+            yield shape
+
+
+def _shapes(
+    dynamics: Dynamics,
+    tasks: Mapping[str, Task],
+    contacts: Mapping[str, Contact],
+    references: References | None,
+    forces: Mapping[str, Array],
+) -> Iterator[Shape]:
+    corners = {name: points_of(contact, dynamics) for name, contact in contacts.items()}
+    feet = [name for name in (forces or corners) if _supports(contacts[name])]
+    standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
+    ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
+    outlines = [edge for points in corners.values() if len(points) > 2 for edge in _edges(points)]
+    yield _shape("contacts", 0, LINE_LIST, 0.004, outlines)
+    cones: list[Array] = []
+    for i, name in enumerate(contacts):
+        if name in forces:
+            arrow, pyramid = _contact(dynamics, contacts[name], forces[name], corners[name])
+            yield _shape("contact_forces", i, ARROW, 0.012, arrow)
+            cones += pyramid
+    yield _shape("friction_cones", 0, LINE_LIST, 0.003, cones)
+    if forces and feet:
+        around = support_polygon(standing[:, :2])
+        hull = [np.append(point, ground) for point in (*around, *around[:1])]
+        yield _shape("support", 0, LINE_STRIP, 0.008, hull)
+    yield from _balance(dynamics, ground)
+    if references is not None:
+        lines: list[Array] = []
+        for name, task in tasks.items():
+            if name in references.tasks and references.weights.get(name, 0.0) > 0.0:
+                lines += _from_to(task, dynamics, references.tasks[name], ground)
+        yield _shape("task_errors", 0, LINE_LIST, 0.006, lines)
+        yield _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
+
+
+def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
+    """Of each contact with a friction cone the tangential force, as a share of what friction allows.
+
+    Args:
+        contacts: by name.
+        forces: of the active ones, in the form of `Solution.forces`.
+        weight: of the robot, N.
+
+    Returns:
+        The shares by name, NaN where a contact bears next to nothing.
+    """
+    used = {}
+    for name, force in forces.items():
+        contact = contacts[name]
+        if isinstance(contact, UnilateralContact):
+            tangential = math.hypot(*(float(force[i]) for i in range(3) if i != contact.normal))
+            allowed = contact.friction * float(force[contact.normal])
+            used[name] = tangential / allowed if force[contact.normal] > _LOADED * weight else math.nan
+    return used
+
+
+def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Array] | Array) -> Shape:
+    return Shape(group, number, kind, size, np.asarray(points, dtype=np.float64).reshape(-1, 3))
+
+
+def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
+    """The force at its centre of pressure, and the edges of the pyramid that it must stay in."""
+    weight, centre = dynamics.model.mass * dynamics.model.gravity, corners.mean(axis=0)
+    wrench = array_from(contact, "wrench_in_world", (6,), dynamics, force)
+    if not isinstance(contact, UnilateralContact):
+        return [centre, centre + FORCE_LENGTH / weight * wrench[:3]], []
+    axes = [contact.wrench_in_world(dynamics, unit)[:3] for unit in np.eye(contact.size)[:3]]
+    normal = axes[contact.normal]
+    origin = centre
+    pressure = float(normal @ wrench[:3])
+    if pressure > _LOADED * weight:
+        torque = wrench[3:] - pin.skew(centre) @ wrench[:3]
+        origin = centre + pin.skew(normal) @ torque / pressure
+    arrow = [origin, origin + FORCE_LENGTH / weight * wrench[:3]]
+    x, y = (CONE_HEIGHT * contact.friction / math.sqrt(2.0) * axes[i] for i in range(3) if i != contact.normal)
+    above = centre + CONE_HEIGHT * normal
+    top = [above + x + y, above + x - y, above - x - y, above - x + y]
+    return arrow, [point for corner in top for point in (centre, corner)] + _edges(top)
+
+
+def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
+    """The centre of mass, its projection onto the ground, and the capture point there."""
+    com = np.array(dynamics.com)
+    below = np.array([com[0], com[1], ground])
+    shapes = [
+        _shape("com", 0, SPHERE_LIST, 0.04, [com, below]),
+        _shape("com", 1, LINE_LIST, 0.004, [com, below]),
+    ]
+    if dynamics.model.floating_base:
+        omega = math.sqrt(dynamics.model.gravity / max(com[2] - ground, _LOWEST_PENDULUM))
+        point = below + np.append(dynamics.com_velocity[:2] / omega, 0.0)
+        shapes.append(_shape("capture_point", 0, SPHERE_LIST, 0.03, [point]))
+    return shapes
+
+
+def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
+    """Where a task's point is and where it should be, in the world; nothing for a task that has no place."""
+    wanted = reference.position
+    if isinstance(task, ComTask | FramePositionTask | FramePoseTask):
+        return [task.position(dynamics)[:3], wanted[:3]]
+    if isinstance(task, CapturePointTask):
+        return [np.append(task.position(dynamics), ground), np.append(wanted, ground)]
+    if isinstance(task, RelativePoseTask | GazeTask):
+        model = dynamics.model
+        at = dynamics.placement(model.frame_id(task.frame, task.name))
+        if isinstance(task, GazeTask):
+            return [at.translation, wanted[:3]]
+        observer = dynamics.placement(model.frame_id(task.reference_frame, task.name))
+        return [at.translation, observer.act(wanted[:3])]
+    return []
+
+
+def _supports(contact: Contact) -> bool:
+    """Whether a contact carries the robot on the world: not where it is held, nor between two links."""
+    return isinstance(contact, UnilateralContact) and not contact.internal
+
+
+def _edges(corners: Sequence[Array] | Array) -> list[Array]:
+    """A closed outline as pairs of points."""
+    return [corners[j % len(corners)] for i in range(len(corners)) for j in (i, i + 1)]

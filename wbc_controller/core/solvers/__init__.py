@@ -1,6 +1,0 @@
-"""Solvers of the quadratic program: persistent back ends in one file each, all others through qpsolvers."""
-
-from wbc_controller.core.solvers.factory import available_solvers, make_solver
-from wbc_controller.core.solvers.solver import Solver
-
-__all__ = ["Solver", "available_solvers", "make_solver"]

@@ -1,0 +1,367 @@
+"""Explains infeasibility: which named constraints conflict, and the smallest slack that makes the problem feasible.
+
+Linear programs are solved over the constraints of the failed problem (its cost plays no part):
+
+1. Elastic phase one: every named constraint g gets a slack σ_g ≥ 0, at the cost Σ σ_g (Chinneck, "Feasibility and
+   infeasibility in optimization", Springer 2008). The constraints with non-zero slack are one side of the conflict.
+2. A deletion filter on that side: the constraints with the smallest slack are enforced again, as long as the total
+   slack of the others grows by no more than the share `INNOCENT`. The constraints enforced in the end are not part of
+   the conflict, such as a wrist whose swing helps a knee a little.
+3. Steps 1 and 2 with all constraints of one of that side's kinds enforced: the constraints of other kinds that need
+   slack instead are the next side, unless their slack costs more than `REMOTE` times the smallest, or they are more
+   than twice as many.
+4. Steps 1 and 2 with only the constraints named so far enforced: other constraints whose slack costs nearly the
+   smallest (`EQUAL`) are equally part of the conflict, such as the other foot.
+
+The equations of motion cannot be set, and always hold: their rows have full rank in v̇, so that they never conflict by
+themselves.
+
+σ_g has no unit. To make newtons, newton metres and accelerations comparable, violations are scaled by
+
+- forces: the robot's weight m g, `GROUND` m g where a contact would have to pull; moments: m g times `LENGTH`,
+- torques and torque rates: the actuator's effort limit,
+- accelerations of joints: g / `LENGTH`,
+- cones: `GROUND` m g; with moments, `GROUND` m g times `LENGTH`,
+- accelerations of contacts: `GROUND` g; angular ones, `GROUND` g / `LENGTH`.
+
+Violations of contact physics thus weigh ten times as much as those of settings and motors: a slipping foot is named
+only where no other constraint can give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linprog
+
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT, Layout
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array, Infeasibility, frozen_mapping
+
+#: Length that makes moments comparable to forces and angular accelerations to linear ones, m.
+LENGTH = 0.1
+#: Scale of violations of contact physics, as a share of that of settings.
+GROUND = 0.1
+#: Smallest scale of torques, N·m: URDFs have effort limits by which nothing can be divided.
+_LEAST_TORQUE = 1.0e-9
+#: Standard gravity, m/s²: the scale of accelerations, also for a model without gravity.
+_GRAVITY = 9.81
+#: Share by which the total slack may grow when a constraint with a small slack is enforced again.
+INNOCENT = 0.5
+#: Largest cost of a relaxation by constraints of other kinds, as a multiple of the smallest cost.
+REMOTE = 10.0
+#: Largest cost of a relaxation by any other constraints, as a multiple of the smallest cost.
+EQUAL = 1.5
+#: Largest number of sides of a conflict.
+_SIDES = 6
+#: Σ σ below which constraints count as consistent.
+_TOLERANCE = 1.0e-6
+#: σ below which a constraint counts as met, as a share of the largest σ.
+_NO_SLACK = 1.0e-4
+#: Largest number of iterations in one linear program: with `MAX_PROGRAMS` it bounds the time.
+_MAX_ITERATIONS = 2000
+#: Largest number of linear programs for one explanation; sides not found by then are left out.
+MAX_PROGRAMS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Constraint:
+    """A constraint with a name: lower ≤ rows x ≤ upper.
+
+    Attributes:
+        name: kind and owner, as in `Solution.binding`: ``torque:left_knee_joint``.
+        rows: (k, n), in the problem's decision variables.
+        lower: (k,), -inf where there is no bound.
+        upper: (k,), inf where there is no bound.
+        scale: violation of each row that corresponds to σ = 1, (k,), in the rows' own units.
+        factor: conversion from the rows' units to `units`.
+        units: physical unit of each row.
+        offset: constant part of the bounded quantity that the rows do not contain, (k,): h for torques.
+        contact: the contact that the constraint belongs to, if any.
+    """
+
+    name: str
+    rows: Array
+    lower: Array
+    upper: Array
+    scale: Array
+    factor: float
+    units: tuple[str, ...]
+    offset: Array
+    contact: Contact | None = None
+
+    @property
+    def kind(self) -> str:
+        """The first part of the name."""
+        return self.name.partition(":")[0]
+
+    @property
+    def owner(self) -> str:
+        """The second part of the name: the joint, actuator, contact or pair of links."""
+        return self.name.partition(":")[2]
+
+
+def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
+    """Split a built problem into named constraints, without the equations of motion.
+
+    Args:
+        layout: with the problem, as it was given to the solver.
+        model: the robot's model.
+        effort: lower and upper bounds of the problem's torque rows without the torque rate limit, both (na,). Where the
+            problem's own bounds are tighter, they come from the torque rate limit.
+    """
+    problem, nv = layout.problem, model.nv
+    force = model.mass * _GRAVITY / FORCE_UNIT
+    found: list[Constraint] = []
+
+    def add(
+        name: str,
+        rows: Array,
+        bounds: tuple[Array, Array],
+        scale: Array | float,
+        units: Sequence[str],
+        factor: float = 1.0,
+        offset: Array | float = 0.0,
+        contact: Contact | None = None,
+    ) -> None:
+        rows, lower, upper = np.atleast_2d(rows), np.atleast_1d(bounds[0]), np.atleast_1d(bounds[1])
+        there = np.isfinite(lower) | np.isfinite(upper)
+        if not there.any():
+            return
+        count = len(rows)
+        found.append(
+            Constraint(
+                name, rows[there], lower[there], upper[there], np.broadcast_to(scale, count)[there], factor,
+                tuple(unit for unit, kept in zip(units, there, strict=True) if kept),
+                np.broadcast_to(offset, count)[there], contact,
+            )
+        )  # fmt: skip
+
+    identity = np.eye(problem.n)
+    for place in layout.places:
+        contact, columns, motion, cone = place.contact, place.columns, place.motion, place.cone
+        angular = contact.moments
+        add(
+            f"contact_motion:{contact.name}", problem.A[motion], (problem.b[motion], problem.b[motion]),
+            GROUND * np.where(angular, _GRAVITY / LENGTH, _GRAVITY),
+            ["rad/s²" if turns else "m/s²" for turns in angular], contact=contact,
+        )  # fmt: skip
+        moments = np.abs(contact.cone[:, contact.moments]).sum(axis=1) > 0.0
+        add(
+            f"cone:{contact.name}", problem.C[cone], (problem.lower[cone], problem.upper[cone]),
+            GROUND * np.where(moments, force * LENGTH, force), ["N·m" if moment else "N" for moment in moments],
+            FORCE_UNIT, contact=contact,
+        )  # fmt: skip
+        for kind, first, last in contact.bound_groups:
+            k, part = last - first, slice(columns.start + first, columns.start + last)
+            none, moment = np.full(k, np.inf), bool(contact.moments[first])
+            scale = force * LENGTH if moment else force
+            # That the ground does not pull is physics and no setting.
+            pull = GROUND * scale if kind == "normal_force" and contact.min_normal_force <= 0.0 else scale
+            add(
+                f"{kind}:{contact.name}", np.vstack([identity[part]] * 2),
+                (np.append(-none, problem.x_lower[part]), np.append(problem.x_upper[part], none)),
+                np.repeat([scale, pull], k), ["N·m" if moment else "N"] * 2 * k, FORCE_UNIT, contact=contact,
+            )  # fmt: skip
+    lower, upper = problem.lower[layout.torque], problem.upper[layout.torque]
+    rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
+    for i, actuator in enumerate(model.actuators):
+        row, limit = problem.C[layout.torque][i], max(model.effort_limits[i], _LEAST_TORQUE)
+        h = layout.torque_bias[i]
+        add(f"torque:{actuator}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
+        add(f"torque_rate:{actuator}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)
+    names = dict(zip(model.v_index.tolist(), model.joints, strict=True))
+    for column in range(nv):
+        owner = names.get(column, "base")
+        bounds = problem.x_lower[column], problem.x_upper[column]
+        add(f"motion:{owner}", identity[column], bounds, _GRAVITY / LENGTH, ["rad/s²"])
+    for limit, limit_rows in zip(layout.row_limits, layout.limits, strict=True):
+        scale = _GRAVITY / LENGTH if limit.unit == "rad/s²" else _GRAVITY
+        for row in range(limit_rows.start, limit_rows.stop):
+            name = layout.labels[problem.n + row][0]
+            add(name, problem.C[row], (problem.lower[row], problem.upper[row]), scale, [limit.unit])
+    return found
+
+
+def explain(
+    layout: Layout, model: RobotModel, effort: tuple[Array, Array], held: Collection[str] = ()
+) -> Infeasibility | None:
+    """Find the constraints of a problem that conflict.
+
+    Args:
+        layout: with the problem, as it was given to the solver.
+        model: the robot's model.
+        effort: as in `named_constraints`.
+        held: kinds of constraints that are enforced like the equations of motion, and never named.
+
+    Returns:
+        The conflict; None where the constraints can be met within tolerance, or where the linear programs fail.
+    """
+    constraints = named_constraints(layout, model, effort)
+    question = [constraint for constraint in constraints if constraint.kind not in held]
+    given = [constraint for constraint in constraints if constraint.kind in held]
+    problem = layout.problem
+    fixed = (
+        np.vstack([problem.A[layout.mechanism], *(constraint.rows for constraint in given)]),
+        np.concatenate([problem.b[layout.mechanism], *(constraint.lower for constraint in given)]),
+        np.concatenate([problem.b[layout.mechanism], *(constraint.upper for constraint in given)]),
+    )
+    return _Search(fixed, question).run()
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """One relaxation that makes the problem feasible: x, and the σ of the constraints with slack."""
+
+    x: Array
+    total: float
+    slack: dict[str, float]
+
+
+class _Search:
+    """The search for one explanation."""
+
+    def __init__(self, fixed: tuple[Array, Array, Array], constraints: Sequence[Constraint]) -> None:
+        self._all = {constraint.name: constraint for constraint in constraints}
+        A, low, high = fixed
+        count, equal = len(constraints), low == high
+        blocks = [_widened(A[~equal], count), _widened(-A[~equal], count)]
+        right = [high[~equal], -low[~equal]]
+        for index, constraint in enumerate(constraints):
+            for sign, bound in ((1.0, constraint.upper), (-1.0, -constraint.lower)):
+                block = _widened(sign * constraint.rows / constraint.scale[:, None], count)
+                block[:, A.shape[1] + index] = -1.0
+                blocks.append(block)
+                right.append(bound / constraint.scale)
+        h = np.concatenate(right)
+        there = np.isfinite(h)
+        self._unequal = np.vstack(blocks)[there], h[there]
+        self._equal = _widened(A[equal], count), low[equal]
+        self._n = A.shape[1]
+        self.programs = 0
+
+    def run(self) -> Infeasibility | None:
+        """Find the sides of the conflict, and the slack of each."""
+        first = self._side(set(self._all), np.inf, len(self._all))
+        if first is None:
+            return None
+        sides = self._sides(first)
+        slack: dict[str, float] = {}
+        units: dict[str, str] = {}
+        sentences = []
+        for side in sides:
+            phrases = []
+            for name in (name for name in self._all if name in side.slack and name not in slack):
+                slack[name], units[name], phrase = _give(self._all[name], side.x)
+                phrases.append(phrase)
+            sentences.append(", ".join(phrases))
+        return Infeasibility(
+            conflict=tuple(slack),
+            smallest=tuple(name for name in self._all if name in first.slack),
+            slack=frozen_mapping(slack),
+            units=frozen_mapping(units),
+            sentence="conflict: " + " against ".join(sentences),
+        )
+
+    def _sides(self, first: _Side) -> list[_Side]:
+        """The smallest relaxation, and the alternatives to it."""
+        most = max(2, 2 * len(first.slack))
+        sides, named = [first], set(first.slack)
+        kind = {name: constraint.kind for name, constraint in self._all.items()}
+
+        def add(free: set[str], cost: float) -> set[str]:
+            """Names of the constraints that only this relaxation contains."""
+            side = self._side(free, cost, most) if len(sides) < _SIDES else None
+            new = set(side.slack) - named if side is not None else set()
+            if side is not None and new:
+                sides.append(side)
+                named.update(new)
+            return new
+
+        for held in sorted({kind[name] for name in first.slack}):
+            kinds = {held}
+            while new := add({name for name in self._all if kind[name] not in kinds}, REMOTE * first.total):
+                while add({name for name in self._all if kind[name] not in kinds} - named, EQUAL * sides[-1].total):
+                    pass
+                kinds |= {kind[name] for name in new}
+        while add(set(self._all) - named, EQUAL * first.total):
+            pass
+        return sides
+
+    def _side(self, free: set[str], cost: float, count: int) -> _Side | None:
+        """Find a side among the free constraints; None if it needs no slack, too much, or too many constraints."""
+        best = self._reconcile(free)
+        if best is None or not (_TOLERANCE < best.total <= cost):
+            return None
+        # The total slack grows with the number of constraints enforced, smallest slack first: bisect this number.
+        order = sorted(best.slack, key=best.slack.__getitem__)
+        low, high, found = 0, len(order), best
+        while high - low > 1:
+            middle = (low + high) // 2
+            fewer = self._reconcile(set(order[middle:]))
+            if fewer is not None and fewer.total <= (1.0 + INNOCENT) * best.total:
+                low, found = middle, fewer
+            else:
+                high = middle
+        return found if len(found.slack) <= count else None
+
+    def _reconcile(self, free: set[str]) -> _Side | None:
+        """Minimize Σ σ with slack for the free constraints only; None if infeasible, or out of programs."""
+        if self.programs >= MAX_PROGRAMS:
+            return None
+        self.programs += 1
+        n = self._n
+        bounds = np.zeros((n + len(self._all), 2))
+        bounds[:n] = -np.inf, np.inf
+        bounds[n:, 1] = [np.inf if name in free else 0.0 for name in self._all]
+        cost = np.concatenate([np.zeros(n), np.ones(len(self._all))])
+        result = linprog(
+            cost, *self._unequal, *self._equal, bounds, method="highs-ds", options={"maxiter": _MAX_ITERATIONS}
+        )
+        if result.status != 0 or not np.isfinite(result.x).all():
+            return None
+        slack = dict(zip(self._all, result.x[n:].tolist(), strict=True))
+        least = _NO_SLACK * max(slack.values(), default=0.0)
+        return _Side(result.x[:n], float(result.fun), {name: given for name, given in slack.items() if given > least})
+
+
+def _widened(rows: Array, columns: int) -> Array:
+    return np.hstack([rows, np.zeros((len(rows), columns))])
+
+
+def _give(constraint: Constraint, x: Array) -> tuple[float, str, str]:
+    """The largest violation of a constraint at x: its amount, its unit, and a phrase that describes it."""
+    value = constraint.rows @ x
+    above, below = value - constraint.upper, constraint.lower - value
+    beyond = np.maximum(above, below)
+    row = int(np.argmax(beyond / constraint.scale))
+    amount, unit = constraint.factor * float(beyond[row]), constraint.units[row]
+    return amount, unit, _phrase(constraint, row, amount, upper=bool(above[row] > below[row]))
+
+
+def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> str:
+    """Describe one constraint: its kind and owner, its bound, and the slack that it needs."""
+    unit, owner, contact = constraint.units[row], constraint.owner, constraint.contact
+    bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset[row])
+    side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"
+    amount = f"{slack:.3g} {unit}"
+    gives = f"{amount} {'more' if upper else 'less'} needed"
+    if constraint.kind == "torque":
+        return f"torque of {owner} (limit {abs(bound):.4g} {unit}, {amount} more needed)"
+    if constraint.kind == "torque_rate":
+        return f"torque rate of {owner} ({side} in this cycle, {gives})"
+    if constraint.kind in ("normal_force", "yaw_moment", "force", "moment"):
+        return f"{constraint.kind.replace('_', ' ')} of {owner} ({side}, {gives})"
+    if constraint.kind == "motion":
+        return f"joint motion of {owner} ({side}, {gives})"
+    if constraint.kind == "self_collision":
+        return f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})"
+    if constraint.kind not in ("cone", "contact_motion"):  # a limit on a combination of accelerations
+        return f"{constraint.kind} limit of {owner} ({side}, {gives})"
+    if constraint.kind == "cone" and contact is not None:
+        what = "friction and centre of pressure" if contact.moments.any() else "friction"
+        return f"{what} of {owner} (friction {contact.friction:g}, {amount} more needed)"
+    return f"motion of {owner} (must not move, would move by {amount})"

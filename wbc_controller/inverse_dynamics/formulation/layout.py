@@ -1,0 +1,207 @@
+"""The rows and columns of each quantity in the quadratic program of one cycle.
+
+The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly,
+τ = T (M v̇ + h - Jᵀ f), so that bounds of τ become inequality constraints on x (`actuation.Actuation`).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.compiled import Bound
+from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
+from wbc_controller.inverse_dynamics.formulation.problem import Level, QuadraticProgram
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+
+#: Forces in the problem are in units of 100 N (and 100 N·m), so that all decision variables have similar magnitudes.
+#: Without this scaling the first-order solvers lose two digits, and ProxQP reports feasible problems as infeasible.
+FORCE_UNIT = 100.0
+
+
+@dataclass(slots=True)
+class ContactPlace:
+    """Rows and columns of one contact in the problem; the arrays are views of the problem's.
+
+    Attributes:
+        contact: the contact.
+        motion: rows of its motion constraint in A and b; also the indices of its force in f.
+        J: its Jacobian in A, (k, nv).
+        acceleration: the right-hand side in b: the required J v̇, (k,).
+        cone: rows of its cone in C.
+        columns: columns of its force in x.
+        lower: lower bounds of its force, in units of `FORCE_UNIT`, (k,).
+        upper: upper bounds of its force, in units of `FORCE_UNIT`, (k,).
+        bounds: the arrays from which `lower` and `upper` were last filled; None before.
+    """
+
+    contact: Contact
+    motion: slice
+    J: Array
+    acceleration: Array
+    cone: slice
+    columns: slice
+    lower: Array
+    upper: Array
+    bounds: tuple[Array, Array] | None = None
+
+
+class Layout:
+    """Rows and columns of each quantity in the problem, for one set of active contacts.
+
+    Attributes:
+        problem: the problem's arrays.
+        places: rows and columns of each active contact, in order.
+        forces: columns of all contact forces in x.
+        forces_of: name of each active contact, and the indices of its force in f.
+        J: the stacked Jacobians of the active contacts, (nf, nv).
+        contact_motion: the required J v̇, (nf,).
+        damping: D of each row of J, 1/s, (nf,).
+        metric: diagonal of W in the regularization ½ ε_f fᵀ W f of the forces, (nf,).
+        mechanism: rows of A that are never relaxed: joints that follow others, and the unactuated rows of the equations
+            of motion.
+        torque: rows of C of the torque bounds.
+        torque_lower: lower bounds of these rows, (na,).
+        torque_upper: upper bounds of these rows, (na,).
+        available: least and largest torques that are available, and the effort limits, (3, na) in N·m.
+        row_limits: the limits on combinations of v̇.
+        limits: rows of C of each row limit.
+        limit_parts: for each row limit its columns of v̇ in these rows, and their lower and upper bounds: views of the
+            problem's arrays.
+        joints: columns of the joint accelerations in x, (nj,).
+        torque_bias: the constant part of the torques, (na,) in N·m: τ = C x + torque_bias for the torque rows of C, the
+            problem's outputs.
+        levels: the cost of each priority level, highest priority first; `H` and `g` of the problem are those of the
+            first level.
+        key: names of the active contacts.
+        labels: for each bound of x and row of C, the names of its lower and its upper bound, and the size of the
+            problem's unit of that bound in SI units.
+    """
+
+    def __init__(
+        self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
+    ) -> None:
+        nv, na, free = model.nv, model.na, model.actuation.free
+        coupling = model.actuation.C
+        self.actuation = model.actuation
+        self.key = tuple(contact.name for contact in contacts)
+        nf = sum(contact.size for contact in contacts)
+        self.mechanism = slice(nf, nf + len(coupling) + free)
+        self.torque = slice(0, na)
+        self.joints = model.v_index
+        inequality = na + sum(len(contact.cone) for contact in contacts)
+        self.limits: list[slice] = []
+        self.row_limits = tuple(limits)
+        for limit in limits:
+            self.limits.append(slice(inequality, inequality + len(limit.names)))
+            inequality += len(limit.names)
+        self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows, na)
+        self.limit_parts = [(problem.C[rows, :nv], problem.lower[rows], problem.upper[rows]) for rows in self.limits]
+        problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
+        self.J = problem.A[:nf, :nv]
+        self.contact_motion = problem.b[:nf]
+        self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
+        self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
+        self.places: list[ContactPlace] = []
+        row, cone = 0, na
+        for contact in contacts:
+            motion, columns = slice(row, row + contact.size), slice(nv + row, nv + row + contact.size)
+            rows = slice(cone, cone + len(contact.cone))
+            lower, upper = problem.bounds[:, columns]
+            self.places.append(
+                ContactPlace(contact, motion, self.J[motion], problem.b[motion], rows, columns, lower, upper)
+            )
+            problem.C[rows, columns] = contact.cone
+            problem.upper[rows] = 0.0
+            row, cone = motion.stop, rows.stop
+        self.forces = slice(nv, nv + nf)
+        self.forces_of = [(place.contact.name, place.motion) for place in self.places]
+        #: How compiled code fills the rows of contacts, with their first rows; and the others, which fill their own.
+        self.instructions = [
+            (instruction, place.motion.start)
+            for place in self.places
+            if (instruction := place.contact.instruction()) is not None
+        ]
+        self.by_themselves = [place for place in self.places if place.contact.instruction() is None]
+        #: The contacts with an anchor, and their rows of J.
+        self.anchored = tuple(
+            (place.contact, place.motion)
+            for place in self.places
+            if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
+        )
+        self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
+        self.torque_bias = problem.offset
+        self.available = np.zeros((3, na))
+        #: Whether compiled code knows all of the contacts' motion.
+        self.compiled = not self.by_themselves and not self.anchored
+        self.bound: Bound
+        self.levels: list[Level] = []
+        self.labels = self._labels(model)
+        self._named: dict[int, Sequence[str]] = {limit.start: () for limit in self.limits}
+
+    def bind(self, dynamics: Dynamics) -> None:
+        """Tell compiled code where the rows of the equations of motion are, and of what they are made."""
+        projection, rows = self.actuation.projection, self.problem.constraints
+        free, na = self.actuation.free, len(self.torque_lower)
+        sizes = len(projection[2]), free, na, len(self.damping), len(rows), self.mechanism.stop - free
+        bounds = self.torque_lower, self.torque_upper
+        self.bound = Bound(
+            *sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]),
+            self.available, self.torque_bias,
+        )  # fmt: skip
+
+    def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
+        n = self.problem.n
+        labels = [("", "", 1.0)] * self.problem.bounds.shape[1]
+
+        def label(start: int, stop: int, name: str, unit: float) -> None:
+            labels[start:stop] = [(f"{name}:lower", f"{name}:upper", unit)] * (stop - start)
+
+        for row, actuator in enumerate(model.actuators, n + self.torque.start):
+            label(row, row + 1, f"torque:{actuator}", 1.0)
+        for column, joint in zip(self.joints.tolist(), model.joints, strict=True):
+            label(column, column + 1, f"motion:{joint}", 1.0)
+        for place in self.places:
+            name, start, cone = place.contact.name, place.columns.start, place.cone
+            for kind, first, last in place.contact.bound_groups:
+                label(start + first, start + last, f"{kind}:{name}", FORCE_UNIT)
+            labels[n + cone.start : n + cone.stop] = [("", f"cone:{name}", FORCE_UNIT)] * (cone.stop - cone.start)
+        for limit, rows in zip(self.row_limits, self.limits, strict=True):
+            labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
+        return labels
+
+    @property
+    def torque_map(self) -> tuple[Array, Array]:
+        """R (na, n) and r (na,), so that τ = R x + r in N·m (`tasks.Efforts`)."""
+        return self.problem.C[self.torque], self.torque_bias
+
+    def force_map(self, contact: str) -> Array | None:
+        """R (k, n), so that the contact force in N and N·m is R x; None while it is not active (`tasks.Efforts`)."""
+        if contact not in self.key:
+            return None
+        columns = self.places[self.key.index(contact)].columns
+        rows = np.zeros((columns.stop - columns.start, self.problem.n))
+        np.fill_diagonal(rows[:, columns], FORCE_UNIT)
+        return rows
+
+    def snapshot(self) -> Layout:
+        """A copy with a problem that later cycles do not change; its `places` remain views of this layout's problem."""
+        kept = copy.copy(self)
+        kept.problem = self.problem.copy()
+        kept.torque_bias = kept.problem.offset
+        return kept
+
+    def relabel(self, rows: slice, names: Sequence[str]) -> None:
+        """Rename some rows of C, in a new list of labels if there is news; earlier solutions keep the old list."""
+        n = self.problem.n
+        if self._named.get(rows.start) == names:
+            return
+        self._named[rows.start] = names
+        self.labels = self.labels.copy()
+        self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]

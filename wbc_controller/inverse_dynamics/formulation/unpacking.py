@@ -1,0 +1,152 @@
+"""From the minimizer of the quadratic program to the solution, with residuals and binding constraints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.formulation.answer import Answer
+from wbc_controller.inverse_dynamics.formulation.cost import Errors
+from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT, Layout
+from wbc_controller.inverse_dynamics.formulation.problem import Residuals
+from wbc_controller.inverse_dynamics.tasks.task import equation_of
+from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
+
+#: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
+_BINDING = 1.0e-5
+#: Largest magnitude of a bound in this comparison, so that an infinite bound is never binding.
+_LARGEST = 1.0e9
+_NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+class _Later:
+    """`records.Details` of an answer: most are never read, and would delay the torques.
+
+    Of the layout it uses what no later cycle changes.
+    """
+
+    _forces: Mapping[str, Array] | None = None
+
+    def __init__(
+        self,
+        layout: Layout,
+        answer: Answer,
+        residuals: Residuals,
+        errors: Sequence[Errors],
+        stages: Mapping[str, float],
+    ) -> None:
+        self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
+        self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
+
+    @property
+    def forces(self) -> Mapping[str, Array]:
+        """The force of each contact, (k,) in N and N·m."""
+        if self._forces is None:  # in every cycle: what `cached_property` does takes as long as the rest
+            forces = FORCE_UNIT * self._residuals.found[self._layout.forces]
+            forces.setflags(write=False)
+            self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
+        return self._forces
+
+    @cached_property
+    def residuals(self) -> Mapping[str, float]:
+        """The largest violation in each group of constraints."""
+        equalities, contact_rows = self._residuals.equalities.tolist(), self._layout.mechanism.start
+        return MappingProxyType(
+            {
+                "equations_of_motion": max(equalities[contact_rows:], default=0.0),
+                "contact_motion": max(equalities[:contact_rows], default=0.0),
+                "inequalities": max(0.0, -self._residuals.least_room),
+            }
+        )
+
+    @cached_property
+    def task_errors(self) -> Mapping[str, float]:
+        """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
+        errors: dict[str, Array] = {}
+        for places, values, others in self._errors:
+            errors |= {name: values[place] for name, place in places} | others
+        return MappingProxyType({name: math.sqrt(error.dot(error)) for name, error in errors.items()})
+
+    @cached_property
+    def binding(self) -> Mapping[str, float]:
+        """The binding constraints, each with its multiplier per SI unit of its bound."""
+        return MappingProxyType(_binding(self._labels, self._residuals, self._answer.multipliers))
+
+    @cached_property
+    def levels(self) -> Sequence[LevelReport]:
+        """The quadratic programs that were solved."""
+        answer = self._answer
+        if answer.levels or answer.cost is None:
+            return answer.levels
+        return (LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self._stages.get("solve", 0.0)),)
+
+
+def unpack(
+    formulation: Formulation,
+    layout: Layout,
+    answer: Answer,
+    references: References,
+    stages: Mapping[str, float] = _NONE,
+) -> Solution:
+    """Make a solution of an answer.
+
+    Args:
+        formulation: the formulation that built the problem.
+        layout: with the problem, as it was given to the solver.
+        answer: with a minimizer and its residuals.
+        references: the references for which the problem was built.
+        stages: time spent in each stage, in s.
+
+    Raises:
+        ValueError: where the answer has no residuals.
+    """
+    residuals, errors = answer.residuals, formulation.task_errors
+    if residuals is None:
+        raise ValueError(f"the answer {answer.status!r} has no residuals")
+    found = residuals.found
+    found.setflags(write=False)  # and so its parts
+    if formulation.effort_tasks:
+        errors += tuple(_effort_errors(formulation, layout, residuals.value[: layout.problem.n], references))
+    return Solution(
+        found[: formulation.model.nv],
+        residuals.outputs,
+        _Later(layout, answer, residuals, errors, stages),
+        answer.relaxed,
+        answer.iterations,
+        MappingProxyType(stages),
+        frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
+        references.disturbance,
+    )
+
+
+def _effort_errors(formulation: Formulation, layout: Layout, x: Array, references: References) -> Iterator[Errors]:
+    """The errors of tasks on contact forces or torques."""
+    for task in formulation.effort_tasks:
+        if references.weights.get(task.name, 0.0) > 0.0:
+            equation = equation_of(task, layout, references.tasks[task.name], len(x))
+            if equation is not None:
+                yield (), x, {task.name: equation[0] @ x - equation[1]}
+
+
+def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
+    """The binding constraints, each with its multiplier per SI unit of its bound."""
+    # In most cycles none is binding. A quick test: a bound close to its value has about the magnitude of that value,
+    # which the norm of all values bounds, so the tolerance below covers every bound.
+    value = residuals.value
+    if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
+        return {}
+    room = residuals.room
+    bounds = np.abs([value - room[0], value + room[1]])
+    sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
+    found: dict[str, float] = {}
+    for side, row in zip(sides.tolist(), rows.tolist(), strict=True):
+        name, unit = labels[row][side], labels[row][2]
+        if name:
+            found[name] = found.get(name, 0.0) + abs(float(multipliers[row])) / unit
+    return found

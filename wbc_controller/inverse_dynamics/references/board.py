@@ -1,0 +1,336 @@
+"""The reference board: stores what commands have set, and samples it at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact, anchor_of
+from wbc_controller.inverse_dynamics.references.changes import (
+    Change,
+    EnableContact,
+    EnableTask,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.inverse_dynamics.references.relative import in_world
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
+from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks.task import Task, rest_of
+from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
+
+#: Time in which the reference may go to the first point of a trajectory that it is not on its way to, s, at least.
+_SHORTEST_JOIN = 0.05
+#: Distance from the way of the reference, m or rad, up to which a point is on it.
+_ON_THE_WAY = 1.0e-3
+
+
+@dataclass(frozen=True, slots=True)
+class TaskPlan:
+    """Initial state and timing of one task's references.
+
+    Attributes:
+        task: the task.
+        weight: weight while the task is enabled.
+        enabled: whether the task is on when the controller is activated.
+        setpoint_duration: time in which a new setpoint is reached, s.
+    """
+
+    task: Task
+    weight: float
+    enabled: bool
+    setpoint_duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class ContactPlan:
+    """How one contact is activated and deactivated.
+
+    Attributes:
+        enabled: whether the contact is active when the controller is activated.
+        ramp: time in which the contact is loaded or unloaded, s.
+        anchored: the contact, if it has an anchor; None otherwise.
+    """
+
+    enabled: bool
+    ramp: float
+    anchored: AnchoredContact | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPlan:
+    """Plans of all tasks and contacts on a board.
+
+    Attributes:
+        tasks: by name.
+        contacts: by name.
+        weight_ramp: time in which new weights, gains and limits are reached, s.
+        tuning: gains and limits.
+    """
+
+    tasks: Mapping[str, TaskPlan]
+    contacts: Mapping[str, ContactPlan]
+    weight_ramp: float
+    tuning: Tuning
+
+
+class ReferenceBoard:
+    """Holds trajectories and ramps; sets of changes are applied between cycles, each set completely or not at all."""
+
+    #: What outlives a cycle, beside the plan.
+    MEMORY = (
+        "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories", "_goals",
+        "_wrenches",
+    )  # fmt: skip
+    #: What was sampled last, which follows from all the rest.
+    SAMPLED = ("_still", "_settled")
+
+    def __init__(self, plan: BoardPlan) -> None:
+        """Make a board.
+
+        Args:
+            plan: plans of all tasks and contacts.
+        """
+        self.plans = plan.tasks
+        self.contact_plans = plan.contacts
+        self._weight_ramp = plan.weight_ramp
+        self._tuning = TuningRamp.at(plan.tuning)
+        self._weights = {name: plan.weight for name, plan in self.plans.items()}
+        self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
+        self._weight_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
+        self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self._anchors: Mapping[str, Array] = {}
+        self._trajectories: dict[str, Trajectory] = {}
+        # Goals of tasks that are off, to be followed when they are switched on.
+        self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
+        self._wrenches: dict[str, Array] = {}
+        self._changed()
+
+    def _changed(self) -> None:
+        """Forget what was sampled: something changes."""
+        # What is given from a time on, as it has come to rest: all, and what has ramps.
+        self._still: tuple[float, References] | None = None
+        self._settled: tuple[float, References] | None = None
+
+    def reset(self, dynamics: Dynamics, time: float) -> None:
+        """Start at the present state: references hold it, and contacts are as configured, anchored where they are."""
+        self._changed()
+        for name, plan in self.plans.items():
+            self._enabled[name] = plan.enabled
+            self._weights[name] = plan.weight
+            weight = plan.weight if plan.enabled else 0.0
+            self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
+            self._trajectories[name] = _stay(rest_of(plan.task, dynamics), time)
+        for name, contact in self.contact_plans.items():
+            self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
+            self._anchor(name, dynamics)
+        self._goals.clear()
+        self._wrenches.clear()
+        self._tuning = TuningRamp.at(self._tuning.after)
+
+    def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
+        """Change to another plan for the same tasks and contacts, with ramps to its new values.
+
+        Args:
+            plan: the new plan.
+            dynamics: as in `apply`.
+            time: s, on the clock of the states; None while the controller does not follow the references, so that no
+                ramp is needed.
+        """
+        self._changed()
+        before, contacts_before = self.plans, self.contact_plans
+        self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
+        if time is None:
+            self._tuning = TuningRamp.at(plan.tuning)
+            return
+        self._tuning = self._tuning.towards(plan.tuning, time, plan.weight_ramp)
+        for name, task in plan.tasks.items():
+            if task.weight != before[name].weight:
+                self._apply(SetWeight(name, task.weight), dynamics, time)
+            if task.enabled != before[name].enabled:
+                self._apply(EnableTask(name, task.enabled), dynamics, time)
+        for name, contact in plan.contacts.items():
+            if contact.enabled != contacts_before[name].enabled:
+                self._apply(EnableContact(name, contact.enabled), dynamics, time)
+
+    def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
+        """Apply a set of changes.
+
+        Args:
+            changes: validated changes.
+            dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, the anchor of
+                contacts that are activated, and the frames of the robot in which setpoints are given.
+            time: s, on the clock of the states.
+
+        Raises:
+            InputRefused: where a trajectory cannot be followed; no change of the set has then been applied.
+        """
+        changes = tuple(changes)
+        for change in changes:
+            if isinstance(change, SetTrajectory):
+                self._check(change, time)
+        for change in changes:
+            self._apply(change, dynamics, time)
+
+    def _check(self, change: SetTrajectory, time: float) -> None:
+        end = (time if change.start is None else change.start) + change.points[-1].time
+        if end < time:
+            raise InputRefused(
+                f"trajectory for task {change.task!r} ended {time - end:.3f} s ago on the clock of the states "
+                "(header.stamp 0 means: start now)"
+            )
+
+    def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
+        if isinstance(change, SetSetpoint | SetTrajectory):
+            self._still = None  # what has ramps stays as it is
+            self._set_course(self._placed(change, dynamics, time), time)
+            return
+        self._changed()
+        if isinstance(change, SetWeight):
+            self._weights[change.task] = change.weight
+            self._ramp_weight(change.task, time)
+        elif isinstance(change, EnableTask):
+            self._enable(change.task, change.enabled, dynamics, time)
+        elif isinstance(change, EnableContact):
+            ramp = self._contact_ramps[change.contact]
+            if change.enabled and ramp.sample(time) <= 0.0:
+                self._anchor(change.contact, dynamics)
+            duration = self.contact_plans[change.contact].ramp
+            self._contact_ramps[change.contact] = ramp.towards(float(change.enabled), time, duration)
+        else:
+            self._wrenches[change.frame] = change.wrench
+
+    def _anchor(self, name: str, dynamics: Dynamics) -> None:
+        """Set the anchor of a contact to its present pose; references sampled before keep their anchors."""
+        contact = self.contact_plans[name].anchored
+        if contact is not None:
+            self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
+
+    def _placed(
+        self, change: SetSetpoint | SetTrajectory, dynamics: Dynamics, time: float
+    ) -> SetSetpoint | SetTrajectory:
+        """A setpoint in the frame of the task's references, if it was given in another one."""
+        if isinstance(change, SetTrajectory) or not change.frame:
+            return change
+        form, goal = self.plans[change.task].task.form, self._goal(change.task, dynamics, time)
+        position = in_world(change.task, change.frame, change.position, goal, form, dynamics)
+        return replace(change, position=position, frame="")
+
+    def _goal(self, task: str, dynamics: Dynamics, time: float) -> Array:
+        """The position that a task's reference is on its way to; of one that is fully off, that it would start from."""
+        stored = self._goals.get(task)
+        if stored is not None:
+            return stored.position if isinstance(stored, SetSetpoint) else stored.points[-1].position
+        if self._asleep(task, time):
+            return rest_of(self.plans[task].task, dynamics).position
+        return self._trajectories[task].knots[-1].position
+
+    def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
+        """Follow a setpoint or trajectory; a task that is off also stores it until it is switched on."""
+        if isinstance(change, SetTrajectory) and change.start is None:
+            change = replace(change, start=time)
+        if not self._enabled[change.task]:
+            self._goals[change.task] = change
+        if self._asleep(change.task, time):
+            return
+        self._trajectories[change.task] = self._joining(change, time)
+
+    def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
+        """Switch a task on or off; one that was fully off starts at the present state and moves to its stored goal."""
+        if enabled:
+            goal = self._goals.pop(task, None)
+            if self._asleep(task, time):
+                self._trajectories[task] = _stay(rest_of(self.plans[task].task, dynamics), time)
+                if goal is not None:
+                    self._trajectories[task] = self._joining(goal, time)
+        self._enabled[task] = enabled
+        self._ramp_weight(task, time)
+
+    def _asleep(self, task: str, time: float) -> bool:
+        """Whether a task is off with weight zero, so that its reference is out of date."""
+        return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
+
+    def _ramp_weight(self, task: str, time: float) -> None:
+        target = self._weights[task] if self._enabled[task] else 0.0
+        self._weight_ramps[task] = self._weight_ramps[task].towards(target, time, self._weight_ramp)
+
+    def _towards(self, task: str, position: Array, time: float, duration: float | None = None) -> Trajectory:
+        still = np.zeros(len(self._trajectories[task].knots[0].velocity))
+        duration = self.plans[task].setpoint_duration if duration is None else duration
+        if duration <= 0.0:
+            return Trajectory([Knot(time, position, still, still)])
+        return Trajectory([self.present(task, time), Knot(time + duration, position, still, still)])
+
+    def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
+        """Join the present reference to a setpoint, or to the future points of a trajectory, at least its last point.
+
+        Points at or before the present time are skipped, and so are points that could only be reached by a jump: less
+        than `_SHORTEST_JOIN` ahead, and off the way of the present reference. Sending a trajectory again while it is
+        followed changes nothing: part of a quintic is the quintic between its ends.
+        """
+        if isinstance(goal, SetSetpoint):
+            return self._towards(goal.task, goal.position, time, goal.duration)
+        present = self.present(goal.task, time)
+        ahead = [knot for knot in _knots(goal, time) if knot.time > time]
+        while ahead and ahead[0].time - time < _SHORTEST_JOIN and _is_off_the_way(present, ahead[0]):
+            ahead.pop(0)
+        if not ahead:
+            return self._towards(goal.task, goal.points[-1].position, time)
+        return Trajectory([present, *ahead])
+
+    def present(self, task: str, time: float) -> Knot:
+        """Reference of one task at a time, in s."""
+        reference = self._trajectories[task].sample(time)
+        return Knot(time, reference.position, reference.velocity, reference.acceleration)
+
+    def sample(self, time: float) -> References:
+        """All references at one time, in s; the same object, or the same parts of it, where nothing changes."""
+        if self._still is not None and time >= self._still[0]:
+            return self._still[1]
+        references = self._sampled(time)
+        if self._settled is not None:
+            at_rest = max([self._settled[0], *(each.knots[-1].time for each in self._trajectories.values())])
+            if time >= at_rest:
+                self._still = at_rest, references
+        return references
+
+    def _sampled(self, time: float) -> References:
+        tasks = {name: trajectory.sample(time) for name, trajectory in self._trajectories.items()}
+        if self._settled is not None and time >= self._settled[0]:
+            same = self._settled[1]
+            return References(tasks, same.weights, same.contacts, same.external_wrenches, same.tuning, same.anchors)
+        references = References(
+            tasks=tasks,
+            weights=MappingProxyType({name: ramp.sample(time) for name, ramp in self._weight_ramps.items()}),
+            contacts=MappingProxyType({name: ramp.sample(time) for name, ramp in self._contact_ramps.items()}),
+            external_wrenches=dict(self._wrenches),
+            tuning=self._tuning.sample(time),
+            anchors=self._anchors,
+        )
+        ramps = [self._tuning.share, *self._weight_ramps.values(), *self._contact_ramps.values()]
+        settled = max(ramp.start + ramp.duration for ramp in ramps)
+        self._settled = (settled, references) if time >= settled else None
+        return references
+
+
+def _is_off_the_way(present: Knot, knot: Knot) -> bool:
+    """Whether a point is elsewhere than where the present reference goes by its velocity."""
+    n = min(len(present.position), len(present.velocity))
+    there = present.position[:n] + (knot.time - present.time) * present.velocity[:n]
+    return bool(np.abs(knot.position[:n] - there).max() > _ON_THE_WAY)
+
+
+def _knots(change: SetTrajectory, time: float) -> list[Knot]:
+    """Knots of a trajectory, with times on the clock of the states."""
+    start = time if change.start is None else change.start
+    return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
+
+
+def _stay(reference: Reference, time: float) -> Trajectory:
+    return Trajectory([Knot(time, reference.position, reference.velocity, reference.acceleration)])

@@ -1,0 +1,225 @@
+"""Builds a robot's model from its URDF: moving, following and locked joints, and their actuation."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.robot.actuation import Actuation
+from wbc_controller.inverse_dynamics.robot.mimic import Followers, Mimic, read_mimics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.passive import PassiveForces, PassiveJoint
+from wbc_controller.inverse_dynamics.robot.transmission import Transmission, make_drive
+from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
+from wbc_controller.records import Array, frozen
+
+#: Smallest mass of a robot, kg: what is divided by a much smaller one is not finite.
+_LEAST_MASS = 1.0e-6
+#: Name of the floating base's joint, which no joint of a URDF has.
+_FREE_FLYER = "<floating base>"
+
+
+def build_model(
+    urdf: str,
+    joints: Sequence[str],
+    posture: Iterable[float],
+    *,
+    floating_base: bool = True,
+    armature: float = 0.0,
+    effort_limit_scale: float = 1.0,
+    actuators: Sequence[str] = (),
+    transmission: Mapping[str, Transmission] | None = None,
+    passive_joints: Mapping[str, PassiveJoint] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    joint_limits: Mapping[str, JointLimits] | None = None,
+    commanded_by_joint: bool = False,
+) -> RobotModel:
+    """Build the model of a robot from its URDF.
+
+    Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All joints that neither move nor follow
+    are locked. A continuous joint is a revolute one without position limits.
+
+    Args:
+        urdf: the URDF's text.
+        joints: joints with one degree of freedom that move and are measured.
+        posture: nominal position of each joint, rad.
+        floating_base: whether the root link moves freely.
+        armature: reflected rotor inertia of every joint with its own motor, kg·m².
+        effort_limit_scale: share of the effort limits that may be used.
+        actuators: names of the actuators in the order of the command: joints with their own motor, and transmissions.
+            Empty for one motor at each joint that is not passive.
+        transmission: actuators with ratios, by name.
+        passive_joints: springs and dampers of the joints without a motor of their own, by name.
+        locked_joints: positions of locked joints, rad; other joints that do not move are locked at zero, or where their
+            locked leader puts them.
+        joint_limits: limits that replace those of the URDF, by joint; the model's URDF has them too.
+        commanded_by_joint: whether the command consists of torques at the driven joints instead of torques of the
+            actuators.
+
+    Raises:
+        ConfigurationError: where the URDF or a joint cannot be used.
+    """
+    tree, urdf = read_robot(urdf, joint_limits or {})
+    try:
+        full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    mimics, passive_joints = read_mimics(tree), passive_joints or {}
+    _check_names(full, joints, passive_joints, locked_joints or {}, mimics)
+    following = {name: mimic for name, mimic in mimics.items() if mimic.leader in joints}
+    for name in following:
+        _require_one_coordinate(full, name, f"robot.urdf: {name!r}, which mimics {following[name].leader!r},")
+    locked = dict(locked_joints or {})
+    for name, mimic in mimics.items():
+        if name not in following and full.joints[full.getJointId(name)].nq == 1:
+            locked[name] = mimic.ratio * locked.get(mimic.leader, 0.0) + mimic.offset
+    locked = {name: position for name, position in locked.items() if position != 0.0}
+    model = _lock(full, [name for name in _joints_of(full) if name not in joints and name not in following], locked)
+    mass = pin.computeTotalMass(model)
+    if not (mass >= _LEAST_MASS):
+        raise ConfigurationError(
+            f"robot.urdf: the links that move weigh {mass:g} kg together; they have {_LEAST_MASS:g} kg at least"
+        )
+    moving = [model.getJointId(name) for name in (*joints, *following)]
+    q_of, v_of = (
+        {str(model.names[i]): int(getattr(model.joints[i], key)) for i in moving} for key in ("idx_q", "idx_v")
+    )
+    q_index, v_index = (np.array([index[name] for name in joints], dtype=np.intp) for index in (q_of, v_of))
+    followers = Followers(following, q_of, v_of) if following else None
+    efforts = np.array(model.upperEffortLimit)[v_index]
+    drive = make_drive(
+        joints,
+        efforts,
+        actuators=actuators,
+        transmission=transmission,
+        passive=passive_joints,
+        by_joint=commanded_by_joint,
+    )
+    coupling = followers.coupling(model.nv) if followers is not None else np.zeros((0, model.nv))
+    actuation = Actuation(drive, v_index, coupling)
+    joint_armature = np.array(model.armature)
+    own = [name in drive.names and name not in (transmission or {}) for name in joints]
+    joint_armature[v_index[own]] = armature
+    model.armature = joint_armature
+    lower, upper = np.array(model.lowerPositionLimit)[q_index], np.array(model.upperPositionLimit)[q_index]
+    velocity_limits = np.array(model.upperVelocityLimit)[v_index]
+    _require_velocity_limits(joints, velocity_limits)
+    for name, mimic in following.items():
+        _tighten(joints.index(mimic.leader), mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
+    _require_position_limits(joints, lower, upper)
+    result = RobotModel(
+        pinocchio=model,
+        urdf=urdf,
+        joints=tuple(joints),
+        floating_base=floating_base,
+        q_index=q_index,
+        v_index=v_index,
+        velocity_limits=frozen(velocity_limits),
+        position_lower=frozen(lower),
+        position_upper=frozen(upper),
+        posture=frozen(list(posture)),
+        actuation=actuation,
+        effort_limits=frozen(effort_limit_scale * actuation.effort_limits),
+        passive=PassiveForces(passive_joints, q_of, v_of) if passive_joints else None,
+        followers=followers,
+        locked=MappingProxyType(locked),
+    )
+    for name, value, low, high, unit in zip(
+        joints, result.posture, result.position_lower, result.position_upper, result.units, strict=True
+    ):
+        if not (low <= value <= high):
+            raise ConfigurationError(
+                f"robot.posture: {value} {unit} for {name!r} is outside its limits [{low}, {high}] {unit}"
+            )
+    return result
+
+
+def _joints_of(full: pin.Model) -> list[str]:
+    return [str(name) for name in full.names[1:] if name != _FREE_FLYER]
+
+
+def _check_names(
+    full: pin.Model,
+    joints: Sequence[str],
+    passive: Collection[str],
+    locked: Mapping[str, float],
+    mimics: Mapping[str, Mimic],
+) -> None:
+    """Refuse joints that the URDF does not have, or that cannot move or be passive or locked as configured."""
+    for name in joints:
+        _require_own_coordinate(full, name, "robot.joints", mimics)
+    for name in passive:
+        if name not in joints:
+            raise ConfigurationError(
+                f"robot.passive_joints: {name!r} is not one of robot.joints; {valid_choices(name, joints)}"
+            )
+    for name, position in locked.items():
+        _require_own_coordinate(full, name, "robot.locked_joints", mimics)
+        if name in joints:
+            raise ConfigurationError(f"robot.locked_joints: {name!r} is one of robot.joints, and moves")
+        i = full.joints[full.getJointId(name)].idx_q
+        low, high = full.lowerPositionLimit[i], full.upperPositionLimit[i]
+        if not (low <= position <= high):
+            raise ConfigurationError(
+                f"robot.locked_joints: {position:g} rad for {name!r} is outside its limits [{low:g}, {high:g}] rad"
+            )
+
+
+def _require_own_coordinate(full: pin.Model, name: str, key: str, mimics: Mapping[str, Mimic]) -> None:
+    own = _joints_of(full)
+    if name not in own:
+        raise ConfigurationError(f"{key}: {name!r} is not a joint of the URDF; {valid_choices(name, own)}")
+    if name in mimics:
+        raise ConfigurationError(f"{key}: {name!r} mimics {mimics[name].leader!r} and follows it; name that one alone")
+    _require_one_coordinate(full, name, f"{key}: {name!r}")
+
+
+def _require_one_coordinate(full: pin.Model, name: str, subject: str) -> None:
+    joint = full.joints[full.getJointId(name)]
+    if joint.nv != 1 or joint.nq != 1:
+        raise ConfigurationError(
+            f"{subject} has {joint.nv} degrees of freedom in {joint.nq} coordinates; "
+            "one revolute or prismatic joint with limits is needed"
+        )
+
+
+def _lock(full: pin.Model, names: Sequence[str], positions: Mapping[str, float]) -> pin.Model:
+    """Lock joints at the given positions, rad; at zero where none is given."""
+    q = pin.neutral(full)
+    for name, position in positions.items():
+        q[full.joints[full.getJointId(name)].idx_q] = position
+    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], q) if names else full
+
+
+def _tighten(
+    leader: int, mimic: Mimic, model: pin.Model, q: int, v: int, lower: Array, upper: Array, velocity: Array
+) -> None:
+    """Tighten the limits of a leader so that its follower, at indices (q, v), stays within its own limits."""
+    if mimic.ratio == 0.0:
+        return
+    ends = (model.lowerPositionLimit[q] - mimic.offset, model.upperPositionLimit[q] - mimic.offset)
+    low, high = sorted(end / mimic.ratio for end in ends)
+    lower[leader], upper[leader] = max(lower[leader], low), min(upper[leader], high)
+    velocity[leader] = min(velocity[leader], model.upperVelocityLimit[v] / abs(mimic.ratio))
+
+
+def _require_velocity_limits(joints: Sequence[str], limits: np.ndarray) -> None:
+    for name, limit in zip(joints, limits, strict=True):
+        if not (0.0 < limit < np.inf):
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r} has the velocity limit {limit}; it must be positive, in the URDF or by "
+                f"robot.joint_limits.{name}.velocity"
+            )
+
+
+def _require_position_limits(joints: Sequence[str], lower: Array, upper: Array) -> None:
+    for name, low, high in zip(joints, lower, upper, strict=True):
+        if not (low <= high):
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r} has the lower position limit {low:g} above the upper one {high:g}; "
+                f"correct the URDF, or give robot.joint_limits.{name} a lower and an upper"
+            )

@@ -1,0 +1,220 @@
+"""The robot's model: a URDF with a floating or fixed base, its moving joints, and their actuation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.arrays import as_slice
+from wbc_controller.inverse_dynamics.robot.actuation import Actuation
+from wbc_controller.inverse_dynamics.robot.mimic import Followers
+from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
+from wbc_controller.records import Array
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A robot's model, ready for the controller.
+
+    Attributes:
+        pinocchio: the rigid-body model; joints that do not move are locked.
+        urdf: the URDF's text, with the limits of the configuration and its continuous joints as revolute ones.
+        joints: names of the joints that move and are measured, (nj,).
+        floating_base: whether the root link moves freely.
+        q_index: index in q of each joint, (nj,).
+        v_index: index in v of each joint, (nj,).
+        velocity_limits: largest speed of each joint, (nj,) in rad/s.
+        position_lower: lower position limits, (nj,) in rad.
+        position_upper: upper position limits, (nj,) in rad.
+        posture: nominal joint positions, (nj,) in rad.
+        actuation: the actuators, in the order of the command.
+        effort_limits: largest torque of each actuator that may be used, (na,) in N·m.
+        passive: the springs and dampers of the joints without a motor of their own; None if there are none.
+        followers: the joints that follow others; None if there are none.
+        locked: position of each joint that is locked elsewhere than at zero, rad.
+    """
+
+    pinocchio: pin.Model
+    urdf: str
+    joints: tuple[str, ...]
+    floating_base: bool
+    q_index: np.ndarray
+    v_index: np.ndarray
+    velocity_limits: Array
+    position_lower: Array
+    position_upper: Array
+    posture: Array
+    actuation: Actuation
+    effort_limits: Array
+    passive: PassiveForces | None = None
+    followers: Followers | None = None
+    locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    @cached_property
+    def nq(self) -> int:
+        """Dimension of the configuration."""
+        return int(self.pinocchio.nq)
+
+    @cached_property
+    def nv(self) -> int:
+        """Dimension of the generalized velocity."""
+        return int(self.pinocchio.nv)
+
+    @property
+    def nj(self) -> int:
+        """Number of joints that move and are measured."""
+        return len(self.joints)
+
+    @cached_property
+    def q_places(self) -> np.ndarray | slice:
+        """`q_index`, as a slice if its entries are consecutive."""
+        return as_slice(self.q_index)
+
+    @cached_property
+    def v_places(self) -> np.ndarray | slice:
+        """`v_index`, as a slice if its entries are consecutive."""
+        return as_slice(self.v_index)
+
+    @cached_property
+    def na(self) -> int:
+        """Number of actuators."""
+        return len(self.actuation.names)
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the actuators, in the order of the command."""
+        return self.actuation.names
+
+    @property
+    def driven_joints(self) -> tuple[str, ...]:
+        """Names of the joints that an actuator drives."""
+        return tuple(name for name, driven in zip(self.joints, self.actuation.driven, strict=True) if driven)
+
+    @property
+    def moving_joints(self) -> tuple[str, ...]:
+        """Names of all joints that move, including those that follow others."""
+        return self.joints + (self.followers.names if self.followers is not None else ())
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: rad, or m for a prismatic joint, (nj,)."""
+        kinds = (self.pinocchio.joints[self.pinocchio.getJointId(name)].shortname() for name in self.joints)
+        return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
+
+    @cached_property
+    def base_link(self) -> str:
+        """Name of the root link."""
+        return root_link(self.pinocchio)
+
+    @property
+    def name(self) -> str:
+        """Name of the robot in its URDF."""
+        return str(self.pinocchio.name)
+
+    @property
+    def mass(self) -> float:
+        """Total mass, kg."""
+        return float(pin.computeTotalMass(self.pinocchio))
+
+    @property
+    def gravity(self) -> float:
+        """Magnitude of gravity, m/s²."""
+        return float(np.linalg.norm(self.pinocchio.gravity.linear))
+
+    def frame_id(self, name: str, key: str) -> int:
+        """Look up a frame: of a link, or where no link has this name of a joint, as a URDF may use it for both.
+
+        Args:
+            name: name of a link or joint of the URDF.
+            key: the configuration key of the frame, for the error message.
+
+        Raises:
+            ConfigurationError: where the model has no such frame.
+        """
+        if self.pinocchio.existFrame(name, pin.BODY):
+            return int(self.pinocchio.getFrameId(name, pin.BODY))
+        if not self.pinocchio.existFrame(name):
+            links = [frame.name for frame in self.pinocchio.frames if frame.type == pin.BODY]
+            raise ConfigurationError(f"{key} = {name!r}: the robot has no such frame; {valid_choices(name, links)}")
+        return int(self.pinocchio.getFrameId(name))
+
+    def joint_columns(self, names: Sequence[str], key: str) -> np.ndarray:
+        """Indices in `joints` of the named joints, (k,); no names means all joints.
+
+        Raises:
+            ConfigurationError: where a name is not in `joints`.
+        """
+        for name in names:
+            if name not in self.joints:
+                raise ConfigurationError(
+                    f"{key}: {name!r} is not one of robot.joints; {valid_choices(name, self.joints)}"
+                )
+        return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
+
+    def configuration(self, joint_positions: Array, base: pin.SE3 | None = None) -> Array:
+        """Assemble q from the joint positions, (nj,), and the placement of the base."""
+        q = np.array(pin.neutral(self.pinocchio))
+        if self.floating_base and base is not None:
+            q[:7] = pin.SE3ToXYZQUAT(base)
+        q[self.q_index] = joint_positions
+        if self.followers is not None:
+            self.followers.place(q)
+        return q
+
+    def state(
+        self,
+        joint_positions: Array,
+        joint_velocities: Array,
+        pose: Array | None = None,
+        twist: Array | None = None,
+    ) -> tuple[Array, Array]:
+        """Assemble q and v from measurements.
+
+        Args:
+            joint_positions: (nj,) in rad.
+            joint_velocities: (nj,) in rad/s.
+            pose: position and quaternion of a floating base, (7,).
+            twist: velocity of the base in its own axes, (6,).
+        """
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        if pose is not None and twist is not None:
+            q[:7], v[:6] = pose, twist
+        q[self.q_places] = joint_positions
+        v[self.v_places] = joint_velocities
+        if self.followers is not None:
+            self.followers.place(q)
+            self.followers.move(v)
+        return q, v
+
+    def difference(self, before: Array, after: Array) -> Array:
+        """The motion from one configuration to another, (nv,): as a velocity that lasts for 1 s."""
+        return np.asarray(pin.difference(self.pinocchio, before, after))
+
+    def passive_force(self, q: Array, v: Array) -> Array:
+        """Generalized force of the springs and dampers of passive joints at a state, (nv,)."""
+        force = np.zeros(self.nv)
+        if self.passive is not None:
+            force[self.passive.v_index] = self.passive.torques(q, v)
+        return force
+
+    def joint_forces(self, force: Array) -> Array:
+        """Joint components, (nj,), of a generalized force, (nv,); forces on followers are added to their leaders."""
+        if self.followers is not None:
+            force = np.array(force)
+            self.followers.carry(force)
+        return np.asarray(force[self.v_index])
+
+
+def root_link(model: pin.Model) -> str:
+    """Name of the root link: the link of the floating base, or the link fixed to the world."""
+    wanted = 1 if model.njoints > 1 and model.joints[1].nq == 7 else 0
+    for frame in model.frames:
+        if frame.type == pin.BODY and frame.parentJoint == wanted and frame.name != "universe":
+            return str(frame.name)
+    return "universe"

@@ -1,0 +1,50 @@
+"""Solvers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import qpsolvers
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.solvers.daqp import DaqpSolver
+from wbc_controller.inverse_dynamics.solvers.osqp import OsqpSolver
+from wbc_controller.inverse_dynamics.solvers.proxqp import ProxqpSolver
+from wbc_controller.inverse_dynamics.solvers.solver import Solver
+from wbc_controller.inverse_dynamics.solvers.through_qpsolvers import ThroughQpsolvers
+
+_PERSISTENT: dict[str, Callable[[int, int, int], Solver]] = {
+    "daqp": DaqpSolver,
+    "osqp": OsqpSolver,
+    "proxqp": ProxqpSolver,
+}
+
+
+def available_solvers() -> list[str]:
+    """Names of the solvers that are installed."""
+    return sorted({*_PERSISTENT, *qpsolvers.available_solvers})
+
+
+def make_solver(name: str, problem: QuadraticProgram) -> Solver:
+    """Make a solver for problems of the same size as the one given.
+
+    Raises:
+        ConfigurationError: where no solver of that name is installed.
+    """
+    if name in _PERSISTENT:
+        return _PERSISTENT[name](problem.n, len(problem.b), len(problem.upper))
+    require_solver(name)
+    return ThroughQpsolvers(name)
+
+
+def require_solver(name: str) -> None:
+    """Check that a solver is installed.
+
+    Raises:
+        ConfigurationError: where it is not.
+    """
+    if name not in available_solvers():
+        raise ConfigurationError(
+            f"solver.name = {name!r}: no such solver is installed; {valid_choices(name, available_solvers())}"
+        )

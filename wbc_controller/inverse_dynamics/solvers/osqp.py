@@ -1,0 +1,90 @@
+"""OSQP, an operator-splitting solver: persistent, warm-started from the last solution."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import osqp
+from scipy import sparse
+
+from wbc_controller.inverse_dynamics.formulation.answer import Answer
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.solvers.solver import Solver
+
+
+class OsqpSolver(Solver):
+    """OSQP. All entries are treated as nonzero, so that the sparsity never changes.
+
+    From Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs"
+    (Mathematical Programming Computation, 2020).
+    """
+
+    tolerance = 1.0e-3
+    for_levels = False  # it ran out of iterations in a fifth of random problems, and on robots
+
+    def __init__(self, n: int, equalities: int, inequalities: int) -> None:
+        rows = equalities + inequalities
+        self._rows = np.zeros((n + rows, n))
+        self._rows[rows:] = np.eye(n)  # the bounds of x
+        self._lower = np.zeros(n + rows)
+        self._upper = np.zeros(n + rows)
+        self._equalities = equalities
+        self._upper_triangle = np.triu_indices(n)
+        self._solver: osqp.OSQP | None = None
+        n_range = np.arange(n)
+        # CSC order of the upper triangle: by column, then row.
+        order = np.lexsort((self._upper_triangle[0], self._upper_triangle[1]))
+        self._h_rows = self._upper_triangle[0][order]
+        self._h_columns = self._upper_triangle[1][order]
+        self._h_starts = np.concatenate([[0], np.cumsum(n_range + 1)])
+        # Only the diagonal of the rows of the bounds is stored.
+        self._a_rows = np.concatenate([np.append(np.arange(rows), rows + j) for j in n_range])
+        self._a_columns = np.repeat(n_range, rows + 1)
+        self._a_starts = np.arange(n + 1) * (rows + 1)
+
+    def _search(self, problem: QuadraticProgram) -> Answer:
+        m, rows = self._equalities, len(problem.b) + len(problem.upper)
+        self._rows[:m] = problem.A
+        self._rows[m:rows] = problem.C
+        for out, b, bound, x_bound in (
+            (self._lower, problem.b, problem.lower, problem.x_lower),
+            (self._upper, problem.b, problem.upper, problem.x_upper),
+        ):
+            out[:m] = b
+            out[m:rows] = bound
+            out[rows:] = x_bound
+        try:
+            result = self._run(problem)
+        except osqp.OSQPException as error:  # raised where the matrices cannot be factorized
+            self._solver = None
+            return Answer(None, f"OSQPException: {error}", 0)
+        iterations = int(result.info.iter)
+        if result.info.status == "solved":
+            y = np.array(result.y)
+            return Answer(np.array(result.x), "optimal", iterations, np.concatenate([y[rows:], y[m:rows]]))
+        self._solver = None
+        return Answer(None, str(result.info.status), iterations)
+
+    def _run(self, problem: QuadraticProgram) -> Any:
+        n, rows = problem.n, len(self._rows)
+        h_values = problem.H[self._h_rows, self._h_columns]
+        a_values = self._rows[self._a_rows, self._a_columns]
+        if self._solver is None:
+            self._solver = osqp.OSQP()
+            self._solver.setup(
+                P=sparse.csc_matrix((h_values, self._h_rows, self._h_starts), shape=(n, n)),
+                q=problem.g,
+                A=sparse.csc_matrix((a_values, self._a_rows, self._a_starts), shape=(rows, n)),
+                l=self._lower,
+                u=self._upper,
+                verbose=False,
+                eps_abs=1.0e-5,
+                eps_rel=1.0e-5,
+                max_iter=4000,
+                polishing=self._equalities > 0,  # without equalities it prints a line whenever the active set is empty
+                check_termination=5,
+            )
+        else:
+            self._solver.update(q=problem.g, l=self._lower, u=self._upper, Px=h_values, Ax=a_values)
+        return self._solver.solve(raise_error=False)

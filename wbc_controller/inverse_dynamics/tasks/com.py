@@ -1,0 +1,42 @@
+"""Centre of mass task."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import COM
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
+from wbc_controller.inverse_dynamics.tasks.task import MotionTask
+from wbc_controller.records import Array
+
+
+class ComTask(MotionTask):
+    """Task on the position of the centre of mass in the world, (3,) in m."""
+
+    unit = "m"
+    size = 3
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows."""
+        return Instruction(COM, self.rows, size=self.size) if type(self) is ComTask else None
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position of the centre of mass, (3,) in m."""
+        return np.array(dynamics.com)
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Velocity of the centre of mass, (3,) in m/s."""
+        return dynamics.com_velocity
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement to the reference, (3,) in m."""
+        return position - dynamics.com
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Jacobian of the centre of mass, (3, nv)."""
+        return dynamics.com_jacobian
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Acceleration of the centre of mass at v̇ = 0, (3,) in m/s²."""
+        return dynamics.com_drift

@@ -1,0 +1,111 @@
+"""The form of a task reference: a vector, a direction, an orientation or a pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.arrays import sum_of_squares
+from wbc_controller.records import Array
+
+#: Quaternions whose norm differs from 1 by more than this are refused.
+_QUATERNION_TOLERANCE = 1.0e-2
+#: Directions shorter than this are refused.
+_SHORTEST_DIRECTION = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceForm:
+    """Form of the position of a reference: a vector, and optionally a quaternion after it.
+
+    Attributes:
+        vector: number of components of the vector.
+        oriented: whether a quaternion (x, y, z, w) follows the vector.
+        direction: whether the vector is a direction, of any non-zero length.
+    """
+
+    vector: int = 3
+    oriented: bool = False
+    direction: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of values in a position."""
+        return self.vector + (4 if self.oriented else 0)
+
+    @property
+    def twist(self) -> slice:
+        """Components of a twist (linear, angular) that form the reference's velocity."""
+        return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
+
+    def position(self, values: Any, what: str) -> Array:
+        """Read a position, and normalize its direction or quaternion.
+
+        Args:
+            values: (size,); a number too, where the size is 1.
+            what: name of the values, for the error message.
+
+        Raises:
+            InputRefused: where the number of values is not `size`, a value is not finite, a quaternion is not a unit
+                quaternion, or a direction has no length.
+        """
+        array = np.array(finite(values, what))
+        if self.size == 1 and array.shape == ():
+            array = array.reshape(1)
+        if array.shape != (self.size,):
+            raise InputRefused(f"{what} has the shape {array.shape}; it takes ({self.size},)")
+        if self.direction:
+            array = unit_vector(array, what)
+        if self.oriented:
+            array[self.vector :] = unit_quaternion(array[self.vector :], f"{what}: ")
+        return array
+
+
+def finite(values: Any, what: str) -> Array:
+    """Read an array of finite numbers.
+
+    Raises:
+        InputRefused: where a value is not a number, or not finite.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputRefused(f"{what} is not an array of numbers: {error}") from error
+    if not np.isfinite(array).all():
+        raise InputRefused(f"{what} holds a value that is not finite: {shortened(array)}")
+    return array
+
+
+def shortened(array: Array) -> str:
+    """The first values of an array, for an error message."""
+    flat = array.reshape(-1)
+    shown = ", ".join(f"{value:g}" for value in flat[:8])
+    return f"[{shown}{', …' if flat.size > 8 else ''}]"
+
+
+def unit_quaternion(values: Array, what: str) -> Array:
+    """Normalize a quaternion whose norm is 1 within tolerance.
+
+    Raises:
+        InputRefused: where its norm is not 1.
+    """
+    norm = math.sqrt(sum_of_squares(values))
+    if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
+        raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
+    return values / norm
+
+
+def unit_vector(values: Array, what: str) -> Array:
+    """Normalize a direction.
+
+    Raises:
+        InputRefused: where it has no length.
+    """
+    norm = float(np.linalg.norm(values))
+    if not (_SHORTEST_DIRECTION <= norm < np.inf):
+        raise InputRefused(f"{what} {shortened(values)} has no direction (length {norm:.3g})")
+    return values / norm

@@ -1,0 +1,151 @@
+"""Tasks on the pose, position or orientation of a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import FRAME
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction, numbers_of, on_link
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
+from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.records import Array
+
+_WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
+
+
+def orientation_error(rotation: Array, quaternion: Array) -> Array:
+    """Rotation vector from an orientation to its reference, in world axes.
+
+    Args:
+        rotation: present orientation of the frame in the world, (3, 3).
+        quaternion: reference (x, y, z, w), (4,).
+
+    Returns:
+        R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
+    """
+    return _turn(rotation, rotation_of(quaternion))
+
+
+def _turn(rotation: Array, reference: Array) -> Array:
+    error: Array = pin.log3(reference.dot(rotation.T))
+    return error
+
+
+class _FrameTask(MotionTask):
+    #: Rows of the frame's twist that the task uses.
+    part: slice
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        frame: str,
+        mask: Sequence[bool] | None = None,
+        *,
+        stiffness: Gains = 100.0,
+        damping: Gains | None = None,
+    ) -> None:
+        """Make a frame task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            frame: a frame of the URDF.
+            mask: world axes that the task controls, (size,); by default all.
+            stiffness: K, 1/s², one number or one for each axis.
+            damping: D, 1/s, one number or one for each axis; by default critical.
+
+        Raises:
+            ConfigurationError: where the model has no such frame, or a list of gains has another length.
+        """
+        super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
+        self.frame = frame
+        self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
+        self._on_link = on_link(model, self._frame_id)
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows."""
+        if type(self) not in (FramePositionTask, FrameOrientationTask, FramePoseTask):
+            return None
+        link, placement = self._on_link
+        constants = numbers_of(placement)
+        return Instruction(FRAME, self.rows, link, first=self.part.start, size=self.size, constants=constants)
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Velocity of the frame in world axes: linear in m/s, then angular in rad/s, (size,)."""
+        return dynamics.velocity(self._frame_id, _WORLD_AXES)[self.part]
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Jacobian of the frame in world axes, (size, nv)."""
+        return dynamics.jacobian(self._frame_id, _WORLD_AXES)[self.part]
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Acceleration of the frame at v̇ = 0, in world axes, (size,) in m/s² and rad/s²."""
+        return dynamics.drift_world(self._frame_id)[self.part]
+
+
+class FramePositionTask(_FrameTask):
+    """Task on the position of a frame's origin in the world, (3,) in m."""
+
+    unit = "m"
+    size = 3
+    part = slice(0, 3)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position, (3,) in m."""
+        return np.array(dynamics.placement(self._frame_id).translation)
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement to the reference, (3,) in m."""
+        return np.asarray(position - dynamics.placement(self._frame_id).translation)
+
+
+class FrameOrientationTask(_FrameTask):
+    """Task on the orientation of a frame in the world; the reference is a quaternion (x, y, z, w), (4,)."""
+
+    unit = "rad"
+    size = 3
+    part = slice(3, 6)
+    #: The last read-only reference with its rotation matrix: it usually stays the same from cycle to cycle.
+    _known: tuple[Array, Array] | None = None
+    form = ReferenceForm(vector=0, oriented=True)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Orientation as a quaternion, (4,)."""
+        return quaternion_of(dynamics.placement(self._frame_id).rotation)
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Rotation vector to the reference in world axes, (3,) in rad."""
+        if self._known is not None and position is self._known[0]:
+            reference = self._known[1]
+        else:
+            reference = rotation_of(position)
+            self._known = None if position.flags.writeable else (position, reference)
+        return _turn(dynamics.placement(self._frame_id).rotation, reference)
+
+
+class FramePoseTask(_FrameTask):
+    """Task on the position and orientation of a frame in the world; the reference is position and quaternion, (7,)."""
+
+    unit = "m, rad"
+    size = 6
+    part = slice(0, 6)
+    form = ReferenceForm(oriented=True)
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position and quaternion, (7,)."""
+        return np.asarray(pin.SE3ToXYZQUAT(dynamics.placement(self._frame_id)))
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement and rotation vector to the reference in world axes, (6,) in m and rad."""
+        placement = dynamics.placement(self._frame_id)
+        error = np.empty(6)
+        error[:3] = position[:3] - placement.translation
+        error[3:] = orientation_error(placement.rotation, position[3:])
+        return error

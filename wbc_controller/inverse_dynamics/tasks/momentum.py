@@ -1,0 +1,80 @@
+"""Tasks on the linear and angular momentum about the centre of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
+from wbc_controller.records import Array, Reference
+
+
+class _MomentumTask(RateTask):
+    """Task on a part of the centroidal momentum h_G = A_G(q) v, in world axes.
+
+    Its rate is ḣ_G = A_G v̇ + Ȧ_G v, and the desired rate is
+
+        ḣ* = ḣ_ref + D (h_ref - h)
+
+    with the damping D in 1/s. There is no stiffness, as it would act on the integral of the momentum: angular momentum
+    is not integrable (it is the rate of no function of the configuration), and for linear momentum the centre of mass
+    task serves that purpose. The reference is a momentum, zero until a command sets another one.
+
+    Source: Orin, Goswami and Lee, Centroidal dynamics of a humanoid robot, Autonomous Robots 35, 2013.
+    """
+
+    size = 3
+    #: Rows of A_G that the task uses.
+    part: slice
+
+    def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
+        """Make a momentum task.
+
+        Args:
+            name: the task's name.
+            mask: world axes that the task controls, (3,); by default all.
+            damping: D, 1/s, one number or one for each axis.
+
+        Raises:
+            ConfigurationError: where a list of gains has another length than 3.
+        """
+        super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Present momentum, (3,)."""
+        return np.asarray(dynamics.centroidal_matrix[self.part] @ dynamics.v)
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Rows of A_G, (3, nv)."""
+        return np.asarray(dynamics.centroidal_matrix[self.part])
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Rate of the momentum at v̇ = 0, (3,)."""
+        return np.asarray(dynamics.centroidal_drift[self.part])
+
+    def rest(self, dynamics: Dynamics) -> Reference:
+        """Zero momentum: holding the present one would let the robot drift away."""
+        still = np.zeros(3)
+        return Reference(still, still, still)
+
+
+class LinearMomentumTask(_MomentumTask):
+    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N.
+
+    The control law is that of `_MomentumTask`.
+    """
+
+    unit = "kg·m/s"
+    part = slice(0, 3)
+
+
+class AngularMomentumTask(_MomentumTask):
+    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual in the cost is a torque, N·m.
+
+    The control law is that of `_MomentumTask`.
+    """
+
+    unit = "N·m·s"
+    part = slice(3, 6)

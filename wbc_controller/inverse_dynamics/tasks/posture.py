@@ -1,0 +1,79 @@
+"""Joint position task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.arrays import as_slice
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.records import Array
+
+
+class PostureTask(MotionTask):
+    """Task on the positions of some joints, (k,) in rad."""
+
+    unit = "rad"
+    has_drift = False
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        joints: Sequence[str] = (),
+        *,
+        stiffness: Gains = 100.0,
+        damping: Gains | None = None,
+    ) -> None:
+        """Make a posture task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            joints: joints that the task controls; empty for all actuated joints, in their order. A passive joint among
+                them moves only through the accelerations of the others.
+            stiffness: K, 1/s², one number or one for each joint.
+            damping: D, 1/s, one number or one for each joint; by default critical.
+
+        Raises:
+            ConfigurationError: where the robot has no such joint, or a list of gains has another length.
+        """
+        columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
+        super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
+        self.size = len(columns)
+        self.joints = tuple(joints) or model.driven_joints
+        self._q_index = as_slice(model.q_index[columns])
+        self.columns = as_slice(model.v_index[columns])
+        self._places = np.concatenate([model.q_index[columns], model.v_index[columns]])
+        self._jacobian = np.zeros((self.size, model.nv))
+        self._jacobian[np.arange(self.size), model.v_index[columns]] = 1.0
+        self._drift = np.zeros(self.size)
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code finds the accelerations that are asked for, where no other task is on the same joints."""
+        return Instruction(JOINTS, self._places, size=self.size) if type(self) is PostureTask else None
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Joint positions, (k,) in rad."""
+        return dynamics.q[self._q_index]
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Joint velocities, (k,) in rad/s."""
+        return dynamics.v[self.columns]
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement to the reference, (k,) in rad."""
+        return position - self.position(dynamics)
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Selection of the joints, (k, nv)."""
+        return self._jacobian
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Zero, (k,)."""
+        return self._drift

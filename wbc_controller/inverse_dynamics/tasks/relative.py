@@ -1,0 +1,124 @@
+"""Task on the pose of one frame relative to another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
+from wbc_controller.inverse_dynamics.tasks.frame import orientation_error
+from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.records import Array
+
+_WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
+
+
+class RelativePoseTask(MotionTask):
+    """Task on the pose of a frame B relative to a reference frame A, both on the robot, in the axes of A.
+
+    With d = p_B - p_A and the rotation R_A of A in the world, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. Its
+    velocity and acceleration are those seen by an observer fixed to A,
+
+        ṙ = R_Aᵀ (ḋ - ω_A × d)                                           m/s
+        ω = R_Aᵀ (ω_B - ω_A)                                             rad/s
+        r̈ = R_Aᵀ (d̈ - ω̇_A × d - 2 ω_A × ḋ + ω_A × (ω_A × d))             m/s²
+        ω̇ = R_Aᵀ (ω̇_B - ω̇_A - ω_A × ω_B)                                rad/s²
+
+    and the task error is [r_ref - r, R log(Rᵀ R_ref)]. The reference is position and quaternion (x, y, z, w) of B in A,
+    (7,), with velocity and acceleration (6,), linear part first.
+
+    Source: kinematics in a moving frame; for two arms Lewis and Maciejewski, Trajectory generation for cooperating
+    robots, IEEE International Conference on Systems Engineering, 1990.
+    """
+
+    unit = "m, rad"
+    size = 6
+    form = ReferenceForm(oriented=True)
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        frame: str,
+        reference_frame: str,
+        mask: Sequence[bool] | None = None,
+        *,
+        stiffness: Gains = 100.0,
+        damping: Gains | None = None,
+    ) -> None:
+        """Make a relative pose task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            frame: B, a frame of the URDF.
+            reference_frame: A, a frame of the URDF.
+            mask: axes of A that the task controls, position, then orientation, (6,); by default all.
+            stiffness: K, 1/s², one number or one for each axis.
+            damping: D, 1/s, one number or one for each axis; by default critical.
+
+        Raises:
+            ConfigurationError: where the model has no such frame, or a list of gains has another length.
+        """
+        super().__init__(name, [True] * 6 if mask is None else mask, stiffness=stiffness, damping=damping)
+        self.frame = frame
+        self.reference_frame = reference_frame
+        self._b = model.frame_id(frame, f"tasks.{name}.frame")
+        self._a = model.frame_id(reference_frame, f"tasks.{name}.reference_frame")
+
+    def _pose(self, dynamics: Dynamics) -> pin.SE3:
+        return dynamics.placement(self._a).actInv(dynamics.placement(self._b))
+
+    def _axes_and_arm(self, dynamics: Dynamics) -> tuple[Array, Array]:
+        """R_Aᵀ, (3, 3), and d in world axes, (3,) in m."""
+        a, b = dynamics.placement(self._a), dynamics.placement(self._b)
+        return a.rotation.T, b.translation - a.translation
+
+    def position(self, dynamics: Dynamics) -> Array:
+        """Position and quaternion of B in A, (7,)."""
+        return np.asarray(pin.SE3ToXYZQUAT(self._pose(dynamics)))
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Displacement and rotation vector to the reference, (6,) in m and rad."""
+        pose = self._pose(dynamics)
+        error = np.empty(6)
+        error[:3] = position[:3] - pose.translation
+        error[3:] = orientation_error(pose.rotation, position[3:])
+        return error
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """ṙ and ω, (6,) in m/s and rad/s."""
+        to_a, d = self._axes_and_arm(dynamics)
+        a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
+        velocity = np.empty(6)
+        velocity[:3] = to_a @ (b[:3] - a[:3] - pin.skew(a[3:]) @ d)
+        velocity[3:] = to_a @ (b[3:] - a[3:])
+        return velocity
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Jacobian of ṙ and ω, (6, nv)."""
+        to_a, d = self._axes_and_arm(dynamics)
+        a, b = dynamics.jacobian(self._a, _WORLD_AXES), dynamics.jacobian(self._b, _WORLD_AXES)
+        difference = b - a
+        difference[:3] += pin.skew(d) @ a[3:]  # -ω_A × d = d × ω_A
+        J = np.empty_like(difference)
+        np.matmul(to_a, difference[:3], out=J[:3])
+        np.matmul(to_a, difference[3:], out=J[3:])
+        return J
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """r̈ and ω̇ at v̇ = 0, (6,) in m/s² and rad/s²."""
+        to_a, d = self._axes_and_arm(dynamics)
+        a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
+        a_dot, b_dot = dynamics.drift_world(self._a), dynamics.drift_world(self._b)
+        turn = pin.skew(a[3:])
+        drift = np.empty(6)
+        drift[:3] = to_a @ (
+            b_dot[:3] - a_dot[:3] - pin.skew(a_dot[3:]) @ d - 2.0 * turn @ (b[:3] - a[:3]) + turn @ (turn @ d)
+        )
+        drift[3:] = to_a @ (b_dot[3:] - a_dot[3:] - turn @ b[3:])
+        return drift

@@ -1,0 +1,437 @@
+"""The base classes of tasks: each task gives weighted rows of the least-squares cost."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError, MethodError
+from wbc_controller.inverse_dynamics.method_calls import (
+    array_from,
+    arrays_from,
+    arrays_of,
+    call,
+    checked,
+    is_finite,
+    require_finite,
+    require_finite_result,
+)
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import feedback
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
+from wbc_controller.inverse_dynamics.tunable import Tunable
+from wbc_controller.records import Array, Reference, frozen
+
+_ZERO = np.zeros(0)
+#: A gain: one number, or one for each axis.
+Gains = float | Sequence[float]
+
+
+def gains(values: Gains, size: int, key: str) -> Array:
+    """Read a gain: one number, or one number for each axis.
+
+    Args:
+        values: the number or numbers.
+        size: number of axes, including masked ones.
+        key: the configuration key of the gain, for the error message.
+
+    Returns:
+        An array of shape () or (size,).
+
+    Raises:
+        ConfigurationError: where the number of values is neither one nor `size`.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape not in ((), (size,)):
+        raise ConfigurationError(
+            f"{key} has {array.size} values; it takes one number, or a list with one for each of the task's {size} axes"
+        )
+    return array
+
+
+class Task(ABC):
+    """A control objective: rows of a least-squares problem in the decision variables, with a weight and a level.
+
+    There are two kinds: an `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques.
+
+    `weight`, `enabled` and `setpoint_duration` apply to tasks that a user passes as objects; for tasks of a
+    configuration file the settings decide.
+
+    Attributes:
+        name: the task's name.
+        rows: indices of the components that the mask selects, (k,).
+        level: priority level; 0 is the highest, and no task worsens one of a smaller level. Set it before the
+            controller is made.
+        tolerance: deviation from the reference that costs nothing, in the unit of the error, () or (size,); None means
+            that the task tracks the reference itself. Set it before the controller is made.
+        weight: weight in the cost.
+        enabled: whether the task is on when the controller is activated.
+        setpoint_duration: time in which a new setpoint is reached, s.
+    """
+
+    #: Number of components before the mask.
+    size: int
+    level: int = 0
+    tolerance: Array | None = None
+    weight: float = 1.0
+    enabled: bool = True
+    setpoint_duration: float = 1.0
+    #: Unit of the task error.
+    unit: str = ""
+    #: Names of the attributes that are gains, each () or (size,).
+    gain_names: tuple[str, ...] = ()
+
+    def __init__(self, name: str, mask: Sequence[bool]) -> None:
+        self.name = name
+        self.rows = np.flatnonzero(np.asarray(mask))
+        self._whole = len(self.rows) == len(mask)
+
+    @property
+    def full_name(self) -> str:
+        """Kind and name, for error messages."""
+        return f"task {self.name!r}"
+
+    @property
+    def gains(self) -> Mapping[str, Array]:
+        """The gains by name."""
+        return {name: getattr(self, name) for name in self.gain_names}
+
+    @property
+    def form(self) -> ReferenceForm:
+        """Form of the reference's position."""
+        return ReferenceForm(vector=self.size)
+
+    @property
+    def dimension(self) -> int:
+        """Number of rows that the task contributes to the cost."""
+        return len(self.rows)
+
+    @abstractmethod
+    def rest(self, dynamics: Dynamics) -> Reference:
+        """Reference of the task until a command sets another one."""
+
+    def band(self) -> Array:
+        """The tolerance as half-width of the rows of the least-squares problem, (k,)."""
+        if self.tolerance is None:
+            return np.zeros(self.dimension)
+        return np.broadcast_to(self.tolerance * self._stiffness_of_rows(), (self.size,))[self.rows]
+
+    @abstractmethod
+    def _stiffness_of_rows(self) -> Array:
+        """Change of the rows' right-hand sides per unit of the task error, () or (size,)."""
+
+
+def rest_of(task: Task, dynamics: Dynamics) -> Reference:
+    """Reference of a task until a command sets another one, checked.
+
+    Raises:
+        MethodError: if `Task.rest` raises an exception, or an array has another shape than the task's form, or NaN.
+    """
+    reference, form = call(task, "rest", dynamics), task.form
+    if not isinstance(reference, Reference):
+        raise MethodError(
+            f"{task.full_name}: {type(task).__name__}.rest() returned {type(reference).__name__}, expected a Reference"
+        )
+    rate = (form.vector + (3 if form.oriented else 0),)
+    arrays = reference.position, reference.velocity, reference.acceleration
+    position, velocity, acceleration = arrays_of(task, "rest", arrays, ((form.size,), rate, rate))
+    require_finite_result(task, "rest", position, velocity, acceleration)
+    return Reference(position, velocity, acceleration)
+
+
+class AccelerationTask(Task):
+    """A task that makes a quantity x follow its reference through the choice of v̇.
+
+    Let x⁽ⁿ⁾ = J v̇ + δ be the lowest derivative of x in which v̇ appears; the drift δ is its value at v̇ = 0. The task is
+
+        J v̇ = x⁽ⁿ⁾* - δ
+
+    in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
+    quantities x(q, v).
+
+    Attributes:
+        columns: for a task on single components of v̇, with J = I[columns], the indices of these components; None for
+            other tasks.
+        has_drift: whether δ can be non-zero.
+    """
+
+    columns: np.ndarray | slice | None = None
+    has_drift = True
+
+    @abstractmethod
+    def position(self, dynamics: Dynamics) -> Array:
+        """Present value x, in the form of the reference's position."""
+
+    @abstractmethod
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Task error: displacement from x to a reference position, (size,)."""
+
+    @abstractmethod
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """J, (size, nv)."""
+
+    @abstractmethod
+    def drift(self, dynamics: Dynamics) -> Array:
+        """δ, (size,)."""
+
+    @abstractmethod
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+        """x⁽ⁿ⁾* - δ and the task error, both (size,), without the mask applied."""
+
+    def instruction(self) -> Instruction | None:
+        """How compiled code fills the rows; None where it does not know them, and `fill` does.
+
+        Only a class itself gives one, not those derived from it: they may override what the rows follow from.
+        """
+        return None
+
+    def rest(self, dynamics: Dynamics) -> Reference:
+        """Reference that holds the present value."""
+        still = frozen(np.zeros(self.size))
+        return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
+
+    def fill(self, dynamics: Dynamics, reference: Reference, rows: Array, right: Array) -> Array:
+        """Write the rows of the least-squares problem J v̇ = b in place.
+
+        Args:
+            dynamics: the snapshot.
+            reference: the task reference.
+            rows: for J, (k, nv).
+            right: for b, (k,).
+
+        Returns:
+            The task error, (k,).
+        """
+        J, b, error = self.equation(dynamics, reference)
+        rows[...] = checked(self, "equation", J, rows.shape)
+        right[...] = checked(self, "equation", b, right.shape)
+        return error
+
+    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
+        """Rows of the least-squares problem J v̇ = b, as new arrays.
+
+        Args:
+            dynamics: the snapshot.
+            reference: the task reference.
+
+        Returns:
+            J (k, nv), b (k,), and the task error (k,), all with the mask applied.
+        """
+        size, rows = self.size, self.rows
+        right, error = self.right(dynamics, reference)
+        right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
+        J = checked(self, "jacobian", self.jacobian(dynamics), (size, dynamics.model.nv))
+        return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
+
+
+def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
+    """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
+
+    Args:
+        task: the task.
+        dynamics: the snapshot.
+        reference: the task reference.
+
+    Raises:
+        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
+    """
+    size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
+    array_from(task, "position", (task.form.size,), dynamics)
+    array_from(task, "error", size, dynamics, reference.position)
+    array_from(task, "jacobian", (task.size, nv), dynamics)
+    array_from(task, "drift", size, dynamics)
+    if isinstance(task, MotionTask):
+        array_from(task, "velocity", size, dynamics)
+    arrays_from(task, "right", (size, size), dynamics, reference)
+    arrays_from(task, "equation", ((*k, nv), k, k), dynamics, reference)
+    rows, right = np.full((*k, nv), np.nan), np.full(k, np.nan)
+    array_from(task, "fill", k, dynamics, reference, rows, right)
+    require_finite(task, "fill", "rows", rows)
+    require_finite(task, "fill", "right", right)
+
+
+class Efforts(Protocol):
+    """The torques and contact forces of a cycle as affine functions of the decision variables x, (n,)."""
+
+    @property
+    def torque_map(self) -> tuple[Array, Array]:
+        """R (na, n) and r (na,), so that τ = R x + r in N·m."""
+
+    def force_map(self, contact: str) -> Array | None:
+        """R (k, n), so that the contact force f, in the axes of the contact, is R x; None while it is not active."""
+
+
+class EffortTask(Task):
+    """A task on contact forces or torques, which have no dynamics and therefore no gains.
+
+    Only the position of the reference is used; its velocity and acceleration are ignored.
+
+    Attributes:
+        target: the reference until a command sets another one, (size,).
+    """
+
+    def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
+        super().__init__(name, mask)
+        self.target = target
+
+    def rest(self, dynamics: Dynamics) -> Reference:
+        """The target."""
+        still = np.zeros(self.size)
+        return Reference(self.target, still, still)
+
+    def _stiffness_of_rows(self) -> Array:
+        return np.ones(())
+
+    @abstractmethod
+    def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
+        """Rows of the least-squares problem R x = r in the decision variables x.
+
+        Args:
+            efforts: torques and contact forces as functions of the decision variables.
+            reference: the task reference.
+
+        Returns:
+            R (k, n), r (k,); None where the quantity does not exist, such as the force of a contact that is not active.
+        """
+
+
+def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
+    """Rows of a task on contact forces or torques as `EffortTask.equation` gives them, checked.
+
+    Args:
+        task: the task.
+        efforts: torques and contact forces as functions of the decision variables.
+        reference: the task reference.
+        n: number of decision variables.
+
+    Raises:
+        MethodError: if the method raises an exception, or an array has another shape than R (k, n) and r (k,), or NaN.
+    """
+    equation = call(task, "equation", efforts, reference)
+    if equation is None:
+        return None
+    k = task.dimension
+    rows, right = arrays_of(task, "equation", equation, ((k, n), (k,)))
+    if not (is_finite(rows) and is_finite(right)) and is_finite(reference.position):
+        require_finite_result(task, "equation", rows, right)
+    return rows, right
+
+
+class MotionTask(AccelerationTask):
+    """A task on a quantity x(q): PD feedback on the task error plus feed-forward.
+
+    With ẋ = J v and ẍ = J v̇ + J̇v, the desired acceleration is
+
+        ẍ* = ẍ_ref + D (ẋ_ref - ẋ) + K e
+
+    where e is the error from x to x_ref, K the stiffness and D the damping, each one number or one for each axis.
+
+    Attributes:
+        stiffness: K, 1/s², () or (size,).
+        damping: D, 1/s, () or (size,).
+    """
+
+    gain_names = ("stiffness", "damping")
+    stiffness: Tunable[Array] = Tunable()
+    damping: Tunable[Array] = Tunable()
+
+    def __init__(
+        self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
+    ) -> None:
+        """Make a task.
+
+        Args:
+            name: the task's name.
+            mask: axes that the task controls, (size,).
+            stiffness: K, 1/s².
+            damping: D, 1/s; by default critical, 2√K on each axis.
+
+        Raises:
+            ConfigurationError: where a list of gains has another length than the mask.
+        """
+        super().__init__(name, mask)
+        self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
+        self.damping = (
+            2.0 * np.sqrt(self.stiffness) if damping is None else gains(damping, len(mask), f"tasks.{name}.damping")
+        )
+        self._gains_of: tuple[Array, Array] | None = None
+
+    @property
+    def gain_rows(self) -> Array:
+        """K and D of each axis, (2, size)."""
+        if self._gains_of is None or self._gains_of[0] is not self.stiffness or self._gains_of[1] is not self.damping:
+            self._gains_of = self.stiffness, self.damping
+            self._gain_rows = np.empty((2, self.size))
+            self._gain_rows[0], self._gain_rows[1] = self._gains_of
+        return self._gain_rows
+
+    def _stiffness_of_rows(self) -> Array:
+        return self.stiffness
+
+    @abstractmethod
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Present velocity ẋ, (size,)."""
+
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+        """ẍ* - J̇v and the task error, both (size,)."""
+        shape, right = (self.size,), np.empty(self.size)
+        error = checked(self, "error", self.error(dynamics, reference.position), shape)
+        feedback(
+            error,
+            checked(self, "velocity", self.velocity(dynamics), shape),
+            checked(self, "drift", self.drift(dynamics), shape) if self.has_drift else _ZERO,
+            self.gain_rows,
+            reference.velocity,
+            reference.acceleration,
+            right,
+        )
+        return right, error
+
+
+class RateTask(AccelerationTask):
+    """A task on a quantity x(q, v), with ẋ = J v̇ + δ: first-order feedback on the task error.
+
+    The desired rate is
+
+        ẋ* = ẋ_ref + k e
+
+    where e = x_ref - x is the error and k the gain, one number or one for each axis: undisturbed, e decays as
+    exp(-k t). The position of the reference is x_ref, its velocity is ẋ_ref, and its acceleration is ignored.
+
+    Attributes:
+        gain: k, 1/s, () or (size,).
+    """
+
+    gain_names = ("gain",)
+
+    def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
+        """Make a task.
+
+        Args:
+            name: the task's name.
+            mask: axes that the task controls, (size,).
+            gain: k, 1/s.
+            key: the configuration key of the gain, for the error message.
+
+        Raises:
+            ConfigurationError: where a list of gains has another length than the mask.
+        """
+        super().__init__(name, mask)
+        self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
+
+    def _stiffness_of_rows(self) -> Array:
+        return self.gain
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """x_ref - x, (size,)."""
+        return position - checked(self, "position", self.position(dynamics), (self.form.size,))
+
+    def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
+        """ẋ* - δ and the task error, both (size,)."""
+        shape = (self.size,)
+        error = checked(self, "error", self.error(dynamics, reference.position), shape)
+        return reference.velocity + self.gain * error - checked(self, "drift", self.drift(dynamics), shape), error

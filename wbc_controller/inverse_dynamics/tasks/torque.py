@@ -1,0 +1,54 @@
+"""Joint torque task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks.task import Efforts, EffortTask
+from wbc_controller.records import Array, Reference
+
+
+class TorqueTask(EffortTask):
+    """Task on the torques of some joints, (k,) in N·m; a target of zero keeps them small."""
+
+    unit = "N·m"
+
+    def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
+        """Make a task.
+
+        Args:
+            name: the task's name.
+            model: the robot's model.
+            joints: joints that the task controls; empty for all actuated joints, in their order.
+            target: the torques until a command sets others, (k,) in N·m; empty for zero.
+
+        Raises:
+            ConfigurationError: where no actuator drives a joint, or the target has another length.
+        """
+        key = f"tasks.{name}.joints"
+        columns = model.joint_columns(joints or model.driven_joints, key)
+        for joint in joints:
+            if joint not in model.driven_joints:
+                raise ConfigurationError(
+                    f"{key}: no actuator drives {joint!r}; {valid_choices(joint, model.driven_joints)}"
+                )
+        if target and len(target) != len(columns):
+            raise ConfigurationError(
+                f"tasks.{name}.target has {len(target)} values; it takes one for each of its {len(columns)} joints"
+            )
+        super().__init__(name, [True] * len(columns), np.array(target or np.zeros(len(columns)), dtype=np.float64))
+        self.size = len(columns)
+        self.joints = tuple(joints) or model.driven_joints
+        self._ratios = model.actuation.ratios[:, columns].T  # (k, na)
+        self._rows = model.actuation.motors_of(columns)
+
+    def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
+        """Rows of the joint torques, (k, n), and the reference torques less the constant part of the map, (k,)."""
+        rows, offset = efforts.torque_map
+        if self._rows is not None:
+            return rows[self._rows], reference.position - offset[self._rows]
+        return self._ratios @ rows, reference.position - self._ratios @ offset

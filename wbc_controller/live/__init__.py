@@ -1,1 +1,0 @@
-"""The nodes as processes of their own, for live trials and measurements."""

@@ -1,0 +1,549 @@
+"""Decodes incoming messages into states and changes: all conversions, and all refusals of messages, are here."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import reprlib
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import yaml
+
+from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.inverse_dynamics.references.changes import (
+    Change,
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.inverse_dynamics.references.relative import own_frames
+from wbc_controller.inverse_dynamics.references.trajectories import Knot
+from wbc_controller.inverse_dynamics.tasks import (
+    AxisAlignmentTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    GazeTask,
+    RelativePoseTask,
+)
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
+from wbc_controller.middleware.codec import nanoseconds
+from wbc_controller.middleware.joint_order import no_duplicates
+from wbc_controller.middleware.message_kernels import normalize
+from wbc_controller.middleware.setpoints import JOINT_FIELDS
+from wbc_controller.records import Array, ChangeSettings
+from wbc_controller.settings.files import read_yaml
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """The names and sizes that messages are checked against.
+
+    Attributes:
+        kinds: kind of each task, such as ``frame_pose``, by its name.
+        joints: joints of each posture or torque task, by the task's name.
+        contacts: names of the contacts.
+        frames: names of the frames that accept external wrenches.
+        robot_frames: names of the robot's frames, in which setpoints may be given.
+        reference_frames: by the task's name, the frame in which its references are given; without an entry it is the
+            world.
+    """
+
+    kinds: Mapping[str, str]
+    joints: Mapping[str, tuple[str, ...]]
+    contacts: tuple[str, ...]
+    frames: tuple[str, ...]
+    robot_frames: Collection[str] = ()
+    reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+
+#: Form of the references, by kind of task; the kinds of `JOINT_FIELDS` take joints by name instead.
+_FORMS: Mapping[str, ReferenceForm] = {
+    "com": ReferenceForm(),
+    "frame_position": ReferenceForm(),
+    "frame_orientation": FrameOrientationTask.form,
+    "frame_pose": FramePoseTask.form,
+    "relative_pose": RelativePoseTask.form,
+    "axis_alignment": AxisAlignmentTask.form,
+    "gaze": GazeTask.form,
+    "linear_momentum": ReferenceForm(),
+    "angular_momentum": ReferenceForm(),
+    "capture_point": ReferenceForm(vector=2),
+    "contact_wrench": ReferenceForm(vector=6),
+}
+
+
+def stamp_of(content: Any) -> int:
+    """Time in a message's header, ns.
+
+    Raises:
+        InputRefused: as `time_of`.
+    """
+    return time_of(content.header.stamp, "header.stamp")
+
+
+def time_of(stamp: Any, what: str) -> int:
+    """Read a builtin_interfaces/Time, ns.
+
+    Raises:
+        InputRefused: where it is negative, or has a second or more of nanoseconds.
+    """
+    if not (stamp.sec >= 0 and 0 <= stamp.nanosec < 1_000_000_000):
+        raise InputRefused(
+            f"{what} has sec = {stamp.sec}, nanosec = {stamp.nanosec}; sec is not negative, nanosec is below 1e9"
+        )
+    return nanoseconds(stamp)
+
+
+def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
+    """Read a nav_msgs/Odometry.
+
+    Returns:
+        Base position and quaternion (7,), in the world; base twist (6,), in the base frame.
+
+    Raises:
+        InputRefused: if the child frame is another link, or a value is not finite or not a rotation.
+    """
+    if content.child_frame_id not in ("", base_link):
+        raise InputRefused(f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {base_link!r}")
+    pose, twist = content.pose.pose, content.twist.twist
+    _quaternion(pose.orientation)
+    turned = pose.orientation
+    q = finite([*_xyz(pose.position), turned.x, turned.y, turned.z, turned.w], "the pose")
+    normalize(q, 3)
+    v = finite([*_xyz(twist.linear), *_xyz(twist.angular)], "the twist")
+    return q, v
+
+
+#: Largest values that an IMU measures, rad/s and m/s².
+FASTEST_IMU, HARDEST_IMU = 100.0, 1000.0
+
+
+def read_imu(content: Any, frame: str) -> tuple[Array, Array]:
+    """Read a sensor_msgs/Imu; its orientation is not used.
+
+    Returns:
+        Angular velocity in rad/s and specific force in m/s², both (3,), in the axes of the IMU.
+
+    Raises:
+        InputRefused: if the data are of another frame, missing, not finite, or more than an IMU measures.
+    """
+    if content.header.frame_id not in ("", frame):
+        raise InputRefused(f"header.frame_id is {content.header.frame_id!r}; the IMU's frame is {frame!r}")
+    measured = []
+    for what, limit, unit in (
+        ("angular_velocity", FASTEST_IMU, "rad/s"),
+        ("linear_acceleration", HARDEST_IMU, "m/s²"),
+    ):
+        if getattr(content, f"{what}_covariance")[0] == -1.0:
+            raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure it")
+        values = finite(_xyz(getattr(content, what)), what)
+        if not (np.abs(values) <= limit).all():
+            raise InputRefused(f"{what} is {values.tolist()} {unit}; an IMU measures at most {limit:g}")
+        measured.append(values)
+    return measured[0], measured[1]
+
+
+#: Largest component of a force that is measured at a contact, N.
+HARDEST_CONTACT = 1.0e5
+
+
+def read_contact_force(content: Any, contact: str, normals: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Read a geometry_msgs/WrenchStamped of a force sensor at a contact; its torque is not used.
+
+    Args:
+        content: the message.
+        contact: the contact's name.
+        normals: its unit normal in the axes of each frame in which the force may be given, (3,).
+
+    Returns:
+        The force on the robot, (3,) in N, and the normal of the contact, (3,), both in the axes of the message's frame.
+
+    Raises:
+        InputRefused: if the force is in the axes of another frame, not finite, or more than a contact bears.
+    """
+    normal = normals.get(content.header.frame_id)
+    if normal is None:
+        raise InputRefused(
+            f"header.frame_id is {content.header.frame_id!r}; the force at contact {contact!r} is given in the axes of "
+            f"one of {', '.join(sorted(filter(None, normals)))}"
+        )
+    force = finite(_xyz(content.wrench.force), "wrench.force")
+    if not (np.abs(force) <= HARDEST_CONTACT).all():
+        raise InputRefused(f"wrench.force is {force.tolist()} N; at a contact it is at most {HARDEST_CONTACT:g}")
+    return force, normal
+
+
+#: Frames in which absolute poses may be given, and their farthest position and largest variance, m, m² and rad².
+POSE_FRAMES = ("", "world", "map")
+FARTHEST_POSE, VAGUEST_POSE = 1.0e4, 100.0
+#: The least eigenvalue of a covariance, as a share of its trace: rounding.
+_ROUNDED = -1.0e-9
+
+
+def read_pose(content: Any) -> tuple[Array, Array]:
+    """Read a geometry_msgs/PoseWithCovarianceStamped.
+
+    Returns:
+        Position and quaternion in the world, (7,); and the covariance of position and turns about the world's axes,
+        (6, 6) in m² and rad².
+
+    Raises:
+        InputRefused: if it is given in another frame, not finite or not a rotation, farther than a robot's world is
+            large, or has a covariance that is none.
+    """
+    frame, pose = content.header.frame_id, content.pose.pose
+    if frame not in POSE_FRAMES:
+        raise InputRefused(f"header.frame_id is {frame!r}; an absolute pose is given in {', '.join(POSE_FRAMES[1:])}")
+    q = [*_xyz(pose.position), pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w]
+    return checked_pose(np.array(q), np.array(content.pose.covariance))
+
+
+def checked_pose(pose: Array, covariance: Array) -> tuple[Array, Array]:
+    """As `read_pose`, from position and quaternion, (7,), and the covariance's rows, (36,).
+
+    Raises:
+        InputRefused: as `read_pose`.
+    """
+    q = finite(pose.tolist(), "the pose")
+    if not (np.abs(q[:3]) <= FARTHEST_POSE).all():
+        raise InputRefused(f"the position is {q[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin")
+    q[3:] = unit_quaternion(q[3:], "the orientation ")
+    C = finite(covariance.tolist(), "the covariance").reshape(6, 6)
+    C = 0.5 * (C + C.T)
+    variances = C.diagonal()
+    if not (variances >= 0.0).all():
+        raise InputRefused(f"the covariance has the variances {variances.tolist()}; none is negative")
+    if not (variances[[0, 1, 2, 5]] <= VAGUEST_POSE).all():
+        raise InputRefused(
+            f"the covariance has the variances {variances.tolist()}; those of position and heading are at most "
+            f"{VAGUEST_POSE:g} m² and rad²"
+        )
+    used = C[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])]
+    least = float(np.linalg.eigvalsh(used)[0])
+    if not least >= _ROUNDED * float(np.trace(used)):
+        raise InputRefused(f"the covariance of position and heading has the eigenvalue {least:.3g}; none is negative")
+    return q, C
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _quaternion(quaternion: Any) -> Array:
+    values = finite([quaternion.x, quaternion.y, quaternion.z, quaternion.w], "the orientation")
+    return unit_quaternion(values, "the orientation ")
+
+
+#: Names accepted for the world frame in headers.
+WORLD_FRAMES = ("", "world", "odom", "map")
+
+
+#: Kinds of task whose references are points, poses or directions in the world, which a frame of the robot can hold.
+_PLACED = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
+
+
+def _in_world(content: Any, what: str) -> None:
+    frame = content.header.frame_id
+    if frame not in WORLD_FRAMES:
+        raise InputRefused(f"frame_id is {frame!r}; {what} is given in the world: {', '.join(WORLD_FRAMES[1:])}")
+
+
+def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
+    """Refuse a trajectory that is not given in the task's reference frame."""
+    wanted = vocabulary.reference_frames.get(task)
+    if wanted is None:
+        _in_world(content, "a trajectory")
+    elif content.header.frame_id != wanted:
+        raise InputRefused(
+            f"frame_id is {content.header.frame_id!r}; a trajectory of task {task!r} is given in its reference frame "
+            f"{wanted!r}"
+        )
+
+
+def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
+    """The frame of a setpoint, as `SetSetpoint` has it.
+
+    Raises:
+        InputRefused: where setpoints of the task are not given in this frame.
+    """
+    home = vocabulary.reference_frames.get(task)
+    if frame == home or (home is None and frame in WORLD_FRAMES):
+        return ""
+    own, placed = setpoint_frames(vocabulary.kinds[task], task), vocabulary.kinds[task] in _PLACED
+    if frame in own or (placed and frame in vocabulary.robot_frames):
+        return frame
+    where = f"in its reference frame {home!r}" if home is not None else f"in the world ({', '.join(WORLD_FRAMES[1:])})"
+    at = [f"from its own reference ({', '.join(own)})"] if own else []
+    robot = ["in a frame of the robot"] if placed else []
+    said = " or ".join([where, *at, *robot])
+    close = difflib.get_close_matches(frame, [*own, *(vocabulary.robot_frames if placed else ())], n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    raise InputRefused(f"{what} is {reprlib.repr(frame)}; setpoints of task {task!r} are given {said}{hint}")
+
+
+def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
+    """The frames at a task's own reference in which its setpoints may be given: see `relative.own_frames`.
+
+    The axes of a relative pose, a contact's wrench and joints know no heading; between two directions there is no
+    displacement.
+    """
+    reference, heading = own_frames(task)
+    if kind == "axis_alignment":
+        return (heading,)
+    if kind in ("relative_pose", "contact_wrench", *JOINT_FIELDS):
+        return (reference,)
+    return (reference, heading)
+
+
+def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+    kind = vocabulary.kinds[task]
+    if kind in JOINT_FIELDS:
+        what, joints, frame = JOINT_FIELDS[kind], vocabulary.joints[task], content.header.frame_id
+        # Joints are in no frame, and drivers write what they like there; but what names the task means something.
+        if frame.startswith(f"{task}/"):
+            frame = _frame_of_setpoint(vocabulary, task, frame)
+            return (SetSetpoint(task, _joint_steps(joints, content.name, getattr(content, what), what), frame=frame),)
+        return (SetSetpoint(task, _joint_values(joints, content.name, getattr(content, what), what)),)
+    frame = _frame_of_setpoint(vocabulary, task, content.header.frame_id)
+    if kind == "contact_wrench":
+        return (SetSetpoint(task, _wrench(content), frame=frame),)
+    form = _FORMS[kind]
+    if form.oriented:
+        position = _position(form, content.pose.position, content.pose.orientation)
+    else:
+        what = "point" if hasattr(content, "point") else "vector"
+        position = _position(form, getattr(content, what), None, f"the {what}")
+    return (SetSetpoint(task, position, frame=frame),)
+
+
+def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
+    """Read a position in the task's reference form; coordinates that the form lacks are ignored."""
+    values = finite(_xyz(vector)[: form.vector], what)
+    if form.direction:
+        values = unit_vector(values, what)
+    return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
+
+
+def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
+    """Values of the task's joints by name; every joint of the task must be given."""
+    _as_many(names, values, what)
+    order = _joint_order(joints, names, what)
+    return np.asarray(finite(values, what)[order])
+
+
+def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
+    """Displacements of the task's joints by name; those that are not named stay."""
+    _as_many(names, values, what)
+    _are_joints(joints, names)
+    steps = dict(zip(names, finite(values, what), strict=True))
+    return np.array([steps.get(name, 0.0) for name in joints])
+
+
+def _as_many(names: Sequence[str], values: Any, what: str) -> None:
+    if len(values) != len(names):
+        raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+
+
+def _are_joints(joints: Sequence[str], names: Sequence[str]) -> None:
+    for name in names:
+        if name not in joints:
+            raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
+    no_duplicates(names)
+
+
+def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
+    """Where each joint of a task stands among the names of a message, (k,)."""
+    _are_joints(joints, names)
+    places = {name: i for i, name in enumerate(names)}
+    missing = [name for name in joints if name not in places]
+    if missing:
+        raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
+    return np.array([places[name] for name in joints], dtype=np.intp)
+
+
+#: Points of a trajectory, at most.
+_MOST_POINTS = 5000
+
+
+def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+    if not content.points:
+        raise InputRefused("the trajectory has no points")
+    if len(content.points) > _MOST_POINTS:
+        raise InputRefused(f"the trajectory has {len(content.points)} points; it takes at most {_MOST_POINTS}")
+    kind = vocabulary.kinds[task]
+    if kind == "posture":
+        order = _joint_order(vocabulary.joints[task], content.joint_names, "positions")
+        knots = [_joint_knot(order, point) for point in content.points]
+    else:
+        _in_frame_of(vocabulary, task, content)
+        if len(content.joint_names) > 1:
+            raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; this task takes one frame")
+        knots = [_frame_knot(_FORMS[kind], point) for point in content.points]
+    times = [knot.time for knot in knots]
+    if any(not (a < b) for a, b in itertools.pairwise(times)) or times[0] < 0.0:
+        raise InputRefused(f"time_from_start must rise from 0: {shortened(np.array(times))} s")
+    if knots[-1].velocity.any():
+        raise InputRefused(
+            f"the last point has the velocity {shortened(knots[-1].velocity)}; a trajectory ends at rest"
+        )
+    stamp = stamp_of(content)
+    return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
+
+
+def _joint_knot(order: np.ndarray, point: Any) -> Knot:
+    arrays = []
+    for what in ("positions", "velocities", "accelerations"):
+        values = getattr(point, what)
+        if len(values) != len(order) and (len(values) or what == "positions"):
+            raise InputRefused(f"{what} has {len(values)} values for {len(order)} names")
+        arrays.append(finite(values, what)[order] if len(values) else np.zeros(len(order)))
+    return Knot(nanoseconds(point.time_from_start) * 1.0e-9, *arrays)
+
+
+def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
+    if len(point.transforms) != 1:
+        raise InputRefused(f"a point has {len(point.transforms)} transforms; this task takes one")
+    transform = point.transforms[0]
+    position = _position(form, transform.translation, transform.rotation)
+    derivatives = []
+    for what in ("velocities", "accelerations"):
+        twists = getattr(point, what)
+        if len(twists) > 1:
+            raise InputRefused(f"a point has {len(twists)} {what}; this task takes one")
+        six = [*_xyz(twists[0].linear), *_xyz(twists[0].angular)] if twists else np.zeros(6)
+        derivatives.append(finite(six, what)[form.twist])
+    return Knot(nanoseconds(point.time_from_start) * 1.0e-9, position, *derivatives)
+
+
+def _weight(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputRefused(f"a weight is a number, not {reprlib.repr(value)}")
+    if not (0.0 <= value <= 1.0e6):
+        raise InputRefused(f"a weight must be from 0 to 1e6, not {reprlib.repr(value)}")
+    return float(value)
+
+
+def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
+    _in_world(content, "an external wrench")
+    return (SetExternalWrench(frame, _wrench(content)),)
+
+
+def _wrench(content: Any) -> Array:
+    return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
+
+
+#: Longest update in characters.
+_LONGEST_UPDATE = 4096
+
+
+#: Parses YAML in C where PyYAML was built with it.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_UPDATE_FORM = (
+    "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
+    "contacts: {left_foot: {enabled: false}}}"
+)
+#: By section of an update: the keys that change references, and the keys that change settings.
+_UPDATE_KEYS = {
+    "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
+    "contacts": (("enabled",), ("ramp",)),
+}
+#: Sections of an update that only change settings.
+_UPDATE_SETTINGS = ("control", "limits", "safety")
+
+
+def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
+    """Read several changes; if one is refused, all are."""
+    if len(content.data) > _LONGEST_UPDATE:
+        raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
+    try:
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(content.data, Loader=_LOADER)):
+            raise InputRefused(f"an update has no aliases (*name); {_UPDATE_FORM}")
+        update = read_yaml(content.data, "update", _LOADER)
+    except (yaml.YAMLError, RecursionError) as error:  # the latter on deep nesting
+        raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
+    except ConfigurationError as error:
+        raise InputRefused(f"{error}; {_UPDATE_FORM}") from error
+    if not isinstance(update, dict) or not update:
+        raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
+    changes: list[Change] = []
+    settings: dict[str, Any] = {}
+    for section, entries in update.items():
+        if section in _UPDATE_SETTINGS and isinstance(entries, dict):
+            settings[section] = entries
+            continue
+        if section not in _UPDATE_KEYS:
+            choices = (*_UPDATE_KEYS, *_UPDATE_SETTINGS)
+            raise InputRefused(f"unknown key {section!r}; {valid_choices(str(section), choices)}")
+        known = vocabulary.kinds if section == "tasks" else vocabulary.contacts
+        if not isinstance(entries, dict):
+            raise InputRefused(f"{section} is not a mapping; {_UPDATE_FORM}")
+        for name, fields in entries.items():
+            if name not in known:
+                raise InputRefused(f"unknown {section[:-1]} {name!r}; {valid_choices(str(name), known)}")
+            if not isinstance(fields, dict):
+                raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
+            if "frame" in fields and "setpoint" not in fields:
+                raise InputRefused(f"{section}.{name}.frame stands without a setpoint; it says where that is given")
+            for key, value in fields.items():
+                if key == "frame" and section == "tasks":
+                    continue  # it belongs to the setpoint
+                if key in _UPDATE_KEYS[section][1]:
+                    settings.setdefault(section, {}).setdefault(name, {})[key] = value
+                else:
+                    changes.append(_update_field(vocabulary, section, name, key, value, fields.get("frame", "")))
+    if not changes and not settings:
+        raise InputRefused(f"{reprlib.repr(content.data)} changes nothing; {_UPDATE_FORM}")
+    return (*changes, *([ChangeSettings(settings)] if settings else []))
+
+
+def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any, frame: Any) -> Change:
+    keys, settings = _UPDATE_KEYS[section]
+    if key not in keys:
+        raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), (*keys, *settings))}")
+    if key == "weight":
+        return SetWeight(name, _weight(value))
+    if key == "setpoint":
+        if not isinstance(frame, str):
+            raise InputRefused(f"tasks.{name}.frame is the name of a frame, not {reprlib.repr(frame)}")
+        if frame:
+            frame = _frame_of_setpoint(vocabulary, name, frame, f"tasks.{name}.frame")
+        return SetSetpoint(name, _setpoint_values(vocabulary, name, value), frame=frame)
+    if not isinstance(value, bool):
+        raise InputRefused(f"{section}.{name}.enabled is true or false, not {reprlib.repr(value)}")
+    return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a YAML value is a number; a whole one fits into a double, as longer ones are refused before."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
+    kind = vocabulary.kinds[task]
+    form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in JOINT_FIELDS else _FORMS[kind]
+    where = f"tasks.{task}.setpoint"
+    if not isinstance(value, list) or not all(_is_number(number) for number in value):
+        raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")
+    if len(value) != form.size:
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise InputRefused(f"{where} has {len(value)} values; {article} {kind} task takes {form.size}")
+    return form.position(value, where)
+
+
+#: The reader of each topic that changes references or settings, by its key in the topic table.
+READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSettings, ...]]] = {
+    "setpoint": _read_setpoint,
+    "trajectory": _read_trajectory,
+    "weight": lambda vocabulary, task, content: (SetWeight(task, _weight(float(content.data))),),
+    "task_enable": lambda vocabulary, task, content: (EnableTask(task, bool(content.data)),),
+    "contact_enable": lambda vocabulary, contact, content: (EnableContact(contact, bool(content.data)),),
+    "external_wrench": _read_external_wrench,
+    "update": _read_update,
+}

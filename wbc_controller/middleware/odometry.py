@@ -1,0 +1,84 @@
+"""Where a base is, as messages: odometry, absolute poses, and the transform of its frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.middleware.codec import header, message
+from wbc_controller.records import Array
+
+
+def odometry(
+    stamp: int, frame: str, base: str, pose: Array, twist: Array, covariances: tuple[Array, Array] | None = None
+) -> Any:
+    """Make a nav_msgs/Odometry.
+
+    Args:
+        stamp: ns.
+        frame: in which the pose is.
+        base: the base's link, in whose axes the twist is.
+        pose: position in m and quaternion x, y, z, w, (7,).
+        twist: linear and angular velocity, (6,) in m/s and rad/s.
+        covariances: of position and turns about the axes of `frame`, and of the twist, (6, 6) each; None for zeros.
+    """
+    of_pose, of_twist = covariances if covariances is not None else (np.zeros(36), np.zeros(36))
+    moving = message("geometry_msgs/msg/Twist", linear=vector(twist[:3]), angular=vector(twist[3:]))
+    return message(
+        "nav_msgs/msg/Odometry",
+        header=header(stamp, frame),
+        child_frame_id=base,
+        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_placed(pose), covariance=of_pose.ravel()),
+        twist=message("geometry_msgs/msg/TwistWithCovariance", twist=moving, covariance=of_twist.ravel()),
+    )
+
+
+def pose_with_covariance(stamp: int, frame: str, pose: Array, position: float, turn: float) -> Any:
+    """Make a geometry_msgs/PoseWithCovarianceStamped.
+
+    Args:
+        stamp: ns.
+        frame: in which the pose is.
+        pose: position in m and quaternion x, y, z, w, (7,).
+        position: standard deviation of the position, m.
+        turn: of the orientation, rad.
+    """
+    covariance = np.diag([position**2] * 3 + [turn**2] * 3)
+    return message(
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        header=header(stamp, frame),
+        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_placed(pose), covariance=covariance.ravel()),
+    )
+
+
+def transform(stamp: int, frame: str, base: str, pose: Array) -> Any:
+    """Make a tf2_msgs/TFMessage with the transform from a frame to the base, from its pose in it, (7,)."""
+    content = message(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(stamp, frame),
+        child_frame_id=base,
+        transform=message("geometry_msgs/msg/Transform", translation=vector(pose[:3]), rotation=quaternion(pose[3:])),
+    )
+    return message("tf2_msgs/msg/TFMessage", transforms=[content])
+
+
+def _placed(pose: Array) -> Any:
+    x, y, z = pose[:3].tolist()
+    return message(
+        "geometry_msgs/msg/Pose",
+        position=message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=quaternion(pose[3:]),
+    )
+
+
+def vector(values: Array) -> Any:
+    """Make a geometry_msgs/Vector3."""
+    x, y, z = values.tolist()
+    return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+
+def quaternion(values: Array) -> Any:
+    """Make a geometry_msgs/Quaternion, from x, y, z, w."""
+    x, y, z, w = values.tolist()
+    return message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)

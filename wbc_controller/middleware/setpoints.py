@@ -1,0 +1,100 @@
+"""Writes references as the messages in which setpoints are given: the reverse of reading them in `decoding`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.middleware.codec import header, message
+from wbc_controller.middleware.in_place import Template
+from wbc_controller.records import Array
+
+#: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
+JOINT_FIELDS = {"posture": "position", "torque": "effort"}
+#: The numbers of a geometry_msgs/WrenchStamped: force, then torque.
+WRENCH = tuple(f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
+#: The numbers of the other types.
+_NUMBERS = {
+    "geometry_msgs/msg/PoseStamped": (
+        *(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{part}" for part in "xyzw"),
+    ),
+    "geometry_msgs/msg/WrenchStamped": WRENCH,
+    "geometry_msgs/msg/PointStamped": tuple(f"point.{axis}" for axis in "xyz"),
+    "geometry_msgs/msg/Vector3Stamped": tuple(f"vector.{axis}" for axis in "xyz"),
+}  # fmt: skip
+
+
+def setpoint_message(
+    type_name: str, kind: str, position: Array, *, frame: str = "world", stamp: int = 0, joints: Sequence[str] = ()
+) -> Any:
+    """Make the message of a task's setpoint.
+
+    Args:
+        type_name: its type, one of `TASK_TYPES`.
+        kind: kind of the task.
+        position: in the form of the task's references; coordinates that the form lacks are 0 in the message.
+        frame: for its header.
+        stamp: for its header, ns.
+        joints: names of the values, where the task is about joints.
+    """
+    values = np.asarray(position, dtype=np.float64)
+    top = header(stamp, frame)
+    if kind in JOINT_FIELDS:
+        fields = dict.fromkeys(("position", "velocity", "effort"), np.zeros(0)) | {JOINT_FIELDS[kind]: values}
+        return message(type_name, header=top, name=list(joints), **fields)
+    if type_name == "geometry_msgs/msg/PoseStamped":
+        at, turn = (values[:-4], values[-4:])
+        x, y, z, w = (float(value) for value in turn)
+        orientation = message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        pose = message("geometry_msgs/msg/Pose", position=_xyz("Point", at), orientation=orientation)
+        return message(type_name, header=top, pose=pose)
+    if type_name == "geometry_msgs/msg/WrenchStamped":
+        return wrench_stamped(values, frame, stamp)
+    if type_name == "geometry_msgs/msg/PointStamped":
+        return message(type_name, header=top, point=_xyz("Point", values))
+    return message(type_name, header=top, vector=_xyz("Vector3", values))
+
+
+class SetpointTemplate:
+    """Serializes the setpoints of one task: the bytes of `setpoint_message`, in which only stamp and numbers change."""
+
+    def __init__(
+        self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
+    ) -> None:
+        """Lay out the message; the arguments are those of `setpoint_message`."""
+        content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
+        paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
+        size = len(position) if kind in JOINT_FIELDS else len(paths)
+        self._template, self._numbers = Template(content, paths), np.zeros(size)
+        places = np.arange(min(len(position), size))
+        if type_name == "geometry_msgs/msg/PoseStamped":
+            places[-4:] = range(3, 7)  # after a position, which may lack coordinates
+        self._places = places
+
+    def write(self, stamp: int, position: Array) -> bytes:
+        """Serialize a setpoint.
+
+        Args:
+            stamp: for its header, ns.
+            position: of the same size as before.
+        """
+        self._numbers[self._places] = position[: len(self._numbers)]
+        return self._template.write(stamp, self._numbers)
+
+
+def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m."""
+    parts = message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(wrench[3:]))
+    return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
+
+
+def vector(values: Array) -> Any:
+    """Make a geometry_msgs/Vector3."""
+    return _xyz("Vector3", values)
+
+
+def _xyz(kind: str, values: Array) -> Any:
+    x, y, z = (float(value) for value in [*values, 0.0, 0.0, 0.0][:3])
+    return message(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)

@@ -1,0 +1,395 @@
+"""ROS 2's topics without ROS 2: CycloneDDS from PyPI, with ROS 2's topic names, types and serialized messages.
+
+Only the files ``dds*.py`` import cyclonedds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+from cyclonedds.core import DDSException, GuardCondition, Policy
+from cyclonedds.core import Qos as DdsQos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from wbc_controller.errors import TransportError
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.middleware.transports import dds_raw
+from wbc_controller.middleware.transports.dds_domain import close_domain, domain_settings, open_domain
+from wbc_controller.middleware.transports.dds_graph import Graph, NodeAnnouncement
+from wbc_controller.middleware.transports.dds_types import idl_type, type_hash
+from wbc_controller.middleware.transports.topic_types import TopicTypes
+from wbc_controller.middleware.transports.transport import Publish
+
+_log = logging.getLogger(__name__)
+
+_Callback = Callable[[bytes], None]
+
+#: Longest time for which a full network buffer may block a publisher, ns. It is short because cyclonedds holds Python's
+#: global lock meanwhile, and losing a message is better than losing a control cycle.
+_MAX_BLOCKING_TIME = 10_000_000
+
+
+class Line(Protocol):
+    """A topic that is open for writing."""
+
+    def __call__(self, payload: bytes) -> None:
+        """Send one serialized message.
+
+        Raises:
+            TransportError: if it could not be sent.
+        """
+
+    def finds_reader(self, patience: float) -> bool:
+        """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
+        ...
+
+
+class DdsTransport:
+    """One node on a DDS domain.
+
+    Callbacks run one at a time on one thread of this transport.
+
+    Args:
+        node: name of the node.
+        namespace: namespace of the node, starting with a slash.
+        domain_id: domain, 0 to 232; by default that of ``ROS_DOMAIN_ID``.
+        discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; by default that of
+            ``ROS_AUTOMATIC_DISCOVERY_RANGE``, and without it ``LOCALHOST``.
+
+    Raises:
+        TransportError: if a setting is not valid, security is enforced, or DDS cannot be started.
+    """
+
+    discovery_time = 1.5  # Fast DDS and Cyclone need 1.1 s to introduce their writers to each other
+
+    def __init__(
+        self, node: str, namespace: str = "/", domain_id: int | None = None, discovery_range: str | None = None
+    ) -> None:
+        self._settings = domain_settings(os.environ, domain_id, discovery_range)
+        self._lock = threading.Lock()
+        self._closing = threading.Lock()
+        self._closed = False
+        self._types = TopicTypes()
+        self._topics: dict[str, Any] = {}
+        self._publications: dict[str, list[_Publication]] = {}  # by topic
+        self._streams: list[_Stream] = []
+        self._dispatcher: _Dispatcher | None = None
+        self._announcement: NodeAnnouncement | None = None
+        self._graph: Graph | None = None
+        self._participant: Any = None
+        open_domain(self._settings)
+        try:
+            # ROS 2 recognises only participants that name a security enclave.
+            qos = DdsQos(Policy.Userdata(b"enclave=/;"))
+            self._participant = DomainParticipant(self._settings.domain_id, qos)
+            self._announcement = NodeAnnouncement(self._participant, node, namespace)
+            self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
+        except Exception as error:
+            self._delete_entities()
+            raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        return self._open(endpoint)
+
+    def line(self, endpoint: Endpoint) -> Line:
+        """Open a topic for writing, to send many messages on."""
+        return self._open(endpoint)
+
+    def _open(self, endpoint: Endpoint) -> _Publication:
+        with self._lock, _translated(f"cannot advertise {endpoint.name}"):
+            announcement, _ = self._opened(endpoint)
+            writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
+            publication = _Publication(endpoint.name, writer)
+            self._publications.setdefault(endpoint.name, []).append(publication)
+            announcement.add_writer(writer)
+            return publication
+
+    @property
+    def domain(self) -> int:
+        """The DDS domain."""
+        return self._settings.domain_id
+
+    def deliver(self, endpoint: Endpoint, payload: bytes, found_within: float, patience: float) -> bool:
+        """Send one message, and wait until its readers have it.
+
+        Args:
+            endpoint: the topic, which is opened for writing.
+            payload: the serialized message.
+            found_within: wall time to wait for a reader of the topic, s.
+            patience: wall time to wait for the acknowledgment, s.
+
+        Returns:
+            Whether there is a reader; without one nothing is sent.
+
+        Raises:
+            TransportError: if it could not be sent, or was not acknowledged in time.
+        """
+        publication = self._open(endpoint)
+        if not publication.finds_reader(found_within):
+            return False
+        publication(payload)
+        if not publication.acknowledged(patience):
+            raise TransportError(f"what was sent on {endpoint.name} was not acknowledged in {patience:g} s")
+        return True
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; the callback runs on the transport's thread."""
+        with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
+            announcement, dispatcher = self._opened(endpoint)
+            reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
+            dispatcher.add(endpoint, reader, callback)
+            announcement.add_reader(reader)
+
+    def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
+        """Open a topic for reading, whose messages wait in DDS until they are taken."""
+        endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
+        with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
+            announcement, _ = self._opened(endpoint)
+            reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
+            stream = _Stream(endpoint, reader, self._participant)
+            self._streams.append(stream)
+            announcement.add_reader(reader)
+            return stream
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this node's own, sorted."""
+        with self._lock, _translated(f"cannot look at {endpoint.name}"):
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            self._graph = self._graph or Graph(self._participant)
+            return self._graph.publishers(_dds_name(endpoint))
+
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing."""
+        with _translated(f"cannot look at {endpoint.name}"):  # no lock: the loop waits for nobody who opens topics
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            return any(each.is_read for each in self._publications.get(endpoint.name, ()))
+
+    def close(self) -> None:
+        """Stop the thread and delete all DDS entities. A second call does nothing.
+
+        Raises:
+            TransportError: if called from a callback, as it would wait for that callback to end.
+        """
+        if self._dispatcher is not None:
+            self._dispatcher.refuse_own_thread()
+        with self._closing:
+            with self._lock:
+                if self._closed:
+                    return
+                self._closed = True
+            # Without holding `_lock`: a callback that opens a topic needs it, and `stop` waits for the callback.
+            if self._dispatcher is not None:
+                self._dispatcher.stop()
+            self._delete_entities()
+
+    def _opened(self, endpoint: Endpoint) -> tuple[NodeAnnouncement, _Dispatcher]:
+        if self._closed or self._announcement is None or self._dispatcher is None:
+            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+        return self._announcement, self._dispatcher
+
+    def _topic(self, endpoint: Endpoint) -> Any:
+        self._types.check(endpoint.name, endpoint.type)
+        if endpoint.name not in self._topics:
+            self._topics[endpoint.name] = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
+        return self._topics[endpoint.name]
+
+    def _delete_entities(self) -> None:
+        for publications in self._publications.values():
+            for publication in publications:
+                publication.delete()
+        for stream in self._streams:
+            stream.delete()
+        for part in (self._dispatcher, self._announcement, self._graph):
+            if part is not None:
+                part.delete()
+        for entity in (*self._topics.values(), self._participant):
+            if entity is not None:
+                dds_raw.delete(entity)
+        close_domain(self._settings)
+
+
+@contextlib.contextmanager
+def _translated(attempt: str) -> Iterator[None]:
+    """Translate errors of cyclonedds into `TransportError`."""
+    try:
+        yield
+    except (DDSException, ValueError) as error:
+        raise TransportError(f"{attempt}: {error}") from error
+
+
+class _Publication:
+    """Publishes on one topic. It may be called from several threads, as a DDS write is thread-safe."""
+
+    def __init__(self, topic: str, writer: Any) -> None:
+        self.topic = topic
+        self._writer = writer
+        self._closed = False
+
+    def __call__(self, payload: bytes) -> None:
+        if self._closed:
+            raise TransportError(f"cannot publish on {self.topic}: the transport is closed")
+        try:
+            dds_raw.write(self._writer, payload)
+        except (DDSException, ValueError) as error:
+            raise TransportError(f"cannot publish on {self.topic}: {error}") from error
+
+    @property
+    def is_read(self) -> bool:
+        """Whether somebody reads the topic."""
+        return bool(self._writer.get_matched_subscriptions())
+
+    def finds_reader(self, patience: float) -> bool:
+        """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
+        deadline = time.monotonic() + patience
+        while not self.is_read:
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(0.005)
+        return True
+
+    def acknowledged(self, patience: float) -> bool:
+        """Wait until all readers have what was sent, for at most `patience` seconds."""
+        with _translated(f"cannot publish on {self.topic}"):
+            return bool(self._writer.wait_for_acks(round(1e9 * patience)))
+
+    def delete(self) -> None:
+        self._closed = True
+        dds_raw.delete(self._writer)
+
+
+class _Stream:
+    """A reader whose messages are taken by hand; whoever waits for them does so in C."""
+
+    def __init__(self, endpoint: Endpoint, reader: Any, participant: Any) -> None:
+        self._endpoint, self._reader = endpoint, reader
+        self._guard = GuardCondition(participant)
+        self._triggers = dds_raw.Triggers(participant)
+        self._triggers.attach_guard(self._guard)
+        self._triggers.attach_reader(reader)
+        self._woken = self._closed = False
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        if self._closed:
+            raise self._is_closed()
+        try:
+            return dds_raw.take(self._reader, self._endpoint.qos.depth)
+        except DDSException as error:
+            raise TransportError(f"cannot read {self._endpoint.name}: {error}") from error
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
+        if self._closed:
+            raise self._is_closed()
+        try:
+            triggered = self._triggers.wait(seconds)
+            if self._woken:
+                self._woken = False
+                self._guard.take()
+        except DDSException as error:
+            raise TransportError(f"cannot wait for {self._endpoint.name}: {error}") from error
+        return triggered
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits."""
+        if not self._closed:
+            self._guard.set(True)
+            self._woken = True  # behind, so that no guard that is set is forgotten
+
+    def delete(self) -> None:
+        self.wake()
+        self._closed = True
+        self._triggers.delete()
+        dds_raw.delete(self._reader)
+
+    def _is_closed(self) -> TransportError:
+        return TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+
+
+class _Dispatcher:
+    """A thread that waits for all readers at once, and passes each message to its callback."""
+
+    def __init__(self, participant: Any, name: str) -> None:
+        self._triggers = dds_raw.Triggers(participant)
+        self._stop = GuardCondition(participant)
+        self._stop_number = self._triggers.attach_guard(self._stop)
+        self._readers: dict[int, tuple[Endpoint, Any, _Callback]] = {}
+        self._adding = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def add(self, endpoint: Endpoint, reader: Any, callback: _Callback) -> None:
+        with self._adding:
+            self._readers[self._triggers.attach_reader(reader)] = (endpoint, reader, callback)
+
+    def refuse_own_thread(self) -> None:
+        if threading.current_thread() is self._thread:
+            raise TransportError("close() was called from a callback, for whose end it would wait for ever")
+
+    def stop(self) -> None:
+        self._stop.set(True)
+        self._thread.join()
+
+    def delete(self) -> None:
+        self._triggers.delete()
+        for _, reader, _ in self._readers.values():
+            dds_raw.delete(reader)
+
+    def _run(self) -> None:
+        try:
+            numbers: list[int] = []
+            while self._stop_number not in numbers:
+                for number in numbers:
+                    self._dispatch(number)
+                self._triggers.wait()
+                numbers = self._triggers.triggered()
+        except Exception:
+            _log.exception("the DDS reader thread died: no more messages will arrive")
+
+    def _dispatch(self, number: int) -> None:
+        with self._adding:  # the number of a new reader may be reported before it is in the dictionary
+            endpoint, reader, callback = self._readers[number]
+        for payload in dds_raw.take(reader, endpoint.qos.depth):
+            try:
+                callback(payload)
+            except Exception:  # an error must not stop later messages or other topics
+                _log.exception("callback for %s failed", endpoint.name)
+
+
+def _dds_name(endpoint: Endpoint) -> str:
+    return f"rt{endpoint.name}"
+
+
+def _reader_qos(endpoint: Endpoint) -> Any:
+    qos = endpoint.qos
+    return DdsQos(
+        Policy.Reliability.Reliable(_MAX_BLOCKING_TIME) if qos.reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if qos.latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(qos.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(f"typehash={type_hash(endpoint.type)};".encode()),
+    )
+
+
+def _writer_qos(endpoint: Endpoint) -> Any:
+    history = Policy.History.KeepLast(endpoint.qos.depth)
+    unlimited = -1
+    return DdsQos(
+        # In Cyclone, the history for late readers is separate from the history for retransmission.
+        Policy.DurabilityService(0, history, unlimited, unlimited, unlimited),
+        Policy.WriterDataLifecycle(autodispose=False),
+        base=_reader_qos(endpoint),
+    )

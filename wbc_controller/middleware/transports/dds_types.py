@@ -1,0 +1,88 @@
+"""ROS 2 message types as DDS types, generated from the definitions that the codec uses.
+
+The classes are never instantiated: a DDS participant needs them to announce the right type name and type information.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from cyclonedds.idl import annotations as idl_annotations
+from cyclonedds.idl import make_idl_struct, types
+from rosbags.interfaces import Nodetype
+
+from wbc_controller.errors import TransportError, valid_choices
+from wbc_controller.middleware.codec import TYPES
+
+#: ROS 2's mapping of its own primitive types to IDL; its ``char`` is an unsigned byte.
+_PRIMITIVES: dict[str, Any] = {
+    "bool": bool,
+    "byte": types.byte,
+    "octet": types.byte,
+    "char": types.uint8,
+    "float32": types.float32,
+    "float64": types.float64,
+    "int8": types.int8,
+    "int16": types.int16,
+    "int32": types.int32,
+    "int64": types.int64,
+    "uint8": types.uint8,
+    "uint16": types.uint16,
+    "uint32": types.uint32,
+    "uint64": types.uint64,
+}
+
+
+def dds_type_name(type_name: str) -> str:
+    """Translate ``sensor_msgs/msg/JointState`` to ``sensor_msgs::msg::dds_::JointState_``."""
+    package, kind, name = type_name.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def type_hash(type_name: str) -> str:
+    """Return the hash of a type as ROS 2 writes it, such as ``RIHS01_a13ee3…``."""
+    return str(TYPES.hash_rihs01(type_name))
+
+
+@functools.cache
+def idl_type(type_name: str) -> Any:
+    """Generate the class from which cyclonedds makes a topic.
+
+    The result is cached, because cyclonedds compares classes first by identity, and only then, slowly, by content.
+
+    Args:
+        type_name: ROS 2's name of the type, such as ``sensor_msgs/msg/JointState``.
+
+    Raises:
+        TransportError: if the type is unknown, or has a field without a DDS type here.
+    """
+    if type_name not in TYPES.fielddefs:
+        raise TransportError(f"unknown message type {type_name!r}: {valid_choices(type_name, TYPES.fielddefs)}")
+    _, fields = TYPES.fielddefs[type_name]
+    generated = make_idl_struct(
+        type_name.rsplit("/", 1)[-1],
+        dds_type_name(type_name).replace("::", "."),
+        {name: _field_type(description, f"{type_name}.{name}") for name, description in fields},
+        dataclassify=False,  # a dataclass would refuse fields named like a Python keyword
+    )
+    return idl_annotations.final(generated)
+
+
+def _field_type(description: Any, where: str) -> Any:
+    kind, detail = description
+    if kind == Nodetype.NAME:
+        return idl_type(detail)
+    if kind == Nodetype.ARRAY:
+        element, length = detail
+        return types.array[_field_type(element, where), length]
+    if kind == Nodetype.SEQUENCE:
+        element, bound = detail
+        inner = _field_type(element, where)
+        return types.sequence[inner, bound] if bound else types.sequence[inner]
+    name, bound = detail
+    if name == "string":
+        return types.bounded_str[bound] if bound else str
+    if name not in _PRIMITIVES:
+        raise TransportError(f"{where} is a {name}, which has no DDS type here: {valid_choices(name, _PRIMITIVES)}")
+    return _PRIMITIVES[name]

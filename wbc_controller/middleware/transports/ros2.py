@@ -1,0 +1,197 @@
+"""The topics on a ROS 2 node, with rclpy 7.1 (Jazzy) or later."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+import logging
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from wbc_controller.errors import TransportError
+from wbc_controller.middleware.topics import Endpoint, Qos
+from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, node_name
+from wbc_controller.middleware.transports.ros2_reader import RawStream, Reader, ReaderGroup
+from wbc_controller.middleware.transports.topic_types import TopicTypes
+from wbc_controller.middleware.transports.transport import Publish
+
+_log = logging.getLogger(__name__)
+
+#: Longest time, at closing, for which delivery of the last messages to the reliable readers is awaited, s.
+_LAST_WORDS = 0.5
+#: Packages of messages that nodes run without: PyPI has no wheel of this one.
+_OPTIONAL_PACKAGES = ("tf2_msgs",)
+
+
+class Ros2Transport:
+    """Opens its topics on an existing node, plain or lifecycle, which the node's owner spins.
+
+    Messages stay serialized: no Python message object is made. Callbacks run one at a time, on a thread of the
+    transport (`Reader`). The quality of service can be overridden by the node's parameters ``qos_overrides.<topic>.…``.
+    A topic whose message is of an optional package is not published if the package is not installed.
+
+    Args:
+        node: an ``rclpy.node.Node`` or ``rclpy.lifecycle.LifecycleNode``. A lifecycle node's topics work in all of its
+            lifecycle states: the safety supervisor decides which commands are accepted.
+    """
+
+    discovery_time = 1.5  # Fast DDS and Cyclone need 1.1 s to introduce their writers to each other
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._group = ReaderGroup()
+        self._reader = Reader(node.context)
+        self._compatibility = CompatibilityWatch(node)
+        # Re-entrant, because a callback may publish, open topics, or close the transport.
+        self._lock = threading.RLock()
+        self._closed = False
+        self._types = TopicTypes()
+        self._publishers: defaultdict[str, list[Any]] = defaultdict(list)  # by topic
+        self._subscriptions: list[Any] = []
+        self._streams: list[RawStream] = []
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        package = endpoint.type.split("/")[0]
+        if package in _OPTIONAL_PACKAGES and importlib.util.find_spec(package) is None:
+            _log.warning("%s is not published: the package %s is not installed", endpoint.name, package)
+            return lambda payload: None
+        with self._lock:
+            message_class = self._check(endpoint)
+            try:
+                publisher = self._node.create_publisher(
+                    message_class,
+                    endpoint.name,
+                    _profile(endpoint.qos),
+                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                )
+            except Exception as error:  # rclpy's errors here have no common base class
+                raise TransportError(f"cannot advertise {endpoint.name}: {error}") from error
+            self._publishers[endpoint.name].append(publisher)
+
+        def publish(payload: bytes) -> None:
+            try:
+                publisher.publish(payload)
+            except Exception as error:  # as above
+                raise TransportError(f"cannot publish on {endpoint.name}: {error}") from error
+
+        return publish
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; the callback runs on the reader's thread."""
+
+        def deliver(payload: bytes) -> None:
+            with self._lock:
+                if self._closed:
+                    return
+                try:
+                    callback(payload)
+                except Exception:  # an error would end the reader, and with it all topics
+                    _log.exception("callback for %s failed", endpoint.name)
+
+        self._reader.add(self._subscription(endpoint), deliver)
+
+    def _subscription(self, endpoint: Endpoint) -> Any:
+        """Subscribe without the executor, which neither takes the messages nor handles their events."""
+        with self._lock:
+            message_class = self._check(endpoint)
+            try:
+                subscription = self._node.create_subscription(
+                    message_class,
+                    endpoint.name,
+                    lambda message: None,  # unused: the messages are taken by hand
+                    _profile(endpoint.qos),
+                    callback_group=self._group,
+                    # On Fast DDS the default event handlers wake the executor at every message.
+                    event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                    raw=True,
+                )
+            except Exception as error:  # as above
+                raise TransportError(f"cannot subscribe to {endpoint.name}: {error}") from error
+            self._subscriptions.append(subscription)
+            self._compatibility.add(subscription, endpoint.type)
+            return subscription
+
+    def stream(self, endpoint: Endpoint, depth: int) -> RawStream:
+        """Open a topic for reading, whose messages wait in the middleware until they are taken."""
+        endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
+        stream = RawStream(endpoint.name, depth, self._subscription(endpoint), self._node.context)
+        self._streams.append(stream)
+        return stream
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        with self._lock:
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            try:
+                found = self._node.get_publishers_info_by_topic(endpoint.name)
+            except Exception as error:  # as above
+                raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
+        names, own = sorted(map(node_name, found)), self._node.get_fully_qualified_name()
+        for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
+            names.remove(own)
+        return tuple(names)
+
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing."""
+        with self._lock:
+            if self._closed:
+                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
+
+    def close(self) -> None:
+        """Close all topics, but not the node. A second call does nothing.
+
+        The last messages, such as zero torques, are given a moment to reach their reliable readers.
+        """
+        with self._lock:
+            self._closed = True
+        for stream in self._streams:
+            stream.close()
+        self._reader.close()
+        self._compatibility.close()
+        with self._lock:
+            deadline = time.monotonic() + _LAST_WORDS
+            publishers = [publisher for each in self._publishers.values() for publisher in each]
+            for publisher in publishers:
+                publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
+            for publisher in publishers:
+                self._node.destroy_publisher(publisher)
+            for subscription in self._subscriptions:
+                self._node.destroy_subscription(subscription)
+            self._publishers.clear()
+            self._subscriptions = []
+
+    def _check(self, endpoint: Endpoint) -> Any:
+        if self._closed:
+            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+        self._types.check(endpoint.name, endpoint.type)
+        return _message_class(endpoint.type)
+
+
+def _message_class(type_name: str) -> Any:
+    package, kind, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError) as error:
+        raise TransportError(f"message type {type_name} is not installed: {error}") from error
+
+
+def _profile(qos: Qos) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE,
+    )

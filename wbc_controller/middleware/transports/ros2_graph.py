@@ -1,0 +1,96 @@
+"""Publishers in ROS 2's graph: their node names, and warnings of those that a subscription cannot receive from.
+
+rclpy's own warning needs an event handler for each subscription. On Fast DDS its wait condition is that of the
+messages, so that each message would wake the executor. These warnings are read from the graph instead.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+from typing import Any
+
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+from wbc_controller.middleware.transports.transport import UNNAMED
+
+_log = logging.getLogger(__name__)
+
+#: Time in which each topic is checked once, s: a check takes 0.1 ms, so they are spread over this time.
+PERIOD = 2.0
+#: Number of the check that warns of a publisher: the name of its node arrives a little later than the publisher.
+_WARNING_CHECK = 2
+#: Name that rclpy gives a node whose name has not arrived, or that is not of ROS 2.
+_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+#: Prefix of the incompatible policies in rclpy's list of reasons.
+_ERROR = "ERROR: "
+
+
+def node_name(info: Any) -> str:
+    """Return the fully qualified name of the node of an endpoint, or `UNNAMED`."""
+    if info.node_name == _NODE_NAME_UNKNOWN:
+        return UNNAMED
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+class CompatibilityWatch:
+    """Compares subscriptions with the publishers on their topics, one topic after the other, on its own thread.
+
+    Args:
+        node: rclpy's node.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._subscriptions: list[tuple[Any, str]] = []  # with their message types
+        self._checks: dict[str, dict[bytes, int]] = {}  # number by topic and incompatible publisher
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def add(self, subscription: Any, message_type: str) -> None:
+        """Watch the topic of one more subscription."""
+        self._subscriptions.append((subscription, message_type))
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="compatibility", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """Stop the thread."""
+        self._ended.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            for count in itertools.count():
+                if self._ended.wait(PERIOD / len(self._subscriptions)):
+                    return
+                self._check(*self._subscriptions[count % len(self._subscriptions)])
+        except Exception:
+            if self._node.context.ok():
+                _log.exception("publishers are no longer checked for compatible type and quality of service")
+
+    def _check(self, subscription: Any, message_type: str) -> None:
+        """Check the publishers of one topic, and warn of each incompatible one once."""
+        topic = subscription.topic_name
+        before, checks = self._checks.get(topic, {}), {}
+        for info in self._node.get_publishers_info_by_topic(topic):
+            problem = _problem(info, subscription.qos_profile, message_type, topic)
+            if problem:
+                publisher = bytes(info.endpoint_gid)
+                checks[publisher] = before.get(publisher, 0) + 1
+                if checks[publisher] == _WARNING_CHECK:
+                    _log.warning("no messages on %s from %s: %s", topic, node_name(info), problem)
+        self._checks[topic] = checks
+
+
+def _problem(info: Any, qos: Any, message_type: str, topic: str) -> str:
+    """Return why a publisher's messages do not reach a subscription, with the remedy; empty if they do."""
+    if info.topic_type != message_type:
+        return f"their type is {info.topic_type}; publish {message_type}"
+    compatibility, reasons = qos_check_compatible(info.qos_profile, qos)
+    if compatibility != QoSCompatibility.ERROR:
+        return ""
+    policies = [reason.removeprefix(_ERROR).lower() for reason in reasons.split(";") if reason.startswith(_ERROR)]
+    return f"incompatible QoS ({', '.join(policies)}); change the publisher's or qos_overrides.{topic}.subscription"

@@ -1,0 +1,109 @@
+"""The interface of every transport: it opens the endpoints of the topic table, and carries serialized messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from wbc_controller.middleware.topics import Endpoint
+
+#: Sends one serialized message: little-endian CDR with its four-byte encapsulation header.
+Publish = Callable[[bytes], None]
+#: Stands for a node whose name is not known: it is not a ROS 2 node, or its name has not arrived yet.
+UNNAMED = "(a participant without a node name)"
+
+
+class Stream(Protocol):
+    """A topic whose newest messages wait until they are taken: no thread runs when one comes."""
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first, at most as many as the stream keeps.
+
+        Raises:
+            TransportError: if the transport is closed, or the topic cannot be read.
+        """
+        ...
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time.
+
+        Another thread may use the interpreter meanwhile.
+
+        Args:
+            seconds: longest wall time, s.
+
+        Raises:
+            TransportError: if the transport is closed, or the topic cannot be read.
+        """
+        ...
+
+    def wake(self) -> None:
+        """End the wait, or the next one where nobody waits. Any thread may call it."""
+        ...
+
+
+class Transport(Protocol):
+    """Carries messages in ROS 2's serialized form, so that one codec (`middleware.codec`) serves all transports.
+
+    Callbacks run on the transport's thread: they must be short and must not raise.
+
+    Attributes:
+        discovery_time: time after which the other nodes know what this one has opened, and the reverse, s; longer on a
+            machine that is overloaded.
+    """
+
+    discovery_time: float
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing.
+
+        Returns:
+            A function that sends one serialized message. It may be called from any thread.
+
+        Raises:
+            TransportError: if the topic cannot be opened.
+        """
+        ...
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; the callback is called with each serialized message.
+
+        Raises:
+            TransportError: if the topic cannot be opened.
+        """
+        ...
+
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """Open a topic for reading, whose messages wait until they are taken.
+
+        Args:
+            endpoint: the topic.
+            depth: number of messages that wait; newer ones replace the oldest.
+
+        Raises:
+            TransportError: if the topic cannot be opened.
+        """
+        ...
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Fully qualified node name of each publisher on a topic, other than this transport's own, sorted.
+
+        A node with the same name as this one is another. `UNNAMED` stands for a name that is not known. The answer may
+        lag behind the graph; it takes up to a millisecond.
+
+        Raises:
+            TransportError: if the transport is closed, or the graph cannot be read.
+        """
+        ...
+
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that this transport has opened for writing; False for another topic.
+
+        Raises:
+            TransportError: if the transport is closed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Close all topics. No callback runs after this returns."""
+        ...

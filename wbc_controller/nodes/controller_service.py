@@ -1,0 +1,213 @@
+"""The controller as a service, on any transport."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from wbc_controller.controller.build.estimation import (
+    estimates_base,
+    make_estimator,
+    make_sensing,
+    make_velocity_filter,
+)
+from wbc_controller.controller.controller import Controller
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint
+from wbc_controller.middleware.transports.transport import Transport
+from wbc_controller.nodes.audit import make_audit
+from wbc_controller.nodes.clock import Clock, MonotonicClock
+from wbc_controller.nodes.diagnostics.markers import MarkerScene
+from wbc_controller.nodes.diagnostics.shortfall import Shortfall
+from wbc_controller.nodes.diagnostics.task_states import TaskStates
+from wbc_controller.nodes.inputs import Inputs
+from wbc_controller.nodes.loop import ControlLoop
+from wbc_controller.nodes.outputs import Outputs
+from wbc_controller.nodes.ownership import Ownership
+from wbc_controller.nodes.realtime import apply, in_force
+from wbc_controller.nodes.simulated_clock import SimulatedClock, clock_of
+from wbc_controller.nodes.urdf import wait_for_urdf
+from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
+from wbc_controller.records import CycleReport
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.config import Config
+
+_log = logging.getLogger(__name__)
+
+#: Longest reason for which the last seconds are written, in characters.
+_LONGEST_REASON = 40
+
+
+def run_controller(
+    settings: Settings,
+    transport: Transport,
+    stop: threading.Event,
+    *,
+    node: str = NODE_NAME,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+    activate: bool = False,
+    use_sim_time: bool = False,
+    record: Path | None = None,
+) -> None:
+    """Run the controller until stopped.
+
+    Args:
+        settings: the robot's settings.
+        transport: carries the messages.
+        stop: event that ends the run.
+        node: name of the node.
+        namespace: namespace of the node.
+        remappings: topic remappings, from name to name.
+        activate: activate as soon as the inputs are fresh, without a command.
+        use_sim_time: measure ages and durations by the time on the clock topic.
+        record: file for the recording of all of the run; None keeps the last seconds alone.
+
+    Raises:
+        ConfigurationError: if settings and model do not fit together.
+        TransportError: if a topic cannot be opened.
+    """
+    with recording(settings, record, name=node) as recorder:  # a process of its own, before `apply`
+        urdf = None
+        if not settings.robot.urdf:
+            urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
+        if stop.is_set():
+            return
+        controller = Controller(Config(settings, "", urdf), preflight=False)
+        apply(settings.control.realtime)
+        topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
+        full_name = f"{namespace.rstrip('/')}/{node}"
+        loop = make_loop(
+            controller,
+            transport,
+            make_clock(settings, topics, transport, use_sim_time=use_sim_time),
+            topics,
+            recorder=recorder,
+            node=full_name,
+        )
+        _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
+        loop.run(
+            stop,
+            controller.period,
+            triggered=settings.control.trigger == "joint_states",
+            activate=activate,
+        )
+
+
+def make_loop(
+    controller: Controller,
+    transport: Transport,
+    clock: Clock,
+    topics: Sequence[Endpoint],
+    *,
+    timer: Callable[[], float] = time.perf_counter,
+    observers: Sequence[Callable[[CycleReport], None]] = (),
+    recorder: Recorder | None = None,
+    node: str = NODE_NAME,
+) -> ControlLoop:
+    """Connect a controller to its topics.
+
+    Args:
+        controller: computes the command of each cycle.
+        transport: carries the messages.
+        clock: measures ages and durations.
+        topics: the node's endpoints, from `controller_endpoints`.
+        timer: returns seconds, for the stage times.
+        observers: called with the report of every cycle.
+        recorder: records all that comes in, is decided, and goes out; None records nothing.
+        node: name of the node with its namespace, for diagnostics.
+
+    Raises:
+        ConfigurationError: if settings and model do not fit together.
+        TransportError: if a topic cannot be opened.
+    """
+    settings, model, qp = controller.config.settings, controller.model, controller.qp
+    vocabulary = make_vocabulary(settings, model)
+    published = {name: qp.contacts[name] for name in settings.contacts}
+    markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
+    graph = transport
+    _subscribe_requests(recorder, graph, topics)
+    if recorder is not None:
+        transport = recorder.tap(transport, clock.stamp)
+        observers = (*observers, recorder.observe)
+    estimated = estimates_base(settings, model)
+    scheduling = in_force()
+    _log.info("scheduling: %s", scheduling or "not known")
+    inputs = Inputs(
+        model,
+        vocabulary,
+        topics,
+        transport,
+        clock,
+        partial(controller.live.prepare, source="update"),
+        clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
+        estimator=make_estimator(settings, model, published) if estimated else None,
+        sensing=make_sensing(settings, model, published) if estimated else None,
+        velocity_filter=make_velocity_filter(settings),
+    )
+    recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
+    loop = ControlLoop(
+        controller,
+        inputs,
+        Outputs(
+            model,
+            published,
+            topics,
+            transport,
+            1.0 / settings.control.diagnostics_rate,
+            TaskStates(qp.tasks, vocabulary),
+            Shortfall(qp.tasks),
+            MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
+            markers_period,
+            node,
+            scheduling,
+            lambda: {**inputs.status(), **recorded()},
+        ),
+        make_audit(settings, model),
+        Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),
+        clock,
+        timer=timer,
+        observers=observers,
+    )
+    if recorder is not None:
+        recorder.attach(controller, node if node.startswith("/") else f"/{node}", model.name)
+    return loop
+
+
+def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
+    """Have the last seconds written where a message asks for it."""
+    (endpoint,) = [topic for topic in topics if topic.key == "record"]
+
+    def receive(payload: bytes) -> None:
+        if recorder is None:
+            _log.warning("%s: refused: %s", endpoint.name, NOT_RECORDED)
+            return
+        try:
+            recorder.request(decode(payload, endpoint.type).data.strip()[:_LONGEST_REASON] or "REQUEST")
+        except InputRefused as refusal:
+            _log.warning("%s: refused: %s", endpoint.name, refusal)
+
+    transport.subscribe(endpoint, receive)
+
+
+def make_clock(
+    settings: Settings, topics: Iterable[Endpoint], transport: Transport, *, use_sim_time: bool
+) -> MonotonicClock | SimulatedClock:
+    """Make the clock of a loop.
+
+    Args:
+        settings: the robot's settings.
+        topics: the node's endpoints.
+        transport: as for `clock_of`.
+        use_sim_time: whether it is the simulator's time.
+    """
+    if use_sim_time:
+        return clock_of(topics, transport)
+    return MonotonicClock(synchronized=settings.safety.synchronized_clocks)

@@ -1,0 +1,117 @@
+"""State, references and contact forces as a visualization_msgs/MarkerArray, for RViz and Foxglove.
+
+Everything is in the world frame. Each kind of shape has its own namespace, so that a viewer can switch it on and off,
+and is one marker where possible, since a marker costs more than a point. Old markers are not deleted: they expire after
+their lifetime, also when the controller dies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Mapping
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LIST, LINE_STRIP, SPHERE_LIST, Shape, draw
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks import Task
+from wbc_controller.middleware.codec import TYPES, header, message, stamp
+from wbc_controller.records import References, RobotState, Solution
+
+WORLD_FRAME = "world"
+#: Values of the field `type` of a visualization_msgs/Marker.
+_KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}
+
+
+class MarkerScene:
+    """Draws one state with its references and its solution."""
+
+    def __init__(
+        self, model: RobotModel, tasks: Mapping[str, Task], contacts: Mapping[str, Contact], lifetime: float
+    ) -> None:
+        """Make a scene.
+
+        Args:
+            model: the robot's model.
+            tasks: the tasks, by name.
+            contacts: the contacts, by name.
+            lifetime: time after which a marker expires unless it is sent again, s; inf for never.
+        """
+        self._tasks, self._contacts = tasks, contacts
+        self._lifetime = _duration(lifetime)
+        # A separate object, since the controller's dynamics must remain those of its last solution.
+        self._dynamics = Dynamics(model)
+
+    def compose(
+        self, state: RobotState, references: References | None, solution: Solution | None
+    ) -> Generator[None, None, Any]:
+        """Make the message piece by piece.
+
+        Args:
+            state: the latched state.
+            references: references of the cycle, if the controller is active.
+            solution: solution of the cycle, if there is one.
+
+        Yields:
+            Nothing, after each piece.
+
+        Returns:
+            The message.
+        """
+        self._dynamics.update(state.q, state.v)
+        yield
+        forces = solution.forces if solution is not None else {}
+        markers = []
+        for shape in draw(self._dynamics, self._tasks, self._contacts, references, forces):
+            markers.append(self._marker(state.stamp, shape))
+            yield
+        return message("visualization_msgs/msg/MarkerArray", markers=markers)
+
+    def _marker(self, time: int, shape: Shape) -> Any:
+        """Make one marker, in the colour of its namespace."""
+        r, g, b, a = COLORS[shape.group]
+        size = shape.size
+        # Arrows: diameter of the shaft, diameter and length of the head; balls: three diameters; lines: the width.
+        x, y, z = {ARROW: (size, 2.0 * size, 2.5 * size), SPHERE_LIST: (size, size, size)}.get(
+            shape.kind, (size, 0.0, 0.0)
+        )
+        return message(
+            "visualization_msgs/msg/Marker",
+            header=header(time, WORLD_FRAME),
+            ns=shape.group,
+            id=shape.number,
+            type=_KINDS[shape.kind],
+            action=0,
+            pose=_IDENTITY,
+            scale=message("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+            color=message("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=a),
+            lifetime=self._lifetime,
+            frame_locked=False,
+            points=[_Point(x, y, z) for x, y, z in shape.points.tolist()],
+            colors=[],
+            texture_resource="",
+            texture=_NO_TEXTURE,
+            uv_coordinates=[],
+            text="",
+            mesh_resource="",
+            mesh_file=_NO_MESH,
+            mesh_use_embedded_materials=False,
+        )
+
+
+def _duration(seconds: float) -> Any:
+    time = stamp(round(1.0e9 * seconds) if math.isfinite(seconds) else 0)
+    return message("builtin_interfaces/msg/Duration", sec=time.sec, nanosec=time.nanosec)
+
+
+_Point = TYPES.types["geometry_msgs/msg/Point"]
+_IDENTITY = message(
+    "geometry_msgs/msg/Pose",
+    position=message("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0),
+    orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+)
+_NO_TEXTURE = message("sensor_msgs/msg/CompressedImage", header=header(0), format="", data=np.zeros(0, dtype=np.uint8))
+_NO_MESH = message("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, dtype=np.uint8))

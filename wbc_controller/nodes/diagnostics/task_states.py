@@ -1,0 +1,73 @@
+"""Where each task is, and where it is wanted: messages of the type of its setpoint."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Mapping
+
+from wbc_controller.inverse_dynamics.method_calls import array_from
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import AccelerationTask, Task
+from wbc_controller.middleware.decoding import Vocabulary
+from wbc_controller.middleware.setpoints import SetpointTemplate
+from wbc_controller.middleware.topics import TASK_TYPES
+from wbc_controller.records import Array, References
+
+
+class TaskStates:
+    """Writes the tasks in rounds, one of them per call, so that no cycle pays for all."""
+
+    def __init__(self, tasks: Mapping[str, Task], vocabulary: Vocabulary) -> None:
+        """Take the tasks that have topics.
+
+        Args:
+            tasks: all tasks, by name.
+            vocabulary: names the kinds, joints and frames of those with topics.
+        """
+        self._tasks = {name: tasks[name] for name in vocabulary.kinds}
+        self._vocabulary = vocabulary
+        self._left: deque[str] = deque()
+        self._templates: dict[str, SetpointTemplate] = {}
+
+    def begin(self, names: Collection[str]) -> None:
+        """Begin a round of some of the tasks, where the last one is over.
+
+        Args:
+            names: of the tasks; others than those with topics are passed over.
+        """
+        if not self._left:
+            self._left.extend(name for name in self._tasks if name in names)
+
+    def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
+        """The next task of the round; None where it is over.
+
+        Args:
+            stamp: time of the state, ns.
+            dynamics: the snapshot of the cycle.
+            references: those of the cycle.
+
+        Returns:
+            Name of the task, and by row of the topic table its serialized messages: ``task_reference``, and of a task
+            with a motion ``task_value``.
+        """
+        if not self._left:
+            return None
+        name = self._left.popleft()
+        task = self._tasks[name]
+        positions = {"task_reference": references.tasks[name].position}
+        if isinstance(task, AccelerationTask):
+            positions["task_value"] = array_from(task, "position", (task.form.size,), dynamics)
+        template = self._templates.get(name) or self._lay_out(name, references.tasks[name].position)
+        return name, {key: template.write(stamp, position) for key, position in positions.items()}
+
+    def _lay_out(self, name: str, position: Array) -> SetpointTemplate:
+        """The messages of a task."""
+        words, kind = self._vocabulary, self._vocabulary.kinds[name]
+        template = self._templates[name] = SetpointTemplate(
+            TASK_TYPES[kind]["setpoint"],
+            kind,
+            position,
+            frame=words.reference_frames.get(name, "world"),
+            joints=words.joints.get(name, ()),
+        )
+        return template

@@ -1,0 +1,204 @@
+"""The estimator of the base as a node: an IMU and the legs in, by `estimation.base_estimator`, odometry for all out.
+
+The controller that estimates its base itself, with `estimation.base_state: imu`, needs no such node.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.build.contacts import make_contact
+from wbc_controller.controller.build.estimation import make_estimator, make_sensing, make_velocity_filter
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.codec import diagnostics, encode
+from wbc_controller.middleware.odometry import odometry, transform
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.transports.transport import Publish, Transport
+from wbc_controller.nodes.clock import Clock, MonotonicClock
+from wbc_controller.nodes.contact_sensors import KEYS
+from wbc_controller.nodes.inputs import Inputs
+from wbc_controller.nodes.urdf import find_urdf
+from wbc_controller.nodes.wiring import make_vocabulary
+from wbc_controller.settings import Settings
+
+#: Frame in which the base is estimated (REP 105): it drifts, and never jumps; and that of absolute poses.
+FRAME, MAP = "odom", "map"
+#: Time for which a force that the controller has sent says that a contact holds, s.
+_FRESH = 0.1
+#: Time between two transforms, s.
+_TRANSFORMS = 0.02
+#: Longest wait for joint states until the diagnostics are seen to, s.
+_WAIT = 0.1
+
+_OK, _WARN = 0, 1
+_log = logging.getLogger(__name__)
+
+
+class EstimatorService:
+    """Answers each joint state with an estimate of the base.
+
+    Messages are taken and decoded on the thread that calls `cycle`.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        model: RobotModel,
+        topics: Sequence[Endpoint],
+        transport: Transport,
+        clock: Clock,
+        namespace: str = "/",
+    ) -> None:
+        """Open the topics.
+
+        Args:
+            settings: the robot's settings.
+            model: its model.
+            topics: endpoints of the estimator's node.
+            transport: carries the messages.
+            clock: gives each message its time of arrival.
+            namespace: namespace of the node, for diagnostics.
+
+        Raises:
+            ConfigurationError: where the base is fixed, the IMU has no frame, or no contact could carry an estimate.
+            TransportError: if a topic cannot be opened.
+        """
+        contacts = {name: make_contact(name, spec, model) for name, spec in settings.contacts.items()}
+        self.estimator = make_estimator(settings, model, contacts)
+        self._enabled = frozenset(name for name, spec in settings.contacts.items() if spec.enabled)
+        self._base, self._clock = model.base_link, clock
+        self._name, self._hardware = f"{namespace.strip('/')}/{ESTIMATOR_NODE}: base".strip("/"), model.name
+        self._pushed: dict[str, float] = {}  # time of the newest force of each contact
+        self._publish: dict[str, Publish] = {
+            topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
+        }
+        self._forces = {topic.subject: transport.stream(topic, 1) for topic in topics if topic.key == "contact_wrench"}
+        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *KEYS)]
+        tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
+        self._inputs = Inputs(
+            model, make_vocabulary(settings, model), sensors, transport, clock,
+            clock_tolerance=tolerance, estimator=self.estimator, sensing=make_sensing(settings, model, contacts),
+            velocity_filter=make_velocity_filter(settings),
+        )  # fmt: skip
+        self._stamp = -math.inf
+        self._transform_due = self._diagnostics_due = -math.inf
+        self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
+        self._refused: dict[str, str] = {}  # the newest reason of each topic, however many come
+        self._said = ""
+
+    def meant(self) -> frozenset[str]:
+        """Take the controller's contact forces; names of the contacts that are meant to hold.
+
+        If the controller has sent no forces lately, these are the contacts that the configuration enables. This thread
+        takes the forces, as it takes the states: no other thread can delay one against the other.
+        """
+        now = self._clock.now()
+        for name, stream in self._forces.items():
+            if stream.take():
+                self._pushed[name] = now
+        return frozenset(name for name, at in self._pushed.items() if now - at <= _FRESH) or self._enabled
+
+    def cycle(self) -> None:
+        """Take what has come, and publish the estimate where it is new."""
+        latched = self._inputs.latch(self.meant())
+        for sentence in latched.refused:
+            topic, named, reason = sentence.partition(": ")
+            if named:  # else it is of a contact that is left out, which the diagnostics say anyway
+                self._refused[topic] = reason
+        estimator, found = self.estimator, self.estimator.odometry
+        if found is not None and estimator.stamp > self._stamp:
+            self._stamp, stamp = estimator.stamp, self._inputs.stamp_of_joint_states()
+            pose, twist = found
+            content = odometry(stamp, FRAME, self._base, pose, twist, estimator.covariance)
+            self._publish["odom"](encode(content))
+            now = self._clock.now()
+            if now >= self._transform_due:
+                self._transform_due = now + _TRANSFORMS
+                self._publish["tf"](encode(transform(stamp, FRAME, self._base, pose)))
+                poses = estimator.poses
+                if poses is not None and poses.aligned:
+                    self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.back().pose)))
+        elif found is None:
+            self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
+        self._say(self._inputs.notes(), latched.estimate)
+
+    def _say(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
+        """Publish diagnostics if they are due, or what they say has changed."""
+        estimator, now = self.estimator, self._clock.now()
+        text = estimator.waits_for if estimator.odometry is None else "the base is estimated"
+        if estimator.odometry is not None and estimator.waits_for:
+            text += f"; in {MAP} it is not: {estimator.waits_for}"
+        if estimator.slipping:
+            text += f"; {', '.join(estimator.slipping)} moves, and is left out"
+        changed = text.partition(":")[0] != self._said.partition(":")[0]
+        if not changed and now < self._diagnostics_due:
+            return
+        if changed:
+            _log.info("%s", text)
+        self._said, self._diagnostics_due = text, now + self._diagnostics_period
+        refused, self._refused = self._refused, {}
+        values: dict[str, str] = {"holding": ", ".join(sorted(self._inputs.holding)) or "none"}
+        values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()} | self._inputs.status()
+        found = estimator.covariance
+        if found is not None:
+            turned, moving = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
+            values["tilt"] = f"one standard deviation {turned:.5f} rad"
+            values["velocity"] = f"one standard deviation {moving:.5f} m/s"
+        values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
+        values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
+        level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
+        self._publish["diagnostics"](self._encoded(level, text, values))
+
+    def _encoded(self, level: int, text: str, values: Mapping[str, str]) -> Any:
+        return encode(diagnostics(time.time_ns(), level, self._name, text, self._hardware, values))
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until stopped."""
+        gc.collect()
+        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
+        self._inputs.begin()
+        while not stop.is_set():
+            self._inputs.wait(_WAIT)
+            self.cycle()
+
+
+def run_estimator(
+    settings: Settings,
+    transport: Transport,
+    stop: threading.Event,
+    *,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> None:
+    """Run the estimator until stopped.
+
+    Args:
+        settings: the robot's settings.
+        transport: carries the messages.
+        stop: event that ends the run.
+        namespace: namespace of the node.
+        remappings: topic remappings, from name to name.
+
+    Raises:
+        ConfigurationError: as `EstimatorService` does.
+        TransportError: if a topic cannot be opened.
+    """
+    urdf = find_urdf(settings, transport, stop, ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace, remappings)
+    if stop.is_set():
+        return
+    model = make_model(settings, urdf)
+    topics = list(
+        endpoints(
+            ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        )
+    )
+    EstimatorService(settings, model, topics, transport, MonotonicClock(), namespace).run(stop)

@@ -1,0 +1,327 @@
+"""The control loop: in each cycle it latches the inputs, runs the controller and publishes the result."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import re
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.errors import TransportError
+from wbc_controller.estimation.base_estimator import BaseEstimator
+from wbc_controller.nodes.clock import Clock
+from wbc_controller.nodes.inputs import Inputs, Latched
+from wbc_controller.nodes.outputs import Outputs
+from wbc_controller.nodes.ownership import Ownership
+from wbc_controller.records import AuditReport, CycleReport, Fault, Mode
+from wbc_controller.safety.checks import stale_inputs
+from wbc_controller.safety.model_audit import ModelAudit
+
+_log = logging.getLogger(__name__)
+
+#: Time for which a logged sentence is not repeated, s.
+_SILENCE = 1.0
+#: Sentences that are logged in that time, at most.
+_MOST_SAID = 20
+#: Figures and quoted names in a sentence, which may be others in every cycle.
+_FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
+#: Longest time for which the interpreter leaves another thread running while the loop waits for it, s.
+_SWITCH_INTERVAL = 5.0e-4
+#: Modes in which the torques follow the references, or hold.
+_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+#: Requests that undo an activation in the same cycle.
+_WITHDRAWN = ("damp", "reset")
+
+
+class ControlLoop:
+    """Passes the latched inputs to the controller and its result to the outputs, once per cycle.
+
+    Attributes:
+        controller: computes the command of each cycle.
+        observers: called with the report of every cycle.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        inputs: Inputs,
+        outputs: Outputs,
+        audit: ModelAudit,
+        ownership: Ownership,
+        clock: Clock,
+        *,
+        timer: Callable[[], float] = time.perf_counter,
+        observers: Sequence[Callable[[CycleReport], None]] = (),
+    ) -> None:
+        """Make a loop.
+
+        Args:
+            controller: computes the command of each cycle.
+            inputs: latch the incoming messages.
+            outputs: publish the outgoing messages.
+            audit: compares the model with the measured motion.
+            ownership: knows who else publishes on the topics.
+            clock: measures ages and durations.
+            timer: returns seconds, for the stage times.
+            observers: called with the report of every cycle.
+        """
+        self.controller = controller
+        self.observers = tuple(observers)
+        self._inputs = inputs
+        self._outputs = outputs
+        self._audit = audit
+        self._ownership = ownership
+        self._clock = clock
+        self._timer = timer
+        self._cycle = 0
+        self._deadlines_missed = 0
+        self._due = -math.inf  # when `run_due` waits no longer
+        self._fresh_until = -math.inf  # when the newest joint states become stale, s on the clock
+        self._activate_when_fresh = False
+        self._waits_for: tuple[str, ...] = ()
+        self._said: dict[str, float] = {}
+
+    @property
+    def estimator(self) -> BaseEstimator | None:
+        """The estimator of the base, where its state is estimated here."""
+        return self._inputs.estimator
+
+    def cycle(self) -> CycleReport:
+        """Run one cycle."""
+        timer, clock, controller, outputs = self._timer, self._clock, self.controller, self._outputs
+        started = timer()
+        latched = self._inputs.latch(controller.holding, held=controller.mode in _UNDER_CONTROL)
+        timeout, ages = controller.state_timeout, latched.ages
+        stood = latched.stood
+        now = clock.now()
+        self._fresh_until = now + timeout - ages["joint_states"]
+        now += stood  # during a stall of the simulated clock, the stamps of the states count
+        trouble = clock.trouble()
+        if trouble:
+            self._inputs.restart()
+        elif not (stood <= timeout):
+            trouble = self._clock_stall(stood, timeout)
+        requests, waiting, before = latched.commands, self._activate_when_fresh, controller.mode
+        if "reset" in requests and self._takes_reset(requests):
+            self._inputs.restart_estimate()
+            ages = self._inputs.ages()
+        problem = Fault("CLOCK", trouble) if trouble else self._inputs.fault(ages, timeout)
+        self._ownership.refresh(now)
+        refused: tuple[str, ...] = ()
+        if requests or self._activate_when_fresh:
+            requests, refused = self._requests(requests, problem)
+        read = timer() - started
+        result = controller.cycle(
+            now,
+            latched.state,
+            latched.joint_velocity if ages["joint_states"] <= timeout else None,
+            problem=problem,
+            requests=requests,
+            changes=latched.changes,
+        )
+        late = None
+        clock.refresh()
+        passed = max(0.0, clock.now() - now)
+        if result.solution is not None and not max(ages.values()) + passed <= timeout:
+            late = stale_inputs(self._inputs.ages(), timeout)
+        if late is not None:  # the process was stopped in mid-cycle: its torques must not be sent
+            withdrawn: tuple[str, ...] = ()
+            if before not in _UNDER_CONTROL:  # nothing has been sent yet: a refusal is enough
+                withdrawn, self._activate_when_fresh = _WITHDRAWN, waiting
+                refused += (f"command 'activate' is refused: when the torques were computed, {late.sentence}",)
+            result = controller.cycle(now + passed, latched.state, None, problem=late, requests=withdrawn)
+        decided = timer()
+        outputs.publish_command(result)
+        sent = timer()
+        controller.explain_failure(now)
+        state, solution, references = result.state, result.solution, result.references
+        audit = None
+        if state is not None:
+            # While it is not active, the supervisor may have refused the very state.
+            trusted = solution if result.mode is Mode.ACTIVE else None
+            audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
+        stages = {
+            "read": read,
+            **result.stage_seconds,
+            "write": sent - decided,
+            "total": sent - started,
+            "audit": timer() - sent,
+        }
+        report = self._report(latched, result, stages, refused, audit)
+        outputs.publish_status(report, now, clock.stamp())
+        outputs.publish_tasks(now, latched.state, controller.qp.dynamics, references, solution)
+        outputs.publish_markers(now, latched.state, references, solution)
+        outputs.compose()
+        if self._said or report.refused or report.fault is not None:
+            self._say(report, now)
+        for observer in self.observers:
+            observer(report)
+        self._cycle += 1
+        return report
+
+    def _clock_stall(self, stall: float, timeout: float) -> str:
+        """Say why ages cannot be measured during a stall of the clock: it is too coarse, or has stopped.
+
+        Args:
+            stall: advance of the stamps of the states since the clock moved, s.
+            timeout: limit of the ages, s.
+        """
+        step = self._clock.resolution()
+        if stall <= 2.0 * step:  # its next message may just be late
+            return (
+                f"the clock moves in steps of {1e3 * step:.0f} ms, too coarse to measure ages up to "
+                f"{1e3 * timeout:.0f} ms (safety.state_timeout): publish it at the rate of the states"
+            )
+        return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
+
+    def _takes_reset(self, words: tuple[str, ...]) -> bool:
+        """Whether the supervisor accepts the first 'reset' of some requests, as it does unless it is in control."""
+        return self.controller.mode not in _UNDER_CONTROL or "damp" in words[: words.index("reset")]
+
+    def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The requests for the controller, and a sentence for each that is refused, as the robot has another owner."""
+        if self._activate_when_fresh and any(word != "activate" for word in words):
+            _log.warning("command %r: the activation at the start is cancelled", words[0])
+            self._activate_when_fresh = False
+        contested = self._ownership.contested
+        if contested:
+            if self._activate_when_fresh and contested != self._waits_for:
+                self._waits_for = contested
+                _log.warning("the activation at the start waits: %s", "; ".join(contested))
+            sentence = f"command 'activate' is refused: {'; '.join(contested)}"
+            return tuple(word for word in words if word != "activate"), (sentence,) * words.count("activate")
+        if self._activate_when_fresh and problem is None:
+            self._activate_when_fresh = False
+            words = ("activate", *words)
+        return words, ()
+
+    def _say(self, report: CycleReport, now: float) -> None:
+        """Log refusals and faults; a sentence that recurs in every cycle is logged once per second."""
+        if any(now - at >= _SILENCE for at in self._said.values()):
+            self._said = {topic: at for topic, at in self._said.items() if now - at < _SILENCE}
+        sentences = [f"refused {sentence}" for sentence in report.refused]
+        if report.fault is not None:
+            sentences.append(f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}")
+        for sentence in sentences:
+            topic = _FIGURES.sub("#", sentence)[:60]  # figures may change from cycle to cycle
+            if topic not in self._said and len(self._said) < _MOST_SAID:
+                self._said[topic] = now
+                _log.warning("%s", sentence)
+
+    def _report(
+        self,
+        latched: Latched,
+        result: CycleResult,
+        stages: Mapping[str, float],
+        refused: tuple[str, ...] = (),
+        audit: AuditReport | None = None,
+    ) -> CycleReport:
+        state, references, ownership = latched.state, result.references, self._ownership
+        if latched.refused or refused or result.refused:
+            refused = (*latched.refused, *refused, *result.refused)
+        # In the order of the fields, since names would take as long as all the rest.
+        return CycleReport(
+            self._cycle, state.stamp if state is not None else 0, result.mode, result.fault, result.command,
+            result.solution, latched.ages, refused, stages, self._deadlines_missed, audit, latched.commands,
+            ownership.contested, ownership.shared, latched.taken, references.weights if references is not None else {},
+            state, latched.estimate,
+        )  # fmt: skip
+
+    def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
+        """Run cycles until stopped.
+
+        Args:
+            stop: event that ends the loop.
+            period: time between cycles, s.
+            triggered: run one cycle for each joint state, and once they are stale one cycle per period; otherwise run
+                on absolute deadlines.
+            activate: activate as soon as the inputs are fresh and the robot has no other owner, without a command.
+        """
+        self._activate_when_fresh = activate
+        switch_interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        self._inputs.begin()
+        self._inputs.requests.start_reader()
+        try:
+            self._ownership.start(stop)
+            self._run(stop, period, triggered=triggered)
+        finally:
+            self._inputs.requests.stop_reader()
+            self._ownership.stop()
+            sys.setswitchinterval(switch_interval)
+            self._shut_down()
+
+    def run_due(self, now: float, period: float) -> bool:
+        """Run the triggered cycle that is due, if one is: what `run` does with joint states, where time is simulated.
+
+        Args:
+            now: the time that passes while the loop waits, s; its clock may be another one.
+            period: time between cycles, s.
+
+        Returns:
+            Whether a cycle was due.
+        """
+        if not self._inputs.wait(0.0) and now < self._due:
+            return False
+        self._guarded_cycle()
+        self._due = now + self._patience(period)
+        return True
+
+    def wake(self) -> None:
+        """Interrupt the wait for a joint state, so that a loop whose `stop` event is set ends at once."""
+        self._inputs.wake()
+
+    def _shut_down(self) -> None:
+        result = self.controller.shut_down(self._clock.now())
+        self._outputs.publish_command(result)
+        report = self._report(self._inputs.latch(), result, {})
+        self._outputs.publish_status(report, self._clock.now(), self._clock.stamp())
+        self._outputs.finish()
+
+    def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
+        gc.collect()
+        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
+        deadline = self._clock.now() + period
+        while not stop.is_set():
+            if triggered:
+                self._guarded_wait(stop, period)
+                self._guarded_cycle()
+                continue
+            self._guarded_cycle()
+            now = self._clock.now()
+            if now > deadline:
+                missed = int((now - deadline) / period) + 1
+                self._deadlines_missed += missed
+                deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
+            try:
+                self._clock.wait(stop, deadline - now if deadline > now else 0.0)
+            except TransportError as error:
+                self.controller.fail(error)
+                stop.wait(period)
+            deadline += period
+
+    def _guarded_wait(self, stop: threading.Event, period: float) -> None:
+        """Wait for the next joint state; where that is not possible any more, the next cycles damp."""
+        try:
+            self._inputs.wait(self._patience(period))
+        except TransportError as error:
+            self.controller.fail(error)
+            stop.wait(period)
+
+    def _guarded_cycle(self) -> None:
+        """Run one cycle; an exception, wherever it is raised, leads to zero torques now and damping with a fault."""
+        try:
+            self.cycle()
+        except Exception as error:
+            self.controller.fail(error)
+            self._outputs.publish_zeros()
+
+    def _patience(self, period: float) -> float:
+        """Time to wait for the next joint state, s: until the last one is stale, then one period at a time."""
+        return max(period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))

@@ -1,0 +1,263 @@
+"""Outgoing messages: commands, contact wrenches, the mode, diagnostics, tasks' states and markers.
+
+Diagnostics and markers take longer than a fast loop has between two states. They are composed piece by piece, one per
+cycle, when the torques are out. Contact wrenches, tasks' states and markers are made while somebody reads them, and
+diagnostics that nobody reads once a second, for the recorder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.in_place import Template
+from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
+from wbc_controller.middleware.topics import Direction, Endpoint
+from wbc_controller.middleware.transports.transport import Publish, Transport
+from wbc_controller.nodes.diagnostics.markers import MarkerScene
+from wbc_controller.nodes.diagnostics.shortfall import Shortfall
+from wbc_controller.nodes.diagnostics.status import StatusSummary
+from wbc_controller.nodes.diagnostics.task_states import TaskStates
+from wbc_controller.records import CycleReport, Fault, Mode, References, RobotState, Solution
+
+#: Rows of the topic table whose messages are made while somebody reads them; diagnostics are made less often.
+_ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
+#: Shortest time between two diagnostics that nobody reads, s.
+_UNREAD = 1.0
+#: Time between two looks at who reads them, s.
+_LOOK = 0.1
+
+
+class _Readers:
+    """Which of the topics whose messages are made on demand somebody reads.
+
+    Attributes:
+        subjects: names of the contacts or tasks whose topic is read, by row of the topic table; of one without a
+            subject the empty name.
+    """
+
+    def __init__(self, transport: Transport, endpoints: Iterable[Endpoint]) -> None:
+        self._asked = [
+            (endpoint.key, endpoint.subject, partial(transport.is_read, endpoint))
+            for endpoint in endpoints
+            if endpoint.key in _ON_DEMAND
+        ]
+        self._due = -np.inf
+        self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
+
+    def look(self, now: float) -> None:
+        """Look at who reads, where it is time to.
+
+        Args:
+            now: time on the clock of the loop, s.
+        """
+        if now < self._due:
+            return
+        self._due = now + _LOOK
+        read = [(key, subject) for key, subject, is_read in self._asked if is_read()]
+        self.subjects = {key: tuple(subject for of, subject in read if of == key) for key in _ON_DEMAND}
+
+
+class Outputs:
+    """Publishes the results of a cycle."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        contacts: Mapping[str, Contact],
+        endpoints: Iterable[Endpoint],
+        transport: Transport,
+        diagnostics_period: float,
+        tasks: TaskStates,
+        shortfall: Shortfall,
+        scene: MarkerScene,
+        markers_period: float,
+        node: str,
+        scheduling: str = "",
+        recorder: Callable[[], Mapping[str, str]] = dict,
+    ) -> None:
+        """Advertise every outgoing topic.
+
+        Args:
+            model: the robot's model.
+            contacts: contacts whose forces are published, by name.
+            endpoints: endpoints of the controller's node.
+            transport: carries the messages.
+            diagnostics_period: time between two diagnostics messages, and between two of a task, s.
+            tasks: writes where the tasks are.
+            shortfall: finds those that stay short of their references.
+            scene: draws the markers.
+            markers_period: time between two marker messages, s; inf for none.
+            node: name of the node, with its namespace.
+            scheduling: how the process is scheduled, for diagnostics.
+            recorder: gives what became of the recordings, by key, for diagnostics.
+        """
+        self._actuation = model.actuation
+        self._contacts = contacts
+        outgoing = [endpoint for endpoint in endpoints if endpoint.direction is Direction.OUT]
+        self._publish: dict[tuple[str, str], Publish] = {
+            (endpoint.key, endpoint.subject): transport.advertise(endpoint) for endpoint in outgoing
+        }
+        self._readers = _Readers(transport, outgoing)
+        no_torques, joints = self._actuation.command(np.zeros(model.na)), np.zeros(model.nj)
+        self._zeros = encode(torques(no_torques))
+        # The messages of every cycle are written in place.
+        self._efforts = Template(torques(no_torques), ["data"])
+        commands = message(
+            "sensor_msgs/msg/JointState",
+            header=header(0),
+            name=list(model.joints),
+            position=joints,
+            velocity=joints,
+            effort=joints,
+        )
+        self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
+        self._wrenches = {
+            name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), WRENCH)
+            for name, contact in contacts.items()
+        }
+        self._mode_said: Mode | None = None
+        self._fault_said: Fault | None = None
+        self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
+        self._diagnostics_period = diagnostics_period
+        self._diagnosed = -np.inf  # when the last diagnostics were begun, s
+        self._contested_said: tuple[str, ...] = ()
+        self._news = False  # that the next diagnostics must not wait with
+        self._composed: dict[str, Generator[None, None, None]] = {}  # messages that are on their way, by key
+        self._tasks = tasks
+        self._tasks_due = -np.inf
+        self._shortfall = shortfall
+        self._short: tuple[str, ...] = ()
+        self._scene = scene
+        self._markers_period = markers_period
+        self._markers_due = -np.inf if markers_period < np.inf else np.inf
+
+    def publish_command(self, result: CycleResult) -> None:
+        """Send the torques and the contact forces of the solution: the time-critical messages of a cycle."""
+        command, publish, wrenches = result.command, self._publish, self._readers.subjects["contact_wrench"]
+        if command is not None:
+            tau, actuation = command.tau, self._actuation
+            publish["effort", ""](self._efforts.write(0, actuation.command(tau)))
+            joints = actuation.at_joints(tau)
+            payload = self._joint_commands.write(command.stamp, command.q_desired, command.v_desired, joints)
+            publish["joint_commands", ""](payload)
+        if wrenches and result.solution is not None and result.state is not None and result.mode is Mode.ACTIVE:
+            stamp, forces = result.state.stamp, result.solution.forces
+            for name in wrenches:
+                force = forces.get(name)
+                if force is not None:
+                    payload = self._wrenches[name].write_product(stamp, self._contacts[name].basis, force)
+                    publish["contact_wrench", name](payload)
+
+    def publish_zeros(self) -> None:
+        """Send zero torques, whatever has failed: the bytes were made at the start."""
+        self._publish["effort", ""](self._zeros)
+
+    def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
+        """Send the mode if it has changed, begin diagnostics if they are due or have news, and look who reads.
+
+        Args:
+            report: report of the cycle.
+            now: time on the clock of the loop, s.
+            wall: time for the headers, ns.
+        """
+        mode, fault = report.mode, report.fault
+        if mode is not self._mode_said or (fault is not self._fault_said and fault != self._fault_said):
+            self._mode_said, self._fault_said = mode, fault
+            text = report.mode.value
+            if report.fault is not None:
+                text += f" {report.fault.code}: {report.fault.sentence}"
+            self._send("state", message("std_msgs/msg/String", data=text))
+        self._summary.add(report)
+        if report.refused or report.contested != self._contested_said:
+            self._news, self._contested_said = True, report.contested
+        period = self._diagnostics_period
+        if period < _UNREAD and not self._readers.subjects["diagnostics"]:
+            period = _UNREAD
+        if now - self._diagnosed >= period or (self._news and "diagnostics" not in self._composed):
+            self._news, self._diagnosed = False, now
+            self._begin("diagnostics", self._summary.compose(wall, self._short))
+        self._readers.look(now)
+
+    def publish_tasks(
+        self,
+        now: float,
+        state: RobotState | None,
+        dynamics: Dynamics,
+        references: References | None,
+        solution: Solution | None,
+    ) -> None:
+        """Send where a task is and where it is wanted: all that are read in turn, in as many cycles, when they are due.
+
+        What stays short of its reference is said with the next diagnostics.
+
+        Args:
+            now: time on the clock of the loop, s.
+            state: latched state; None before the first one.
+            dynamics: the snapshot of the cycle.
+            references: references of the cycle, if its program was solved.
+            solution: solution of the cycle, if there is one.
+        """
+        if state is None or references is None or solution is None:
+            self._short = ()
+            return
+        if now >= self._tasks_due:
+            self._tasks_due = now + self._diagnostics_period
+            subjects = self._readers.subjects
+            self._tasks.begin({*subjects["task_reference"], *subjects["task_value"]})
+            self._short = self._shortfall.sentences(now, dynamics, references, solution)
+        made = self._tasks.next(state.stamp, dynamics, references)
+        if made is not None:
+            for key, content in made[1].items():
+                self._publish[key, made[0]](content)
+
+    def publish_markers(
+        self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
+    ) -> None:
+        """Begin the markers of the cycle if they are due, and somebody reads them.
+
+        Args:
+            now: time on the clock of the loop, s.
+            state: latched state; None before the first one.
+            references: references of the cycle, if its program was solved.
+            solution: solution of the cycle, if there is one.
+        """
+        if state is not None and now >= self._markers_due:
+            self._markers_due = now + self._markers_period
+            if self._readers.subjects["markers"]:
+                self._begin("markers", self._scene.compose(state, references, solution))
+
+    def compose(self) -> None:
+        """Take one step of the oldest message that is on its way."""
+        for key, steps in self._composed.items():
+            if next(steps, self) is self:
+                del self._composed[key]
+            return
+
+    def finish(self) -> None:
+        """Take all steps that are left."""
+        while self._composed:
+            self.compose()
+
+    def _begin(self, key: str, content: Generator[None, None, Any]) -> None:
+        """Begin a message; what is left of the last one, which is late, is done at once."""
+        for _ in self._composed.pop(key, ()):
+            pass
+        self._composed[key] = self._written(key, content)
+
+    def _written(self, key: str, content: Generator[None, None, Any]) -> Generator[None, None, None]:
+        composed = yield from content
+        if composed is not None:
+            yield
+            self._send(key, composed)
+
+    def _send(self, key: str, content: object) -> None:
+        self._publish[key, ""](encode(content))

@@ -1,0 +1,204 @@
+"""Users' requests: stored as bytes as they come, decoded on a thread of their own, taken by a cycle.
+
+They are stored by callbacks on the transport's thread, where an emergency stop is recognized: no queue of requests can
+delay it. The thread `reader` decodes and validates them, and leaves the loop most of the processor. Where no such
+thread runs, as in lockstep, they are decoded when a cycle looks for them.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.inverse_dynamics.references.changes import Change
+from wbc_controller.middleware import decoding
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.records import ChangeSettings
+
+_log = logging.getLogger(__name__)
+
+#: Requests that wait to be read, at most; the newest beyond are turned away and counted.
+_REQUEST_DEPTH = 100
+#: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
+_MOST_PER_CYCLE = 20
+#: Largest message, in bytes, by row of the topic table: trajectories, and others.
+_LARGEST, _LARGEST_REQUEST = {"trajectory": 1 << 20}, 1 << 18
+#: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
+_READER_SHARE = 0.25
+#: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
+_LONGEST_REASON = 1000
+#: Longest word on the command topic, in characters.
+_LONGEST_WORD = 40
+#: The word that stops the robot, as it stands in a serialized std_msgs/String.
+_ESTOP = b"estop"
+
+
+class Taken(NamedTuple):
+    """What a cycle takes.
+
+    Attributes:
+        commands: words on the command topic, in order of arrival.
+        changes: sets of changes, in order of arrival; each set is applied whole or not at all.
+        refused: a sentence for each request that was refused.
+        total: number of requests that were read, refused or turned away.
+    """
+
+    commands: tuple[str, ...]
+    changes: tuple[tuple[Change | ChangeSettings, ...], ...]
+    refused: tuple[str, ...]
+    total: int
+
+
+@dataclass(slots=True)
+class _Read:
+    """What one request says."""
+
+    commands: list[str] = field(default_factory=list)
+    changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+
+class Requests:
+    """Requests on their way from the transport to the cycles."""
+
+    def __init__(
+        self, vocabulary: decoding.Vocabulary, prepare: Callable[[Mapping[str, Any]], None], stop: Callable[[], None]
+    ) -> None:
+        """Make an empty queue.
+
+        Args:
+            vocabulary: the names that messages may use.
+            prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
+            stop: called when an emergency stop has come, on the thread that brings it.
+        """
+        self._vocabulary, self._prepare, self._stop = vocabulary, prepare, stop
+        self._estop = threading.Event()
+        self._waiting = threading.Condition()  # guards the three below
+        self._requests: deque[tuple[Endpoint, bytes]] = deque()
+        self._read: deque[_Read] = deque()
+        self._turned_away: Counter[tuple[str, str]] = Counter()
+        self._reader: threading.Thread | None = None
+        self._ended = False
+
+    def start_reader(self) -> None:
+        """Decode requests on a thread of their own from now on, until `stop_reader`."""
+        self._ended = False
+        self._reader = threading.Thread(target=self._read_requests, name="reader", daemon=True)
+        self._reader.start()
+
+    def stop_reader(self) -> None:
+        """End the thread that decodes requests; what waits is left to be taken."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            with self._waiting:
+                self._ended = True
+                self._waiting.notify()
+            reader.join()
+
+    def turn_away(self, endpoint: Endpoint, why: str) -> None:
+        """Count a message that is not even read."""
+        with self._waiting:
+            self._turned_away[endpoint.name, why] += 1
+
+    def put(self, endpoint: Endpoint, payload: bytes) -> None:
+        """Store a request; a stop has a way of its own, which no other request can fill."""
+        largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
+        if len(payload) > largest:
+            self.turn_away(endpoint, f"more than {largest} bytes")
+            return
+        if endpoint.key == "command" and _ESTOP in payload and decode(payload, endpoint.type).data.strip() == "estop":
+            self._estop.set()
+            self._stop()
+            return
+        with self._waiting:
+            if len(self._requests) < _REQUEST_DEPTH:
+                self._requests.append((endpoint, payload))
+                self._waiting.notify()
+            else:
+                self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+
+    def wait_to_be_taken(self) -> bool:
+        """Whether a cycle has something to take; where no thread decodes requests, they are decoded now."""
+        if self._reader is None:
+            while self._requests:
+                self._read.append(self._decoded(*self._requests.popleft()))
+        return bool(self._read or self._turned_away or self._estop.is_set())
+
+    def take(self) -> Taken:
+        """What has been read since the last call, an emergency stop first, `_MOST_PER_CYCLE` requests at most."""
+        commands: list[str] = []
+        changes: list[tuple[Change | ChangeSettings, ...]] = []
+        refused: list[str] = []
+        stopped = self._estop.is_set()
+        if stopped:
+            self._estop.clear()
+            commands.append("estop")
+        with self._waiting:
+            turned_away, self._turned_away = self._turned_away, Counter()
+            taken = [self._read.popleft() for _ in range(min(len(self._read), _MOST_PER_CYCLE))]
+        for read in taken:
+            commands += read.commands
+            changes += read.changes
+            refused += read.refused
+        refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
+        total = stopped + len(taken) + sum(turned_away.values())
+        return Taken(tuple(commands), tuple(changes), tuple(refused), total)
+
+    def _read_requests(self) -> None:
+        """Decode requests as they come, in a share of the time."""
+        while True:
+            with self._waiting:
+                self._waiting.wait_for(lambda: self._requests or self._ended)
+                if self._ended:
+                    return
+                endpoint, payload = self._requests.popleft()
+            began = time.perf_counter()
+            read = self._decoded(endpoint, payload)
+            spent = time.perf_counter() - began
+            with self._waiting:
+                if len(self._read) < _REQUEST_DEPTH:
+                    self._read.append(read)
+                else:
+                    self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+            time.sleep(spent * (1.0 / _READER_SHARE - 1.0))
+
+    def _decoded(self, endpoint: Endpoint, payload: bytes) -> _Read:
+        """Decode and validate one request."""
+        read = _Read()
+        try:
+            self._read_request(endpoint, payload, read)
+        except Exception as error:
+            return _Read(refused=[f"{endpoint.name}: {refusal(endpoint, error)}"])
+        return read
+
+    def _read_request(self, endpoint: Endpoint, payload: bytes, read: _Read) -> None:
+        content = decode(payload, endpoint.type)
+        if endpoint.key == "command":
+            word = content.data.strip()
+            if len(word) > _LONGEST_WORD:
+                raise InputRefused(f"a command has at most {_LONGEST_WORD} characters, not {len(word)}")
+            read.commands.append(word)
+            return
+        reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
+        changes = reader(self._vocabulary, endpoint.subject, content)
+        for change in changes:
+            if isinstance(change, ChangeSettings):
+                self._prepare(change.settings)
+        read.changes.append(changes)
+
+
+def refusal(endpoint: Endpoint, error: Exception) -> str:
+    """The reason why a message is refused, from what was raised while it was read."""
+    if isinstance(error, InputRefused | ConfigurationError):
+        reason = str(error)
+    else:  # a message that exposes a bug must not end the loop
+        _log.error("reading a message on %s failed", endpoint.name, exc_info=error)
+        reason = f"cannot be read: {type(error).__name__}: {error}"
+    return reason if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + "…"

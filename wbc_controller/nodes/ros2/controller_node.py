@@ -1,0 +1,327 @@
+"""The controller as a managed lifecycle node: the executable `wbc_controller`."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
+from wbc_controller.middleware.transports.ros2 import Ros2Transport
+from wbc_controller.nodes.controller_service import make_clock, make_loop
+from wbc_controller.nodes.loop import ControlLoop
+from wbc_controller.nodes.realtime import apply
+from wbc_controller.nodes.ros2.answers import RECORD, SERVICES, Answers
+from wbc_controller.nodes.ros2.declaration import declare, values
+from wbc_controller.nodes.ros2.gate import Gate
+from wbc_controller.nodes.ros2.live import LiveParameters
+from wbc_controller.nodes.ros2.parameters import own_values, settings_from
+from wbc_controller.nodes.ros2.process import logging_to, spinning
+from wbc_controller.nodes.urdf import urdf_of
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, folder_of, start_recorder
+from wbc_controller.records import Mode
+from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.config import Config
+
+_log = logging.getLogger(__name__)
+
+#: Time between two reminders that the URDF has not arrived yet, s.
+_REMINDER = 5.0
+#: Longest time for shutting down on an executor that may have failed, s.
+_PATIENCE = 5.0
+_PARAMETERS: dict[str, tuple[Any, str]] = {
+    "autostart": (True, "Configure and activate the node at start-up; where that fails, the process ends."),
+    "activate": (False, "Activate the controller as soon as its inputs are fresh, without a command."),
+}
+
+
+class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
+    """The controller as a managed node.
+
+    Configuring builds the model, the topics and the loop; activating starts the loop, whose supervisor still waits for
+    the command ``activate``; deactivating ends the loop, with zero torques.
+
+    Args:
+        leave: called with an exit status if the autostart fails.
+        arguments: the command line.
+        context: rclpy's context; None for the default one.
+        options: options of ``rclpy.node.Node``, such as ``parameter_overrides``.
+    """
+
+    def __init__(
+        self,
+        leave: Callable[[int], None] = lambda status: None,
+        arguments: list[str] | None = None,
+        context: Any = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(
+            NODE_NAME,
+            context=context,
+            allow_undeclared_parameters=True,
+            automatically_declare_parameters_from_overrides=True,
+            **options,
+        )
+        self._leave = leave
+        self._arguments = arguments if arguments is not None else sys.argv
+        self._own = declare(self, _PARAMETERS)
+        self._live = LiveParameters(self, self._own)
+        self._settings: Settings | None = None
+        self._gate: Gate | None = None
+        self._loop: ControlLoop | None = None
+        self._recorder: Recorder | None = None
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._failed = False
+        self._answers = Answers()
+        self._urdf: str | None = None
+        self._urdf_transport: Any = None
+        self._starting = False
+        self._finalized = False
+        group = ReentrantCallbackGroup()
+        for name, (word, _) in SERVICES.items():
+            self.create_service(Trigger, f"~/{name}", partial(self._on_trigger, word), callback_group=group)
+        self.create_service(Trigger, f"~/{RECORD}", self._on_record, callback_group=group)
+
+    def start(self) -> None:
+        """Configure and activate, if the parameter `autostart` is true; on the executor's thread."""
+        try:
+            autostart = self._value("autostart")
+        except ConfigurationError as error:
+            _log.error("cannot start: %s", error)
+            self._leave(2)
+            return
+        if not autostart:
+            return
+        self._starting = self.trigger_configure() != TransitionCallbackReturn.SUCCESS
+        if self._starting:
+            failed = self._urdf_transport is None  # otherwise it waits for the URDF, and starts then
+        else:
+            failed = self.trigger_activate() != TransitionCallbackReturn.SUCCESS
+        if failed:
+            self._leave(2)
+
+    def finish(self) -> None:
+        """Shut down, from any state; on the executor's thread, or after it has ended. A second call does nothing."""
+        if not self._finalized:
+            self.trigger_shutdown()
+
+    def on_configure(self, state: Any) -> Any:
+        """Read and check the parameters; build the model, the topics and the loop."""
+        return self._attempt("configure", self._configure)
+
+    def on_activate(self, state: Any) -> Any:
+        """Start the loop."""
+        return self._attempt("activate", self._activate)
+
+    def on_deactivate(self, state: Any) -> Any:
+        """End the loop, with zero torques."""
+        return self._attempt("deactivate", self._deactivate)
+
+    def on_cleanup(self, state: Any) -> Any:
+        """Close the topics and delete the model."""
+        return self._attempt("clean up", self._clean_up)
+
+    def on_shutdown(self, state: Any) -> Any:
+        """End the loop, with zero torques, and close the topics."""
+        self._finalized = True
+        return self._attempt("shut down", self._clean_up)
+
+    def on_error(self, state: Any) -> Any:
+        """Return to unconfigured, with nothing left running."""
+        _log.error("error processing: everything is closed, the node is unconfigured; configure it again")
+        return self._attempt("process the error", self._clean_up)
+
+    def _value(self, name: str) -> Any:
+        """The value of an own parameter.
+
+        Raises:
+            ConfigurationError: if it is of another type than its default.
+        """
+        return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
+
+    def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
+        """Run a transition, and log its errors, since rclpy drops them."""
+        try:
+            transition()
+        except WbcError as error:
+            _log.error("cannot %s: %s", what, error)
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            _log.exception("cannot %s", what)
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        node, namespace = self.get_name(), self.get_namespace()
+        settings, source = settings_from(values(self), self.get_fully_qualified_name(), self._arguments, self._own)
+        if not settings.robot.urdf and self._urdf is None:
+            self._await_urdf()
+            raise ConfigurationError("robot.urdf is empty, and the topic robot_description has brought no URDF yet")
+        transport = Ros2Transport(self)
+        gate = Gate(transport)
+        recorder = start_recorder(settings, name=node)  # a process of its own, before `apply`
+        try:
+            urdf = None if settings.robot.urdf else self._urdf
+            controller = Controller(Config(settings, "", urdf), preflight=False)
+            apply(settings.control.realtime)
+            topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
+            loop = make_loop(
+                controller,
+                gate,
+                make_clock(settings, topics, transport, use_sim_time=bool(self.get_parameter("use_sim_time").value)),
+                topics,
+                observers=(self._answers.observe,),
+                recorder=recorder,
+                node=self.get_fully_qualified_name(),
+            )
+            self._live.show(controller.live)
+        except Exception as error:
+            gate.close()
+            if recorder is not None:
+                recorder.close()
+            if isinstance(error, ConfigurationError):
+                raise ConfigurationError(f"{source}: {error}") from error
+            raise
+        self._settings, self._gate, self._loop, self._recorder = settings, gate, loop, recorder
+        _log.info("configured from %s: %d joints, %.0f Hz", source, controller.model.nj, settings.control.rate)
+
+    def _await_urdf(self) -> None:
+        if self._urdf_transport is not None:
+            return
+        rows = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
+        (endpoint,) = endpoints(rows, self.get_name(), namespace=self.get_namespace())
+
+        def receive(payload: bytes) -> None:
+            try:
+                self._urdf = urdf_of(payload, endpoint)
+            except InputRefused as refusal:
+                _log.warning("refused %s: %s", endpoint.name, refusal)
+                return
+            if self._starting and self.executor is not None:
+                self.executor.create_task(self.start)
+
+        self._urdf_transport = Ros2Transport(self)
+        self._urdf_transport.subscribe(endpoint, receive)
+        self.create_timer(_REMINDER, lambda: self._remind(endpoint.name))
+
+    def _remind(self, topic: str) -> None:
+        if self._urdf is None:
+            _log.warning("robot.urdf is empty: still waiting for the URDF on %s", topic)
+
+    def _activate(self) -> None:
+        if self._loop is None or self._gate is None or self._settings is None:
+            raise ConfigurationError("the node is not configured")
+        controller = self._loop.controller
+        if controller.mode is Mode.STOPPED and controller.fault is None:
+            controller.supervisor.request("reset", 0.0, None)  # as after a fresh start; a fault stays latched
+        run = partial(self._run, self._loop, self._settings, self._value("activate"))
+        self._stop = threading.Event()
+        self._failed = False
+        self._thread = threading.Thread(target=run, name="control loop")
+        self._gate.open = True
+        self._thread.start()
+        _log.info("active: waiting for 'activate' on %s/command", self.get_fully_qualified_name())
+
+    def _run(self, loop: ControlLoop, settings: Settings, activate: bool) -> None:
+        try:
+            loop.run(
+                self._stop,
+                1.0 / settings.control.rate,
+                triggered=settings.control.trigger == "joint_states",
+                activate=activate,
+            )
+        except Exception:
+            _log.exception("the control loop has failed")
+            self._failed = True
+            executor = self.executor
+            if executor is not None:
+                executor.create_task(self._after_failure)
+        finally:
+            self._answers.end("the control loop has ended")
+
+    def _after_failure(self) -> None:
+        """Leave the active state through error processing."""
+        if self._gate is not None and self._gate.open:
+            self.trigger_deactivate()
+
+    def _deactivate(self) -> None:
+        self._stop.set()
+        if self._thread is not None and self._loop is not None:
+            self._loop.wake()  # without joint states, it would wait until they are stale
+            self._thread.join()
+            self._thread = None
+        if self._gate is not None:
+            self._gate.open = False
+        if self._failed:
+            self._failed = False
+            raise RuntimeError("the control loop had failed")
+
+    def _clean_up(self) -> None:
+        self._failed = False
+        self._deactivate()
+        if self._gate is not None:
+            self._gate.close()
+        if self._recorder is not None:
+            self._recorder.close()
+        self._live.hide()
+        self._settings, self._gate, self._loop, self._recorder = None, None, None, None
+
+    async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
+        gate = self._gate
+        if gate is None or not gate.open:
+            response.success = False
+            response.message = "the node is not active; ros2 lifecycle says how it is"
+            return response
+        future = Future(executor=self.executor)
+        future.add_done_callback(lambda done: None)  # a done callback wakes the executor
+        self._answers.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
+        response.success, response.message = await future
+        return response
+
+    def _on_record(self, request: Any, response: Any) -> Any:
+        """Have the last seconds written; with the next cycle, as those are that the recorder knows."""
+        gate, recorder = self._gate, self._recorder
+        response.success = False
+        if recorder is not None and gate is not None and gate.open and self._settings is not None:
+            recorder.request()
+            response.success = True
+            response.message = f"the last seconds are written to {folder_of(self._settings)}"
+        elif recorder is None and gate is not None:
+            response.message = NOT_RECORDED
+        else:
+            response.message = "the node is not active; ros2 lifecycle says how it is"
+        return response
+
+
+def serve(executor: Any, stop: threading.Event) -> int:
+    """Run the node until the event is set, and return the exit status."""
+    status: list[int] = []
+
+    def leave(code: int) -> None:
+        status.append(code)
+        stop.set()
+
+    node = ControllerNode(leave)
+    with logging_to(node):
+        with spinning(executor, node, leave):
+            executor.create_task(node.start)
+            stop.wait()
+            finished = threading.Event()
+            # On the executor, so that the loop never runs without its inputs.
+            executor.create_task(node.finish).add_done_callback(lambda task: finished.set())
+            finished.wait(_PATIENCE)
+        node.finish()
+    node.destroy_node()
+    return status[0] if status else 0

@@ -1,0 +1,78 @@
+"""Ensures that a managed node accepts messages only while it is active."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import REQUEST, Endpoint
+from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
+
+_log = logging.getLogger(__name__)
+
+
+class Gate:
+    """A transport that delivers messages only while it is open.
+
+    Attributes:
+        open: whether messages are delivered.
+        discovery_time: that of the transport, s.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self.open = False
+        self.discovery_time = transport.discovery_time
+        self._transport = transport
+        self._command: Callable[[bytes], None] = lambda payload: None
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """Open a topic for writing."""
+        return self._transport.advertise(endpoint)
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """Open a topic for reading; while the gate is closed messages are dropped, requests with a warning."""
+        if endpoint.key == "command":
+            self._command = callback
+
+        def deliver(payload: bytes) -> None:
+            if self.open:
+                callback(payload)
+            elif endpoint.qos == REQUEST:
+                _log.warning("message on %s ignored: the node is not active", endpoint.name)
+
+        self._transport.subscribe(endpoint, deliver)
+
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """Open a topic for reading; what comes while the gate is closed is dropped when it is taken."""
+        return _Gated(self._transport.stream(endpoint, depth), self)
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        return self._transport.publishers(endpoint)
+
+    def command(self, word: str) -> None:
+        """Deliver a command as if it had arrived on the command topic."""
+        self._command(encode(message("std_msgs/msg/String", data=word)))
+
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Whether somebody reads a topic that was opened for writing."""
+        return self._transport.is_read(endpoint)
+
+    def close(self) -> None:
+        """Close the gate and all topics."""
+        self.open = False
+        self._transport.close()
+
+
+class _Gated:
+    """A stream from which nothing is taken while its gate is closed."""
+
+    def __init__(self, stream: Stream, gate: Gate) -> None:
+        self._stream, self._gate = stream, gate
+        self.wait, self.wake = stream.wait, stream.wake
+
+    def take(self) -> list[bytes]:
+        """The serialized messages since the last call, oldest first."""
+        taken = self._stream.take()
+        return taken if self._gate.open else []

@@ -1,0 +1,159 @@
+"""The process of a node: signals, the executor's thread, the log.
+
+There are four threads: the main thread waits for a signal; one spins the executor, for services, timers and parameters;
+the transport's thread reads the topics; and one runs the control loop. The mock robot's physics run on the main thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.waitable import NumberOfEntities, Waitable
+
+from wbc_controller.middleware.transports.ros2 import Ros2Transport
+from wbc_controller.nodes.signals import set_by_signals
+
+_log = logging.getLogger(__name__)
+
+#: Pause of the executor between two waits, s.
+_PAUSE = 0.02
+
+
+class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
+    """Puts a pause between the end of each wait of a node's executor and the next wait.
+
+    Before each wait rclpy goes through all entities of the node: half a millisecond, in which the control loop cannot
+    run. It waits again at once after a wake-up without a callback, inside `spin_once`, so the pause belongs here. The
+    executor is for non-urgent callbacks: services, timers, parameters, and rclpy's own clock subscription.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(ReentrantCallbackGroup())
+        self._resume = time.monotonic()
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """Return no entities: nothing is waited for."""
+        return NumberOfEntities()
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        """Sleep until the pause is over; rclpy calls this before each wait."""
+        time.sleep(max(0.0, self._resume - time.monotonic()))
+
+    def is_ready(self, wait_set: Any) -> bool:
+        """Begin the pause; rclpy calls this after each wait. There is never a callback to run."""
+        self._resume = time.monotonic() + _PAUSE
+        return False
+
+
+def run(serve: Callable[[Any, threading.Event], int]) -> int:
+    """Start ROS 2, run a service, and shut ROS 2 down again.
+
+    Args:
+        serve: the service; it is called with an executor, and the event that a signal sets.
+
+    Returns:
+        The exit status.
+    """
+    stop = threading.Event()
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy's errors on a wrong command line or parameter file have no common base class
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    try:
+        with set_by_signals(stop):
+            return serve(SingleThreadedExecutor(), stop)
+    finally:
+        rclpy.try_shutdown()
+
+
+@contextlib.contextmanager
+def logging_to(node: Any) -> Iterator[None]:
+    """Forward this package's log to a node's log."""
+    package = logging.getLogger("wbc_controller")
+    handler = _RosLog(node.get_logger())
+    package.addHandler(handler)
+    package.setLevel(logging.INFO)
+    package.propagate = False
+    try:
+        yield
+    finally:
+        package.removeHandler(handler)
+
+
+@contextlib.contextmanager
+def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator[None]:
+    """Spin a node on a thread, with a pause after each wait."""
+    ended = threading.Event()
+
+    def spin() -> None:
+        try:
+            while not ended.is_set():
+                executor.spin_once()
+        except (ExternalShutdownException, ShutdownException):  # the regular end of an executor
+            pass
+        except Exception:
+            _log.exception("the executor has failed")
+            leave(1)
+
+    node.add_waitable(Pacer())
+    executor.add_node(node)
+    thread = threading.Thread(target=spin, name="executor")
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        executor.create_task(lambda: None)  # wakes the executor
+        thread.join()
+        executor.shutdown()  # only now, as spinning needs what this destroys
+
+
+@contextlib.contextmanager
+def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
+    """A transport on a node in a context of its own that nobody spins, as the transport reads by itself.
+
+    Args:
+        name: of the node.
+        domain: its ``ROS_DOMAIN_ID``.
+    """
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = rclpy.create_node(name, context=context)
+    transport = Ros2Transport(node)
+    try:
+        yield transport
+    finally:
+        transport.close()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+class _RosLog(logging.Handler):
+    """Forwards this package's log to a node's log."""
+
+    def __init__(self, logger: Any) -> None:
+        super().__init__()
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = self.format(record)
+        # One call per severity: rclpy refuses a call whose severity changes.
+        if record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)

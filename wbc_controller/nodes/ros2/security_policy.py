@@ -1,0 +1,152 @@
+"""An SROS 2 policy with least privilege, generated from the topic table.
+
+Format: the policy schema 0.2.0 of ROS 2 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per
+enclave, so every node has its own enclave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from xml.etree import ElementTree
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.topics import (
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
+    GUARD_TOPICS,
+    MOCK_TOPICS,
+    REQUEST,
+    Direction,
+    Endpoint,
+    endpoints,
+    resolve,
+)
+from wbc_controller.nodes.contact_sensors import KEYS as CONTACT_SENSORS
+from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
+from wbc_controller.nodes.ros2.answers import RECORD, SERVICES
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.settings import NODE_NAME as CONTROLLER
+from wbc_controller.settings import Settings
+
+#: Names of other nodes. The operator sends the commands: the ``ros2`` command line, or your planner.
+MOCK, OPERATOR = "mock_robot", "operator"
+#: Publishers that rclpy opens in every node of Jazzy.
+NODE_PUBLISHES = ("/rosout", "/parameter_events")
+NODE_SERVES = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "get_type_description",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+)
+#: Subscription of a node with ``use_sim_time``.
+CLOCK = "/clock"
+#: Publisher of a lifecycle node, in addition.
+LIFECYCLE_PUBLISHES = "~/transition_event"
+LIFECYCLE_SERVES = (
+    "change_state",
+    "get_available_states",
+    "get_available_transitions",
+    "get_state",
+    "get_transition_graph",
+)
+
+
+def security_policy(
+    settings: Settings,
+    model: RobotModel,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> str:
+    """Write the policy of all nodes of one robot.
+
+    Args:
+        settings: the robot's settings.
+        model: the robot's model.
+        namespace: namespace of the nodes.
+        remappings: topic remappings, from name to name.
+
+    Returns:
+        XML.
+    """
+    nodes = {
+        CONTROLLER: controller_endpoints(settings, model, namespace=namespace, remappings=remappings),
+        MOCK: endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts, namespace=namespace, remappings=remappings),
+        GUARD: endpoints(GUARD_TOPICS, GUARD, namespace=namespace, remappings=remappings),
+    }
+    if model.floating_base:
+        nodes[ESTIMATOR_NODE] = endpoints(
+            ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        )
+    opened = {
+        node: [endpoint for endpoint in table if _is_used(endpoint, node, settings, model)]
+        for node, table in nodes.items()
+    }
+    policy = ElementTree.Element("policy", version="0.2.0")
+    enclaves = ElementTree.SubElement(policy, "enclaves")
+    measured = [end.name for used in opened.values() for end in used if end.key in (*CONTACT_SENSORS, "pose")]
+    commanded: list[str] = []
+    for node, used in opened.items():
+        serves = [f"~/{name}" for name in NODE_SERVES]
+        publishes = [endpoint.name for endpoint in used if endpoint.direction is Direction.OUT]
+        publishes += NODE_PUBLISHES
+        if node == MOCK:  # whose enclave is that of the robot's drivers
+            publishes += measured
+        subscribes = [endpoint.name for endpoint in used if endpoint.direction is Direction.IN]
+        if node == CONTROLLER:
+            serves += [f"~/{name}" for name in (*LIFECYCLE_SERVES, *SERVICES, RECORD)]
+            publishes.append(resolve(LIFECYCLE_PUBLISHES, node, namespace))
+        served = [resolve(name, node, namespace) for name in serves]
+        commanded += served
+        _enclave(enclaves, node, namespace, publishes, [*subscribes, CLOCK], {"reply": served})
+    everything = [endpoint for used in opened.values() for endpoint in used]
+    asks = [end.name for end in everything if end.direction is Direction.IN and end.qos == REQUEST]
+    hears = [end.name for end in everything if end.direction is Direction.OUT]
+    own = [resolve(f"~/{name}", OPERATOR, namespace) for name in NODE_SERVES]
+    services = {"request": commanded, "reply": own}
+    _enclave(enclaves, OPERATOR, namespace, [*asks, *NODE_PUBLISHES], [*hears, "/rosout", CLOCK], services)
+    ElementTree.indent(policy)
+    return ElementTree.tostring(policy, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotModel) -> bool:
+    """Whether a node opens a topic of its table with these settings."""
+    if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
+        return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
+    if endpoint.key in CONTACT_SENSORS and node == CONTROLLER:
+        return model.floating_base and settings.estimation.base_state == "imu"
+    if endpoint.key == "pose":
+        if endpoint.direction is Direction.OUT:
+            return settings.mock.pose_rate > 0.0 and model.floating_base
+        estimated = node == ESTIMATOR_NODE or settings.estimation.base_state == "imu"
+        return settings.estimation.absolute_pose and estimated and model.floating_base
+    if endpoint.key in ("odom", "tf"):
+        return model.floating_base
+    if endpoint.key == "robot_description" and endpoint.direction is Direction.IN:
+        return not settings.robot.urdf
+    if endpoint.key == "markers":
+        return settings.control.markers_rate > 0.0
+    return True
+
+
+def _enclave(
+    enclaves: ElementTree.Element,
+    node: str,
+    namespace: str,
+    publishes: Iterable[str],
+    subscribes: Iterable[str],
+    services: Mapping[str, Iterable[str]],
+) -> None:
+    enclave = ElementTree.SubElement(enclaves, "enclave", path=resolve(node, "", namespace))
+    profiles = ElementTree.SubElement(enclave, "profiles")
+    profile = ElementTree.SubElement(profiles, "profile", ns=namespace, node=node)
+    for qualifier, names in (("publish", publishes), ("subscribe", subscribes)):
+        topics = ElementTree.SubElement(profile, "topics", {qualifier: "ALLOW"})
+        for name in sorted(set(names)):
+            ElementTree.SubElement(topics, "topic").text = name
+    for qualifier, names in services.items():
+        group = ElementTree.SubElement(profile, "services", {qualifier: "ALLOW"})
+        for name in sorted(set(names)):
+            ElementTree.SubElement(group, "service").text = name

@@ -1,0 +1,69 @@
+"""The endpoints of the controller, and the names that messages may use, for one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from wbc_controller import settings as schema
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.decoding import Vocabulary
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
+from wbc_controller.settings import NODE_NAME, Settings
+
+
+def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
+    """Collect the names that messages are checked against."""
+    kinds = {name: task.type for name, task in settings.tasks.items()}
+    joints = {
+        name: tuple(task.joints) or model.driven_joints
+        for name, task in settings.tasks.items()
+        if isinstance(task, schema.PostureTask | schema.TorqueTask)
+    }
+    reference_frames = {
+        name: task.reference_frame for name, task in settings.tasks.items() if isinstance(task, schema.RelativePoseTask)
+    }
+    for name, task in settings.tasks.items():
+        if isinstance(task, schema.ContactWrenchTask):
+            contact = settings.contacts[task.contact]
+            whole = isinstance(contact, schema.SurfaceContact | schema.FixedContact)
+            frame = contact.frame if whole else contact.against  # None (world axes) for a point or wheel on the world
+            if frame is not None:
+                reference_frames[name] = frame
+    robot_frames = frozenset(frame.name for frame in model.pinocchio.frames)
+    return Vocabulary(
+        kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), robot_frames, reference_frames
+    )
+
+
+def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
+    """Frames that accept external wrenches: the base, and every frame named by a task or contact."""
+    return tuple(dict.fromkeys([model.base_link, *named_frames(settings)]))
+
+
+def named_frames(settings: Settings) -> tuple[str, ...]:
+    """Every frame named by a task or contact."""
+    named = [task.frame for task in settings.tasks.values() if hasattr(task, "frame")]
+    named += [contact.frame for contact in settings.contacts.values()]
+    return tuple(dict.fromkeys(named))
+
+
+def controller_endpoints(
+    settings: Settings,
+    model: RobotModel,
+    *,
+    node: str = NODE_NAME,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+) -> list[Endpoint]:
+    """Expand the controller's topic table for one robot."""
+    return list(
+        endpoints(
+            CONTROLLER_TOPICS,
+            node,
+            task_kinds={name: task.type for name, task in settings.tasks.items()},
+            contacts=settings.contacts,
+            frames=wrench_frames(settings, model),
+            namespace=namespace,
+            remappings=remappings,
+        )
+    )

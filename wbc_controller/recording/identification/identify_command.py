@@ -1,0 +1,81 @@
+"""What `wbc identify` reads and prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.visualization.tables import Table, as_text
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.recording.columns import columns
+from wbc_controller.recording.identification.equations import equations, moments
+from wbc_controller.recording.identification.fit import UNSURE, Fit, fit
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+
+
+def identify(settings: Settings, path: Path) -> tuple[Fit, RobotModel]:
+    """Fit masses, armature and frictions to a recording of the controller.
+
+    Raises:
+        ConfigurationError: where the file cannot be read, or is not a recording of this robot.
+    """
+    recorded = columns(Recorded(path))
+    try:
+        return fitted(settings, recorded)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"recording {path}: {error}") from error
+
+
+def fitted(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, RobotModel]:
+    """Fit to the columns of a recording.
+
+    Raises:
+        ConfigurationError: where they are not those of this robot, or have no moments that can be used.
+    """
+    model = make_model(settings)
+    contacts = make_qp(settings, model).contacts
+    return fit(equations(moments(recorded, model, contacts), model, contacts)), model
+
+
+def report(found: Fit, model: RobotModel) -> str:
+    """Write tables of masses, armature and frictions with their standard errors, and the settings that follow."""
+    masses, others = [], []
+    known: dict[str, dict[str, float]] = {}
+    shares = dict(zip(found.names, found.values, strict=True))
+    for i, name in enumerate(found.names):
+        kind, _, which = name.partition(" ")
+        value, error = float(found.values[i]), float(found.errors[i])
+        sure = "" if found.determined(i) else "not seen"
+        if kind == "mass":
+            masses.append((which, f"{100.0 * value:.1f} %", f"{100.0 * error:.1f} %", sure))
+        elif kind == "armature":
+            others.append(("armature", f"{value:.4f} kg·m²", f"{error:.4f}", sure))
+        else:
+            unit = "N·m" if kind == "dry" else "N·m·s/rad"
+            others.append((f"{which} {kind}", f"{value:.3f} {unit}", f"{error:.3f}", sure))
+            if not sure and value > 2.0 * error:
+                known.setdefault(which, {})[kind] = round(value, 3)
+    nominal = [inertia.mass for inertia in model.pinocchio.inertias]
+    total = sum(
+        mass * shares[f"mass {name}"]
+        for name, mass in zip((each[0] for each in masses), (m for m in nominal[1:] if m > 0.0), strict=True)
+    )
+    heading = (
+        f"{found.count} equations, which miss {found.residual:.3g} N·m (RMS); masses are {total:.2f} kg together, "
+        f"{model.mass:.2f} kg in the URDF. 'not seen': the standard error is above {100.0 * UNSURE:g} % of it"
+    )
+    tables = (
+        Table(("mass of link and what is fixed to it, of that in the URDF", "found", "± (1 σ)", ""), tuple(masses)),
+        Table(("joint", "found", "± (1 σ)", ""), tuple(others)),
+    )
+    text = as_text(heading, tables)
+    if known:
+        text += "\n" + yaml.safe_dump({"robot": {"friction": known}}, sort_keys=False)
+    return text

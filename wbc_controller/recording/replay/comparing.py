@@ -1,0 +1,162 @@
+"""A recording under another configuration: what each cycle would have asked for in the states that were."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.controller.visualization.plots import plot_series
+from wbc_controller.controller.visualization.tables import Table, as_text
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.recording.layout import MODES
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.replay.solving import Replay, Solved
+from wbc_controller.records import Array
+from wbc_controller.settings.config import Config
+
+#: Actuators in the table and in the plot: those whose torques differ most.
+_MOST = 8
+
+
+@dataclass
+class Comparison:
+    """Both answers to each cycle.
+
+    Attributes:
+        actuators: names, in the order of the torques.
+        limits: effort limits, (na,) in N·m.
+        time: of the cycles, s since the first.
+        recorded: torques that were sent, (na,) per cycle.
+        other: torques of the other configuration.
+        errors: norms of the task errors of both, by task, per cycle: in the same states they differ where the
+            references do.
+        binding: names of the constraints that bound in the other configuration, and how often.
+        modes: cycles in which the modes differ.
+    """
+
+    actuators: tuple[str, ...]
+    limits: Array
+    time: list[float] = field(default_factory=list)
+    recorded: list[Array] = field(default_factory=list)
+    other: list[Array] = field(default_factory=list)
+    errors: list[tuple[Mapping[str, float], Mapping[str, float]]] = field(default_factory=list)
+    binding: tuple[dict[str, int], dict[str, int]] = field(default_factory=lambda: ({}, {}))
+    modes: int = 0
+
+    def add(self, time: float, solved: Solved, other: CycleResult) -> None:
+        """Add a cycle."""
+        self.time.append(time)
+        self.recorded.append(solved.result.tau)
+        self.other.append(other.tau)
+        self.errors.append((dict(solved.result.task_errors), dict(other.task_errors)))
+        self.modes += other.mode is not MODES[int(solved.cycle.number_of("mode"))]
+        for counts, result in zip(self.binding, (solved.result, other), strict=True):
+            for name in result.binding:
+                counts[name] = counts.get(name, 0) + 1
+
+    @property
+    def _difference(self) -> Array:
+        return np.array(self.other) - np.array(self.recorded)
+
+    def _worst(self) -> list[int]:
+        largest = np.max(np.abs(self._difference), axis=0)
+        order: list[int] = np.argsort(-largest)[:_MOST].tolist()
+        return order
+
+    def __str__(self) -> str:
+        difference, recorded, other = self._difference, np.array(self.recorded), np.array(self.other)
+        torques = [
+            (
+                self.actuators[i], f"{_rms(recorded[:, i]):.2f}", f"{_rms(other[:, i]):.2f}",
+                f"{_rms(difference[:, i]):.3f}", f"{np.max(np.abs(difference[:, i])):.3f}",
+                f"{100.0 * np.max(np.abs(other[:, i])) / self.limits[i]:.0f} %",
+            )
+            for i in self._worst()
+        ]  # fmt: skip
+        names = dict.fromkeys(name for pair in self.errors for each in pair for name in each)
+        tasks = [
+            (name, *(f"{_mean(pair[side].get(name) for pair in self.errors):.4g}" for side in (0, 1))) for name in names
+        ]
+        bound = [
+            (name, str(self.binding[0].get(name, 0)), str(self.binding[1].get(name, 0)))
+            for name in sorted({*self.binding[0], *self.binding[1]})
+        ]
+        heading = (
+            f"{len(self.time)} cycles, each answered in the state that was recorded; the mode differs in {self.modes}, "
+            f"and the torques by up to {np.max(np.abs(difference)):.3g} N·m"
+        )
+        return as_text(
+            heading,
+            [
+                Table(("torques, N·m", "RMS", "other RMS", "RMS of diff.", "largest diff.", "other, of limit"),
+                      tuple(torques)),
+                Table(("task", "mean error", "other"), tuple(tasks)),
+                Table(("binding constraint", "cycles", "other"), tuple(bound)),
+            ],
+        )  # fmt: skip
+
+    def figure(self, title: str) -> Any:
+        """Draw both over time, as a plotly Figure."""
+        recorded, other = np.array(self.recorded), np.array(self.other)
+        worst = self._worst()
+        panels = {
+            "difference of the torques, N·m": {self.actuators[i]: self._difference[:, i] for i in worst},
+            "recorded torques, N·m": {self.actuators[i]: recorded[:, i] for i in worst},
+            "torques of the other configuration, N·m": {self.actuators[i]: other[:, i] for i in worst},
+            "largest torque, % of its limit": {
+                "recorded": 100.0 * np.max(np.abs(recorded) / self.limits, axis=1),
+                "other": 100.0 * np.max(np.abs(other) / self.limits, axis=1),
+            },
+        }
+        return plot_series(np.array(self.time), panels, {}, title)
+
+    def plot(self, path: Path, title: str) -> None:
+        """Write the figure as one HTML file that needs no network.
+
+        Raises:
+            ConfigurationError: where the file cannot be written.
+        """
+        try:
+            self.figure(title).write_html(path, include_plotlyjs=True)
+        except OSError as error:
+            raise ConfigurationError(f"the plots {path}: cannot be written: {error.strerror or error}") from error
+
+
+def compare(recorded: Recorded, config: Config) -> Comparison:
+    """Solve a recording with its own and with another configuration.
+
+    Args:
+        recorded: the recording.
+        config: the other configuration, of the same joints.
+
+    Raises:
+        ConfigurationError: where the joints are others, or there is no cycle that can be solved.
+    """
+    own, other = Replay(recorded), Replay(recorded, config)
+    mine, its = own.controller.model, other.controller.model
+    if (mine.joints, mine.actuators, mine.nq) != (its.joints, its.actuators, its.nq):
+        raise ConfigurationError(
+            f"{config.source}: its joints are not those of the recording, {', '.join(mine.joints)}: their states mean "
+            "nothing to it"
+        )
+    made = Comparison(mine.actuators, mine.effort_limits)
+    for a, b in zip(own.run(), other.run(), strict=True):
+        if a.result.command is not None or b.result.command is not None:
+            made.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
+    if not made.time:
+        raise ConfigurationError(f"recording {recorded.path}: no cycle of it can be compared: none sent a command")
+    return made
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _mean(values: Any) -> float:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else float("nan")

@@ -1,0 +1,119 @@
+"""The commands that look at recordings: `wbc replay` and `wbc report`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from wbc_controller.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from wbc_controller.recording.reading import Recorded
+
+#: Exit status where a cycle did not come out as it was recorded.
+DIFFERENT = 1
+
+_FILE = click.argument("file", metavar="FILE", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+
+
+@click.command()
+@_FILE
+@click.option("--cycle", "number", type=click.IntRange(0), help="Solve this cycle, and say why it did what it did.")
+@click.option("--config", "other", metavar="OTHER", help="Compare with this configuration: a robot's name or a file.")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False),
+              help="With --config: write the comparison over time to this .html file.")  # fmt: skip
+@click.option("--only-tell", is_flag=True, help="Say what the recording holds, and solve nothing.")
+def replay(file: Path, number: int | None, other: str | None, plot: Path | None, only_tell: bool) -> None:
+    """Say what happened in a recording, name its faults, and solve its cycles again: docs/recording.md.
+
+    The status is 1 where a cycle that has to come out bit for bit does not.
+    """
+    from wbc_controller.recording.reading import Recorded
+    from wbc_controller.recording.replay.telling import told
+
+    if plot is not None and other is None:
+        raise ConfigurationError("--plot draws a comparison: it needs --config")
+    recorded = Recorded(file)
+    if other is not None:
+        _compare(recorded, other, plot)
+    elif number is not None:
+        _explain(recorded, number)
+    else:
+        click.echo(told(recorded))
+        if not only_tell:
+            sys.exit(_solve(recorded))
+
+
+@click.command()
+@_FILE
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
+              help="The .html file; by default FILE with this ending.")  # fmt: skip
+def report(file: Path, out: Path | None) -> None:
+    """Make the demo's report of any recording, a real robot's too: what only a simulation knows is left out."""
+    from wbc_controller.recording.reading import Recorded
+    from wbc_controller.recording.replay import reporting
+
+    path = file.with_suffix(".html") if out is None else out
+    reporting.report(Recorded(file), path)
+    click.echo(reporting.LEFT_OUT)
+    click.echo(f"report: {path}")
+
+
+def _solve(recorded: Recorded) -> int:
+    """Solve all cycles, and say whether they come out as they were recorded."""
+    from wbc_controller.recording.replay.solving import Replay
+    from wbc_controller.recording.replay.telling import since
+
+    run = Replay(recorded)
+    count, different, worst, exact = 0, 0, 0.0, True
+    first = ""
+    for solved in run.run():
+        count += 1
+        if not solved.same:
+            different += 1
+            worst, exact = max(worst, solved.difference), exact and not solved.exact
+            first = first or f"the first is cycle {solved.cycle.number} at {since(recorded, solved.cycle.time)}"
+    click.echo()
+    if run.skipped:
+        click.echo(f"{run.skipped} cycles cannot be solved again: what the controller was asked or remembered is lost")
+    if not different:
+        click.echo(f"{count} cycles solved again: all torques are the same, bit for bit")
+        return 0 if count else DIFFERENT
+    why = "" if not exact else " (the solver keeps its warm start to itself: only whole recordings come out the same)"
+    click.echo(f"{count} cycles solved again: {different} differ, by up to {worst:.3g} N·m; {first}{why}")
+    return 0 if exact else DIFFERENT
+
+
+def _explain(recorded: Recorded, number: int) -> None:
+    from wbc_controller.recording.replay.solving import Replay
+    from wbc_controller.recording.replay.telling import why
+
+    if not recorded.first <= number <= recorded.last:
+        raise ConfigurationError(f"--cycle {number}: the recording has the cycles {recorded.first} to {recorded.last}")
+    run = Replay(recorded)
+    for solved in run.run(number, number):
+        if solved.cycle.number == number:
+            click.echo(why(solved, recorded, run.controller))
+            return
+    known = recorded.memory_after(number)
+    raise ConfigurationError(
+        f"--cycle {number}: it lacks in the recording, or cannot be solved, as what the controller remembered before "
+        f"is not known; from cycle {known} on it is"
+        if known is not None
+        else f"--cycle {number}: what the controller remembered before is not known"
+    )
+
+
+def _compare(recorded: Recorded, other: str, plot: Path | None) -> None:
+    from wbc_controller.recording.replay.comparing import compare
+    from wbc_controller.settings.config import load
+
+    config = load(other)
+    comparison = compare(recorded, config)
+    click.echo(str(comparison))
+    if plot is not None:
+        comparison.plot(plot, f"{recorded.path.name}: as recorded, and with {other}")
+        click.echo(f"plots: {plot}")

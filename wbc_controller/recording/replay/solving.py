@@ -1,0 +1,171 @@
+"""Solves the cycles of a recording again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.recording.layout import MODES
+from wbc_controller.recording.plain import from_json
+from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.records import RobotState, freeze
+from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """A cycle that was solved again.
+
+    Attributes:
+        cycle: as it was recorded.
+        result: as it came out.
+        exact: whether the controller began at a memory that holds all, so that the bits have to be the same.
+    """
+
+    cycle: Cycle
+    result: CycleResult
+    exact: bool
+
+    @property
+    def same(self) -> bool:
+        """Whether mode, torques and accelerations are those of the recording, bit for bit."""
+        values, result = self.cycle.values, self.result
+        if MODES.index(result.mode) != int(self.cycle.number_of("mode")):
+            return False
+        if (result.command is not None) != bool(self.cycle.number_of("has_command")):
+            return False
+        if result.command is not None and result.command.tau.tobytes() != values["tau"].tobytes():
+            return False
+        if (result.solution is not None) != bool(self.cycle.number_of("has_solution")):
+            return False
+        return result.solution is None or result.solution.v_dot.tobytes() == values["v_dot"].tobytes()
+
+    @property
+    def difference(self) -> float:
+        """Largest difference of a torque from the recorded one, N·m; infinite where only one of them was sent."""
+        recorded = bool(self.cycle.number_of("has_command"))
+        if self.result.command is None or not recorded:
+            return np.inf if recorded or self.result.command is not None else 0.0
+        return float(np.max(np.abs(self.result.command.tau - self.cycle.values["tau"])))
+
+
+class Replay:
+    """Runs a controller on the inputs of a recording.
+
+    Attributes:
+        controller: of the last cycle.
+        skipped: number of cycles that could not be solved again, as what the controller remembered before is not known.
+    """
+
+    def __init__(self, recorded: Recorded, config: Config | None = None) -> None:
+        """Make the controller.
+
+        Args:
+            recorded: the recording.
+            config: another configuration, of the same joints; None for that of the recording.
+
+        Raises:
+            ConfigurationError: where this version does not take the configuration.
+        """
+        self.recorded = recorded
+        self.skipped = 0
+        self._other = config is not None
+        self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
+
+    def run(self, first: int | None = None, last: int | None = None) -> Iterator[Solved]:
+        """Solve cycles again, from the last known memory before the first one on.
+
+        Args:
+            first: number of the first cycle; None for that of the recording.
+            last: number of the last cycle; None for that of the recording.
+        """
+        recorded = self.recorded
+        begin = recorded.memory_before(recorded.first if first is None else first)
+        if begin is None:
+            begin = recorded.memory_after(recorded.first)
+        expected: int | None = None
+        state: RobotState | None = None
+        exact = True
+        self.skipped = 0
+        for cycle in recorded.cycles():
+            if last is not None and cycle.number > last:
+                return
+            if begin is None or cycle.number < begin:
+                self.skipped += first is None or cycle.number >= first
+                continue
+            event = recorded.events.get(cycle.number)
+            apart = event is not None and event.get("apart", False)
+            if event is None and cycle.number_of("has_event"):  # it was lost, as where the controller was killed
+                self.skipped += 1
+                begin, expected = recorded.memory_after(cycle.number + 1), None
+                continue
+            if cycle.number != expected or apart:  # the first, one behind a gap, or behind what is not known
+                if cycle.number not in recorded.memories:
+                    self.skipped += 1
+                    begin = recorded.memory_after(cycle.number)
+                    expected = None
+                    continue
+                exact = self._recall(cycle.number)
+            expected = cycle.number + 1
+            if not (cycle.number_of("same_state") and state is not None):
+                state = _state(cycle)
+            yield Solved(cycle, self._cycle(cycle, state), exact)
+
+    def _recall(self, number: int) -> bool:
+        """Give the controller what it remembered before a cycle; says whether that is all."""
+        content = from_json(self.recorded.memories[number])
+        memory = content["memory"]
+        if self._other:
+            memory = _for_other(self.controller, memory)
+            settings: Settings = self.controller.config.settings
+        else:
+            settings = self.recorded.configured(content["settings"]).settings
+        self.controller.recall(memory, settings)
+        return memory["qp"] is not None or number == 0
+
+    def _cycle(self, cycle: Cycle, state: RobotState | None) -> CycleResult:
+        event = self.recorded.events.get(cycle.number, {})
+        if "settings" in event and not self._other:
+            self.controller.live.adopt(self.recorded.configured(event["settings"]).settings)
+        velocity = cycle.values["joint_velocity"] if cycle.number_of("has_joint_velocity") else None
+        return self.controller.cycle(
+            cycle.number_of("now"),
+            state,
+            velocity,
+            problem=event.get("problem"),
+            requests=event.get("requests", ()),
+            changes=[tuple(each) for each in event.get("changes", ())],
+        )
+
+
+def _state(cycle: Cycle) -> RobotState | None:
+    if not cycle.number_of("has_state"):
+        return None
+    stamp = int(cycle.number_of("stamp_seconds")) * 1_000_000_000 + int(cycle.number_of("stamp_nanoseconds"))
+    return RobotState(stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
+
+
+def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
+    """A memory for a controller of another configuration: what both have, with the weights and gains of the latter."""
+    fresh, plans = controller.memory(), controller.live.newest.board.tasks
+    board = {}
+    for name, own in fresh["board"].items():
+        taken = memory["board"][name]  # type: ignore[index]
+        if name in ("_weights", "_tuning"):
+            taken = own
+        elif name == "_trajectories":  # a controller that has not begun has none; new tasks get theirs when switched on
+            taken = {task: taken[task] for task in plans if task in taken}
+        elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_enabled"):
+            taken = {key: taken.get(key, value) for key, value in own.items()}
+        board[name] = taken
+    ramps = board["_weight_ramps"]
+    for name, plan in plans.items():
+        ramp = ramps[name]
+        if ramp.after > 0.0 and plan.weight > 0.0:
+            ramps[name] = type(ramp)(ramp.start, ramp.duration, ramp.before, plan.weight)
+    return {"qp": None, "board": board, "supervisor": memory["supervisor"], "beside": fresh["beside"]}

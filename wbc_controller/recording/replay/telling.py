@@ -1,0 +1,155 @@
+"""What happened in a recording, and why a cycle did what it did, as a person reads it."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.controller.visualization.tables import Table, as_text
+from wbc_controller.inverse_dynamics.references.changes import (
+    EnableContact,
+    EnableTask,
+    SetExternalWrench,
+    SetSetpoint,
+    SetTrajectory,
+    SetWeight,
+)
+from wbc_controller.recording.layout import AGES, MODES
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recorder import software
+from wbc_controller.recording.replay.solving import Solved
+from wbc_controller.records import ChangeSettings
+
+#: Lines of what happened that are shown, of the beginning and of the end.
+_SHOWN = 25
+
+
+def told(recorded: Recorded) -> str:
+    """What a recording holds: when, how long, by which software, each fault with its sentence, and all requests."""
+    lasted = 1e-9 * (recorded.end - recorded.start)
+    lines = [
+        f"{recorded.path}: {recorded.about['robot']}, {recorded.count} cycles in {lasted:.3f} s "
+        f"(cycles {recorded.first} to {recorded.last}), from {clock_time(recorded.start)}"
+    ]
+    missing = recorded.last - recorded.first + 1 - recorded.count
+    if missing:
+        lines.append(f"{missing} cycles lack: the recorder did not keep up, or the disk took nothing")
+    if recorded.torn:
+        lines.append(f"the file breaks off: {recorded.torn}")
+    lines += differences_of_software(recorded)
+    for each in recorded.faults:
+        lines.append(
+            f"fault {each.fault.code} in cycle {each.cycle}, at {since(recorded, each.time)} "
+            f"({clock_time(each.time)}): {each.fault.sentence}"
+        )
+    if not recorded.faults:
+        lines.append("no fault")
+    happened = _happened(recorded)
+    if len(happened) > 2 * _SHOWN:
+        happened[_SHOWN:-_SHOWN] = [f"{'…':>12}  {len(happened) - 2 * _SHOWN} more"]
+    return "\n".join([*lines, "", *happened])
+
+
+def differences_of_software(recorded: Recorded) -> list[str]:
+    """A sentence for each package of which another version runs here: the torques may differ in their last bits."""
+    here = software()
+    return [
+        f"recorded with {name} {version}, solved with {here.get(name, 'none')}: the last bits of the torques may differ"
+        for name, version in recorded.about["software"].items()
+        if here.get(name) != version
+    ]
+
+
+def why(solved: Solved, recorded: Recorded, controller: ControlCycle) -> str:
+    """Why a cycle did what it did: what came in, what was wanted, what was binding, and what the supervisor did."""
+    cycle, result = solved.cycle, solved.result
+    event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
+    heading = f"cycle {cycle.number} at {since(recorded, cycle.time)}: {result!r}"
+    ages = [(name, cycle.number_of(f"age/{name}")) for name in AGES]
+    share = cycle.number_of("seconds/total")
+    supervisor = controller.supervisor
+    memory = controller.memory()["supervisor"]
+    facts = [
+        ("mode in the recording", MODES[int(cycle.number_of("mode"))].value),
+        ("solved again", "bit for bit" if solved.same else f"differs by up to {solved.difference:.3g} N·m"),
+        ("in its mode since", f"{cycle.number_of('now') - memory['_since']:.3f} s"),
+        ("share of the solution's torques", f"{memory['_share'].sample(cycle.number_of('now')):.3f}"),
+        ("largest torque rate", f"{supervisor.limits.torque_rate:g} effort limits per second"),
+        ("time without a solution", _budget(memory["_held_time"], supervisor.limits.hold_time)),
+        ("time with relaxed constraints", _budget(memory["_relaxed_time"], supervisor.limits.relax_time)),
+        ("time of the cycle", f"{1e3 * share:.3f} ms" if np.isfinite(share) else "not known"),
+    ]
+    if result.command is not None and result.solution is not None:
+        cut = float(np.max(np.abs(result.command.tau - result.solution.tau)))
+        facts.append(("largest change of a torque by the supervisor", f"{cut:.3g} N·m"))
+    tables = [
+        Table(("supervisor", ""), tuple(facts)),
+        Table(("residual of the program", ""), tuple((n, f"{v:.2e}") for n, v in result.residuals.items())),
+        Table(("age of an input", ""), tuple((n, f"{1e3 * age:.2f} ms") for n, age in ages if not np.isnan(age))),
+        Table(("in this cycle", ""), tuple((kind, text) for kind, text in _words(event))),
+    ]
+    return as_text(heading, tables)
+
+
+def _budget(memory: Mapping[str, Any], limit: float) -> str:
+    return f"{memory['_total']:.3f} s (limit {limit:g} s)"
+
+
+def since(recorded: Recorded, time: int) -> str:
+    """A time in ns, counted from the start of the recording."""
+    return f"{1e-9 * (time - recorded.start):.3f} s"
+
+
+def clock_time(time: int) -> str:
+    """A time in ns as date and time, where it is one: a simulator's time is not."""
+    if time < 10**17:  # before 1973
+        return f"{1e-9 * time:.3f} s of simulated time"
+    return datetime.datetime.fromtimestamp(1e-9 * time).astimezone().strftime("%Y-%m-%d %H:%M:%S.%f %Z")
+
+
+def _happened(recorded: Recorded) -> list[str]:
+    """A line for each cycle with a request, a refusal, a fault, or another mode."""
+    lines, mode = [], ""
+    for number, event in sorted(recorded.events.items()):
+        words = [f"{kind} {text}" for kind, text in _words(event) if kind != "problem"]
+        if event["mode"] != mode or words:
+            at = since(recorded, event["time"])
+            lines.append(f"{at:>12}  cycle {number:<8} {event['mode']:<9} {'; '.join(words)}".rstrip())
+            mode = event["mode"]
+    return lines
+
+
+def _words(event: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What an event holds, by kind."""
+    words = [("command", str(word)) for word in event.get("requests", ())]
+    words += [("change", change_in_words(change)) for each in event.get("changes", ()) for change in each]
+    words += [("refused", str(sentence)) for sentence in event.get("refused", ())]
+    words += [("left out", f"{count} messages on {topic}") for topic, count in event.get("left out", {}).items()]
+    if "settings" in event:
+        words.append(("settings", "changed"))
+    for kind in ("problem", "fault"):
+        if event.get(kind) is not None:
+            words.append((kind, f"{event[kind].code}: {event[kind].sentence}"))
+    return words
+
+
+def change_in_words(change: object) -> str:
+    """A change in a few words."""
+    if isinstance(change, SetSetpoint):
+        where = f" in {change.frame}" if change.frame else ""
+        return f"setpoint of {change.task}: {np.array2string(change.position, precision=3, threshold=8)}{where}"
+    if isinstance(change, SetTrajectory):
+        return f"trajectory of {change.task}: {len(change.points)} points"
+    if isinstance(change, SetWeight):
+        return f"weight of {change.task}: {change.weight:g}"
+    if isinstance(change, EnableTask):
+        return f"task {change.task} {'on' if change.enabled else 'off'}"
+    if isinstance(change, EnableContact):
+        return f"contact {change.contact} {'on' if change.enabled else 'off'}"
+    if isinstance(change, SetExternalWrench):
+        return f"external wrench at {change.frame}: {np.array2string(change.wrench, precision=3)}"
+    return f"settings: {dict(change.settings)}" if isinstance(change, ChangeSettings) else str(change)

@@ -1,0 +1,71 @@
+"""States by the names of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks.form import finite, unit_quaternion
+from wbc_controller.records import Array
+
+
+def state_from_joints(
+    model: RobotModel,
+    positions: Mapping[str, float],
+    velocities: Mapping[str, float] | None = None,
+    *,
+    base_position: npt.ArrayLike = (0.0, 0.0, 0.0),
+    base_quaternion: npt.ArrayLike = (0.0, 0.0, 0.0, 1.0),
+    base_linear_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
+    base_angular_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
+) -> tuple[Array, Array]:
+    """Assemble Pinocchio's q and v from joints by name and, for a floating base, its pose and twist.
+
+    Args:
+        model: the robot's model.
+        positions: of every joint in ``robot.joints``, rad (m for sliding joints); others are ignored.
+        velocities: of the same joints, rad/s (m/s); zero where none are given.
+        base_position: of the base link's origin in the world, (3,) in m.
+        base_quaternion: orientation of the base link in the world, (x, y, z, w).
+        base_linear_velocity: of the base link's origin, in the axes of the base link, (3,) in m/s: the twist of a
+            nav_msgs/Odometry after REP 105, and Pinocchio's.
+        base_angular_velocity: in the same axes, (3,) in rad/s.
+
+    Returns:
+        q (nq,) and v (nv,).
+
+    Raises:
+        InputRefused: where a joint is missing, or a value is not finite.
+    """
+    rates = dict.fromkeys(model.joints, 0.0) if velocities is None else velocities
+    pose = np.concatenate([_three(base_position, "base_position"), np.zeros(4)])
+    pose[3:] = unit_quaternion(finite(base_quaternion, "base_quaternion"), "base_quaternion ")
+    twist = np.concatenate(
+        [
+            _three(base_linear_velocity, "base_linear_velocity"),
+            _three(base_angular_velocity, "base_angular_velocity"),
+        ]
+    )
+    joints = (_by_name(model, positions, "positions"), _by_name(model, rates, "velocities"))
+    return model.state(*joints, pose, twist) if model.floating_base else model.state(*joints)
+
+
+def _by_name(model: RobotModel, values: Mapping[str, float], what: str) -> Array:
+    missing = [name for name in model.joints if name not in values]
+    if missing:
+        raise InputRefused(
+            f"{what}: {len(missing)} of {model.nj} joints are missing: {', '.join(missing)}; "
+            f"{valid_choices(missing[0], values)}"
+        )
+    return finite([values[name] for name in model.joints], what)
+
+
+def _three(values: npt.ArrayLike, what: str) -> Array:
+    array = finite(values, what)
+    if array.shape != (3,):
+        raise InputRefused(f"{what} has the shape {array.shape}; it takes (3,)")
+    return array

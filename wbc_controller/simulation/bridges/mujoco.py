@@ -1,0 +1,85 @@
+"""States and torques of a robot in a MuJoCo model of your own. It does not import MuJoCo: you bring model and data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.records import Array
+
+#: MuJoCo's number of a free joint (``mjtJoint.mjJNT_FREE``).
+_FREE = 0
+
+
+class MujocoInterface:
+    """Reads a robot's state from MuJoCo's ``qpos, qvel``, and writes its torques as generalized forces.
+
+    Joints are found by name, wherever they stand, so that the scene may hold other things too. MuJoCo's conventions and
+    Pinocchio's differ for a floating base, and are converted here:
+
+    - quaternions: MuJoCo (w, x, y, z), Pinocchio (x, y, z, w);
+    - the base's linear velocity: MuJoCo in world axes, Pinocchio in those of the base; the angular velocity is in those
+      of the base in both.
+
+    The base body of the MuJoCo model must have the frame of the URDF's root link.
+    """
+
+    def __init__(self, model: RobotModel, mujoco_model: Any) -> None:
+        """Find the robot's joints.
+
+        Args:
+            model: the robot's model, such as ``controller.model``.
+            mujoco_model: an ``mujoco.MjModel`` in which the joints of ``robot.joints`` have their names.
+
+        Raises:
+            ConfigurationError: where a joint is missing, or a floating base has no free joint.
+        """
+        self._model = model
+        names = [mujoco_model.joint(i).name for i in range(mujoco_model.njnt)]
+        for name in model.joints:
+            if name not in names:
+                raise ConfigurationError(f"the MuJoCo model has no joint {name!r}; {valid_choices(name, names)}")
+        numbers = [names.index(name) for name in model.joints]
+        self._qpos = np.array(mujoco_model.jnt_qposadr)[numbers]
+        self._dof = np.array(mujoco_model.jnt_dofadr)[numbers]
+        if model.floating_base:
+            body = int(mujoco_model.jnt_bodyid[numbers[0]])
+            root = int(mujoco_model.body_rootid[body])
+            first = int(mujoco_model.body_jntadr[root])
+            if first < 0 or mujoco_model.jnt_type[first] != _FREE:
+                raise ConfigurationError(
+                    f"the base is floating, and the MuJoCo body {mujoco_model.body(root).name!r} has no free joint; "
+                    "give it one, or set robot.base: fixed"
+                )
+            self._base_qpos = int(mujoco_model.jnt_qposadr[first])
+            self._base_dof = int(mujoco_model.jnt_dofadr[first])
+
+    def state(self, data: Any) -> tuple[Array, Array]:
+        """Read q (nq,) and v (nv,), as Pinocchio has them, from an ``mujoco.MjData``."""
+        model = self._model
+        joints = data.qpos[self._qpos], data.qvel[self._dof]
+        if not model.floating_base:
+            return model.state(*joints)
+        pose = data.qpos[self._base_qpos : self._base_qpos + 7][[0, 1, 2, 4, 5, 6, 3]]
+        twist = np.array(data.qvel[self._base_dof : self._base_dof + 6])
+        rotation = rotation_of(pose[3:])
+        twist[:3] = rotation.T @ twist[:3]
+        return model.state(*joints, pose, twist)
+
+    def place(self, data: Any, q: Array, v: Array | None = None) -> None:
+        """Write a state, q (nq,) and v (nv,; at rest where it is not given), into an ``mujoco.MjData``."""
+        model = self._model
+        v = np.zeros(model.nv) if v is None else v
+        data.qpos[self._qpos], data.qvel[self._dof] = q[model.q_index], v[model.v_index]
+        if model.floating_base:
+            data.qpos[self._base_qpos : self._base_qpos + 7] = q[[0, 1, 2, 6, 3, 4, 5]]
+            rotation = rotation_of(q[3:7])
+            data.qvel[self._base_dof : self._base_dof + 6] = np.concatenate([rotation @ v[:3], v[3:6]])
+
+    def apply(self, data: Any, tau: Array) -> None:
+        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is left alone."""
+        data.qfrc_applied[self._dof] = self._model.actuation.at_joints(tau)

@@ -1,0 +1,144 @@
+"""The table of all kinds of fault: reading them from YAML, drawing them at random, and printing the table."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.settings.files import read_yaml
+from wbc_controller.simulation.faults import actuators, base_sensors, delivery, joint_sensors, stamps, world
+from wbc_controller.simulation.faults.fault import Fault
+
+#: Every kind of fault of the mock robot, by name.
+KINDS: Mapping[str, type[Fault]] = {
+    kind.kind(): kind
+    for room in (joint_sensors, base_sensors, delivery, stamps, actuators, world)
+    for kind in room.KINDS
+}
+#: Ratio of a range's ends above which its logarithm is drawn, since its small values matter as much.
+_WIDE = 15.0
+#: Faults in one text, at most.
+_MOST = 100
+_FORM = "a fault is a mapping such as {kind: joint_noise, sigma: 0.01, start: 0.0, duration: 2.0}"
+_COMMON = ("start", "duration", "seed")
+
+
+def read_faults(text: str, source: str, *, script: bool = False) -> list[Fault]:
+    """Read one fault, or a list of them.
+
+    Args:
+        text: YAML.
+        source: its origin, for messages.
+        script: whether each entry has the key ``at``, the simulated time at which it starts, in place of ``start``.
+
+    Raises:
+        ConfigurationError: with the value that is wrong, and the valid ones.
+    """
+    content = read_yaml(text, source)
+    entries = content if isinstance(content, list) else [content]
+    if len(entries) > _MOST:
+        raise ConfigurationError(f"{source}: {len(entries)} faults; it takes at most {_MOST}")
+    return [_read(entry, source if len(entries) == 1 else f"{source}: fault {i}", script)
+            for i, entry in enumerate(entries, 1)]  # fmt: skip
+
+
+def _read(entry: Any, source: str, script: bool) -> Fault:
+    if not isinstance(entry, dict):
+        raise ConfigurationError(f"{source}: {reprlib.repr(entry)} is no mapping; {_FORM}")
+    parameters = {str(key): value for key, value in entry.items()}
+    name = parameters.pop("kind", None)
+    if not isinstance(name, str) or name not in KINDS:
+        raise ConfigurationError(f"{source}: kind {reprlib.repr(name)} is unknown; {valid_choices(str(name), KINDS)}")
+    if script:
+        if "at" not in parameters or "start" in parameters:
+            raise ConfigurationError(f"{source}: {name}: a script says 'at', the simulated time in s, and no 'start'")
+        parameters["start"] = parameters.pop("at")
+    try:
+        return KINDS[name].model_validate(parameters)
+    except ValidationError as error:
+        problems = [_explain(problem, name) for problem in error.errors()]
+        raise ConfigurationError(f"{source}: {'; '.join(problems)}") from error
+
+
+def _explain(problem: Any, name: str) -> str:
+    """One mistake in words: the key, its value, and what is valid."""
+    key = ".".join(map(str, problem["loc"]))
+    if problem["type"] == "extra_forbidden":
+        return f"{name}: unknown key {key!r}; {valid_choices(key, KINDS[name].model_fields)}"
+    field = KINDS[name].model_fields[key]
+    reason = problem["msg"][0].lower() + problem["msg"][1:]
+    return f"{name}.{key} = {reprlib.repr(problem['input'])}: {reason}; valid: {_range(field)} ({field.description})"
+
+
+def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
+    """Make a fault with random parameters from the ranges of its kind; wide ones are drawn by their logarithm.
+
+    Args:
+        kind: the class.
+        rng: random numbers.
+        given: parameters that are not drawn.
+    """
+    values: dict[str, Any] = {}
+    for key, field in kind.model_fields.items():
+        if key in given or key in _COMMON:
+            continue
+        bounds = _bounds(field)
+        if get_origin(field.annotation) is Literal:
+            values[key] = str(rng.choice(get_args(field.annotation)))
+        elif bounds is not None:
+            low, high = bounds
+            wide = low > 0.0 and high / low > _WIDE
+            value = float(np.exp(rng.uniform(np.log(low), np.log(high))) if wide else rng.uniform(low, high))
+            values[key] = round(value) if field.annotation is int else min(max(value, low), high)
+    return kind.model_validate({**values, **given})
+
+
+def faults_table(kinds: Iterable[type[Fault]]) -> str:
+    """The table of some kinds, as Markdown."""
+    rows = ["| Kind | What happens | Parameters: range (default) |", "|---|---|---|"]
+    for kind in kinds:
+        said = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+        keys = [key for key in kind.model_fields if key not in _COMMON]
+        parameters = "; ".join(_described(key, kind.model_fields[key]) for key in keys) or "none"
+        rows.append(f"| `{kind.kind()}` | {said} | {parameters} |")
+    return "\n".join(rows) + "\n"
+
+
+def _described(key: str, field: FieldInfo) -> str:
+    default = f"{field.default:g}" if isinstance(field.default, float) else repr(field.default).strip("'")
+    shown = f" ({default})" if default else ""
+    return f"`{key}`, {field.description}: {_range(field)}{shown}" if _range(field) else f"`{key}`, {field.description}"
+
+
+def _range(field: FieldInfo) -> str:
+    """The valid values of a parameter in words; empty for a name."""
+    if get_origin(field.annotation) is Literal:
+        return ", ".join(map(str, get_args(field.annotation)))
+    bounds = _bounds(field)
+    extra = field.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else ""
+    return f"{bounds[0]:g} to {bounds[1]:g}{f' {unit}' if unit else ''}" if bounds is not None else ""
+
+
+def _bounds(field: FieldInfo) -> tuple[float, float] | None:
+    """Lowest and highest value of a number."""
+    found: dict[str, float] = {}
+    for metadata in field.metadata:
+        for end, name in (("low", "ge"), ("low", "gt"), ("high", "le"), ("high", "lt")):
+            if hasattr(metadata, name):
+                found[end] = float(getattr(metadata, name))
+    return (found["low"], found["high"]) if len(found) == 2 else None
+
+
+def by_place(kinds: Iterable[type[Fault]]) -> dict[str, list[type[Fault]]]:
+    """Kinds by where they act."""
+    places: dict[str, list[type[Fault]]] = {}
+    for kind in kinds:
+        places.setdefault(kind.place, []).append(kind)
+    return places

@@ -1,0 +1,279 @@
+"""Faults of the world and of the model: the robot, or the ground below it, is not what the controller believes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.records import Array
+from wbc_controller.simulation.faults.fault import Effect, Fault, Site, known, number
+from wbc_controller.simulation.mechanism import FLOOR, position_and_wxyz
+from wbc_controller.simulation.plant import Plant
+
+_PLACE = "world and model"
+#: Duration of a kick, s.
+_KICK = 0.02
+#: How far a foot may be in the floor that comes back below it, m: at rest it is a little.
+_AT_REST = 1.0e-3
+
+
+class Payload(Fault):
+    """A load is fastened to a link."""
+
+    place = _PLACE
+    link: str = Field("", description="name of the URDF link; empty for the base")
+    share: float = number(0.05, 0.005, 0.5, "", "of the robot's mass")
+
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """See that the robot has the link."""
+        known(self.link, _links(robot), "link")
+
+    def begin(self, site: Site) -> Effect:
+        """Add the mass to the body of the link."""
+        body = site.plant.body(self.link or site.robot.base_link)
+        masses = np.zeros(site.plant.model.nbody)
+        masses[body] = self.share * site.robot.mass
+        return _heavier(site.plant, masses)
+
+
+class MassError(Fault):
+    """All links are heavier or lighter than the model says; their inertias too."""
+
+    place = _PLACE
+    share: float = number(0.1, -0.4, 0.4, "", "of each mass that is added")
+
+    def begin(self, site: Site) -> Effect:
+        """Add the masses."""
+        return _heavier(site.plant, self.share * site.plant.model.body_mass)
+
+
+class CenterOfMassError(Fault):
+    """The base's centre of mass is elsewhere than the model says."""
+
+    place = _PLACE
+    offset: float = number(0.02, 0.002, 0.2, "m", "in a random horizontal direction")
+
+    def begin(self, site: Site) -> Effect:
+        """Shift the base's own centre of mass."""
+        model, body = site.plant.model, site.plant.body(site.robot.base_link)
+        before = model.body_ipos[body].copy()
+        model.body_ipos[body] += self.offset * site.direction()
+        model.body_sameframe[body] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE  # MuJoCo's short cut for no offset
+
+        def ended() -> bool:
+            model.body_ipos[body] = before
+            return True
+
+        return Effect(ended=ended)
+
+
+class SlipperyFloor(Fault):
+    """The floor is slippery, below all feet or one."""
+
+    place = _PLACE
+    contact: str = Field("", description="name of the contact on it; empty for all")
+    friction: float = number(0.1, 0.0, 0.5, "", "coefficient of the floor")
+
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """See that the robot has the contact."""
+        known(self.contact, contacts, "contact")
+
+    def begin(self, site: Site) -> Effect:
+        """Change the friction of the floor, which has precedence over that of the feet; or give a foot precedence."""
+        if not _has_floor(site.plant):
+            return Effect()
+        model = site.plant.model
+        geoms = site.plant.touch.geoms[self.contact] if self.contact else [model.geom(FLOOR).id]
+        before = model.geom_friction[geoms, 0].copy(), model.geom_priority[geoms].copy()
+        model.geom_friction[geoms, 0] = self.friction
+        if self.contact:
+            model.geom_priority[geoms] = model.geom_priority.max() + 1
+
+        def ended() -> bool:
+            model.geom_friction[geoms, 0], model.geom_priority[geoms] = before
+            return True
+
+        return Effect(ended=ended)
+
+
+class SoftFloor(Fault):
+    """The floor yields."""
+
+    place = _PLACE
+    time_constant: float = number(0.05, 0.01, 0.2, "s", "with which feet come to rest in it")
+
+    def begin(self, site: Site) -> Effect:
+        """Change the stiffness of the floor, which has precedence over that of the feet."""
+        if not _has_floor(site.plant):
+            return Effect()
+        stiffness = site.plant.model.geom(FLOOR).solref
+        before = float(stiffness[0])
+        stiffness[0] = self.time_constant
+
+        def ended() -> bool:
+            stiffness[0] = before
+            return True
+
+        return Effect(ended=ended)
+
+
+class FloorDrop(Fault):
+    """The floor sinks at once, and stays there: the robot falls onto it."""
+
+    place = _PLACE
+    depth: float = number(0.05, 0.002, 0.5, "m", "by which it sinks")
+
+    def begin(self, site: Site) -> Effect:
+        """Lower the floor."""
+        if _has_floor(site.plant):
+            _movable_floor(site.plant).pos[2] -= self.depth
+        return Effect()
+
+
+class FloorHole(Fault):
+    """There is no floor below one foot; where it has sunk, it is free until it is above the floor again."""
+
+    place = _PLACE
+    contact: str = Field("", description="name of the contact; empty for one at random")
+
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """See that the robot has the contact."""
+        known(self.contact, contacts, "contact")
+
+    def begin(self, site: Site) -> Effect:
+        """Take away what the foot collides with."""
+        names = tuple(site.plant.contacts)
+        if not names or not _has_floor(site.plant):
+            return Effect()
+        model = site.plant.model
+        foot = names[site.one_of(self.contact, names)]
+        geoms = site.plant.touch.geoms[foot]
+        before = model.geom_conaffinity[geoms].copy()
+        model.geom_conaffinity[geoms] = 0
+
+        def ended() -> bool:
+            above = site.plant.touch.height(site.plant.data, geoms) >= -_AT_REST
+            if above:
+                model.geom_conaffinity[geoms] = before
+            return above
+
+        return Effect(ended=ended)
+
+
+class FloorTilt(Fault):
+    """The floor tilts about a horizontal axis below the base, and stays tilted."""
+
+    place = _PLACE
+    angle: float = number(0.05, 0.005, 0.4, "rad", "of the tilt")
+    ramp: float = number(0.5, 0.1, 1.0, "s", "time in which it tilts")
+
+    def begin(self, site: Site) -> Effect:
+        """Turn the floor a little in each period."""
+        if not _has_floor(site.plant):
+            return Effect()
+        plant, began = site.plant, site.plant.time
+        floor = _movable_floor(plant)
+        rotation = rotation_of(floor.quat[[1, 2, 3, 0]])
+        centre = np.array([*plant.state()[0][:2], 0.0])
+        centre[2] = -float(rotation[:2, 2] @ (centre[:2] - floor.pos[:2])) / rotation[2, 2] + floor.pos[2]
+        axis = site.direction()
+
+        def tilt() -> None:
+            share = min(1.0, (plant.time - began) / self.ramp)
+            turned = pin.SE3(pin.exp3(self.angle * share * axis) @ rotation, centre)
+            placed = position_and_wxyz(turned)
+            floor.pos[:], floor.quat[:] = placed[:3], placed[3:]
+
+        return Effect(each_period=tilt)
+
+
+class Push(Fault):
+    """A steady horizontal force on a link, for the whole duration."""
+
+    place = _PLACE
+    link: str = Field("", description="name of the URDF link; empty for the base")
+    share: float = number(0.1, 0.01, 1.0, "", "of the robot's weight, in a random direction")
+
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """See that the robot has the link."""
+        known(self.link, _links(robot), "link")
+
+    def begin(self, site: Site) -> Effect:
+        """Push for the time that is left."""
+        force = self.share * site.robot.mass * site.robot.gravity * site.direction()
+        _push(site, self.link, force, max(site.end - site.plant.time, site.period))
+        return Effect()
+
+
+class Kick(Fault):
+    """A short blow on a link; the duration does not matter."""
+
+    place = _PLACE
+    link: str = Field("", description="name of the URDF link; empty for the base")
+    speed: float = number(0.2, 0.02, 2.0, "m/s", "the impulse per mass of the robot, in a random horizontal direction")
+
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """See that the robot has the link."""
+        known(self.link, _links(robot), "link")
+
+    def begin(self, site: Site) -> Effect:
+        """Push for a short time."""
+        _push(site, self.link, self.speed * site.robot.mass / _KICK * site.direction(), _KICK)
+        return Effect()
+
+
+def _push(site: Site, link: str, force: Array, duration: float) -> None:
+    site.plant.push(link or site.robot.base_link, [*force.tolist(), 0.0, 0.0, 0.0], duration)
+
+
+def _links(robot: RobotModel) -> tuple[str, ...]:
+    """Names of the links that move."""
+    return tuple(f.name for f in robot.pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0)
+
+
+def _heavier(plant: Plant, masses: Array) -> Effect:
+    """Add masses to the bodies, (nbody,) in kg, with inertias in proportion."""
+    model = plant.model
+    mass, inertia = model.body_mass.copy(), model.body_inertia.copy()
+    factors = np.divide(masses, mass, out=np.zeros_like(mass), where=mass > 0.0)
+    model.body_mass[:] = mass + masses
+    model.body_inertia[:] = inertia * (1.0 + factors)[:, None]
+    _set_constants(model)
+
+    def ended() -> bool:
+        model.body_mass[:], model.body_inertia[:] = mass, inertia
+        _set_constants(model)
+        return True
+
+    return Effect(ended=ended)
+
+
+def _set_constants(model: Any) -> None:
+    """Recompute what MuJoCo derives from masses; it does so in another state, and knows no placement of the hoist."""
+    placements = model.eq_data.copy()
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    model.eq_data[:] = placements
+
+
+def _has_floor(plant: Plant) -> bool:
+    """Whether there is a floor: robots without contacts have none."""
+    return bool(plant.contacts)
+
+
+def _movable_floor(plant: Plant) -> Any:
+    """The floor's geom; MuJoCo has a short cut for one whose place is that of the world, which has to be taken away."""
+    floor = plant.model.geom(FLOOR)
+    plant.model.geom_sameframe[floor.id] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    return floor
+
+
+KINDS: tuple[type[Fault], ...] = (
+    Payload, MassError, CenterOfMassError, SlipperyFloor, SoftFloor, FloorDrop, FloorHole, FloorTilt, Push, Kick,
+)  # fmt: skip

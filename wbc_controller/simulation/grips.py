@@ -1,0 +1,170 @@
+"""Constraints on the mock robot's links besides the floor: grips at fixed contacts, and joints that close loops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.controller.build.contacts import make_loop_closure
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.arrays import cross
+from wbc_controller.inverse_dynamics.contacts import placement_of
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.settings import ContactSettings, FixedContact, LoopSettings
+
+#: Distance between the two points that make a hinge, m.
+HINGE_LENGTH = 0.1
+#: Length that makes MuJoCo hold a rotation as stiffly as a translation, m.
+_TORQUE_SCALE = 1.0
+#: A row is redundant if its part outside the span of the other rows is smaller.
+_REDUNDANT = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """The attachment of a link to another link, or to the world.
+
+    Attributes:
+        names: names of its equality constraints in MuJoCo: one weld, or one or two points held together.
+        points: these points in the attached frame, (n, 3) in m; None for a weld.
+        joints: Pinocchio joints that move the holder and the held link; 0 for the world.
+        placements: placements of the attached frame on these joints; the first is its target on the holder.
+    """
+
+    names: tuple[str, ...]
+    points: Array | None
+    joints: tuple[int, int]
+    placements: tuple[pin.SE3, pin.SE3]
+
+
+def points_of(mask: Sequence[bool], key: str) -> Array | None:
+    """Points of a frame that must be fixed to hold the axes of a mask; None for all six axes.
+
+    Raises:
+        ConfigurationError: if MuJoCo has no constraint for the mask.
+    """
+    turns = [int(axis) for axis in np.flatnonzero(mask[3:])]
+    if all(mask):
+        return None
+    if all(mask[:3]) and not turns:
+        return np.zeros((1, 3))
+    if all(mask[:3]) and len(turns) == 2:
+        free = ({0, 1, 2} - set(turns)).pop()
+        return np.vstack([np.zeros(3), HINGE_LENGTH * np.eye(3)[free]])
+    raise ConfigurationError(
+        f"{key} = {list(mask)}: the mock robot can hold all six axes, all three translations, or those and two "
+        "rotations; not these"
+    )
+
+
+def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict[str, Attachment]:
+    """The grips that hold the links of fixed contacts, by the contact's name."""
+    grips = {}
+    for name, contact in contacts.items():
+        if not isinstance(contact, FixedContact):
+            continue
+        points = points_of(contact.mask, f"contacts.{name}.mask")
+        holder = 0 if contact.against is None else _joint_of(model, contact.against)[0]
+        joint, frame = _joint_of(model, contact.frame)
+        placement = frame * placement_of(contact.translation, contact.rpy)
+        names = tuple(f"{name}/grip/{index}" for index in range(1 if points is None else len(points)))
+        grips[name] = Attachment(names, points, (holder, joint), (pin.SE3.Identity(), placement))
+    return grips
+
+
+def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[str, Attachment]:
+    """The joints that close loops, by the loop's name: frame_b is held in frame_a."""
+    closures = {}
+    for name, loop in loops.items():
+        points = points_of(_effective_mask(model, name, loop), f"loops.{name}.mask")
+        (a, frame_a), (b, frame_b) = _joint_of(model, loop.frame_a), _joint_of(model, loop.frame_b)
+        placements = (
+            frame_a * placement_of(loop.translation_a, loop.rpy_a),
+            frame_b * placement_of(loop.translation_b, loop.rpy_b),
+        )
+        names = tuple(f"{name}/loop/{index}" for index in range(1 if points is None else len(points)))
+        closures[name] = Attachment(names, points, (a, b), placements)
+    return closures
+
+
+def _joint_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
+    frame = model.pinocchio.frames[model.frame_id(name, "frame")]
+    return int(frame.parentJoint), frame.placement
+
+
+def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bool]:
+    """Extend a loop's mask by the axes along which it cannot move anyway, such as those out of a planar loop."""
+    whole = make_loop_closure(name, loop.model_copy(update={"mask": [True] * 6}), model)
+    dynamics = Dynamics(model)
+    # Away from the nominal posture, which may be singular.
+    step = 0.3 * np.cos(np.arange(model.nv))
+    dynamics.update(pin.integrate(model.pinocchio, dynamics.q, step), np.zeros(model.nv))
+    J = whole.jacobian(dynamics)
+    _, values, rows = np.linalg.svd(J[loop.mask])
+    span = rows[: int(np.sum(values > _REDUNDANT))]
+    return [bool(np.linalg.norm(row - span.T @ (span @ row)) < _REDUNDANT) for row in J]
+
+
+def add_attachment(
+    spec: Any, attachment: Attachment, bodies: tuple[str, str], solref: list[float], solimp: list[float]
+) -> None:
+    """Add the constraints of an attachment to MuJoCo's specification; `place` sets their placement."""
+    for constraint in attachment.names:
+        equality = spec.add_equality()
+        equality.name = constraint
+        weld = attachment.points is None
+        equality.type = mujoco.mjtEq.mjEQ_WELD if weld else mujoco.mjtEq.mjEQ_CONNECT
+        equality.objtype = mujoco.mjtObj.mjOBJ_BODY
+        equality.name1, equality.name2 = bodies
+        equality.data[:11] = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, _TORQUE_SCALE]
+        equality.solref, equality.solimp = solref, solimp
+
+
+def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
+    """Set the placement of an attachment.
+
+    Args:
+        model: MuJoCo's model.
+        attachment: the attachment.
+        holder: target placement of the attached frame, in the holder's frame.
+    """
+    link = attachment.placements[1]
+    for index, constraint in enumerate(attachment.names):
+        data = model.eq_data[model.equality(constraint).id]
+        if attachment.points is None:
+            # The common point in the second body, then in the first, then the second body's orientation in the first.
+            data[:3], data[3:6] = link.translation, holder.translation
+            turn = pin.SE3((holder * link.inverse()).rotation, np.zeros(3))
+            data[6:10] = np.array(pin.SE3ToXYZQUAT(turn))[[6, 3, 4, 5]]
+        else:
+            data[:3] = holder.act(attachment.points[index])
+            data[3:6] = link.act(attachment.points[index])
+
+
+def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
+    """The wrench of an attachment on its link, about the origin of the attached frame, world axes, (6,) in N, N·m."""
+    body = int(model.eq_obj2id[model.equality(attachment.names[0]).id])
+    link = pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body])
+    origin = link.act(attachment.placements[1].translation)
+    total = np.zeros(6)
+    equality = data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    for index, constraint in enumerate(attachment.names):
+        rows = np.flatnonzero(equality & (data.efc_id[: data.nefc] == model.equality(constraint).id))
+        if not len(rows):
+            continue
+        force = -data.efc_force[rows]  # MuJoCo's rows are those of the first body minus the second
+        total[:3] += force[:3]
+        if attachment.points is None:
+            # The rotation rows are half the difference of the angular velocities, in the second body's axes.
+            total[3:] += 0.5 * _TORQUE_SCALE * link.rotation @ force[3:]
+        else:
+            arm = link.act(attachment.placements[1].act(attachment.points[index])) - origin
+            total[3:] += cross(arm, force[:3])
+    return total

@@ -1,0 +1,134 @@
+"""What the mock robot's sensors measure at one instant, and the messages that say so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware import codec as messages
+from wbc_controller.middleware.odometry import odometry, pose_with_covariance, quaternion, vector
+from wbc_controller.records import Array
+from wbc_controller.simulation.plant import Plant
+
+#: Reference frame of poses.
+WORLD_FRAME = "world"
+#: The streams of a robot, in the order in which they are sent: the joint states are last, as they trigger a cycle.
+STREAMS = ("clock", "odom", "imu", "pose", "joint_states")
+
+
+@dataclass(slots=True)
+class Measurement:
+    """The values of all sensors at one instant. Faults change them before they are sent.
+
+    Attributes:
+        taken: true simulated time, ns.
+        stamps: time that each stream's message tells, ns; of the clock the time that it shows.
+        names: names of the joints.
+        position: of the joints, (nj,) in rad.
+        velocity: of the joints, (nj,) in rad/s.
+        effort: of the joints, (nj,) in N·m.
+        base: name of the link whose pose the odometry tells.
+        pose: its position and quaternion in the world, (7,).
+        twist: its twist in its own axes, (6,).
+        imu_frame: frame of the inertial measurement unit.
+        orientation: of that frame, quaternion, (4,).
+        angular_velocity: likewise, (3,) in rad/s.
+        specific_force: likewise, (3,) in m/s².
+        absent: names of joints that the joint states lack.
+        absolute: absolute pose of the robot, position and quaternion in the world, (7,).
+        vagueness: standard deviations of its position and its turns, m and rad.
+        silent: streams that send nothing this time.
+        tells_velocity: whether the joint states have velocities.
+    """
+
+    taken: int
+    stamps: dict[str, int]
+    names: list[str]
+    position: Array
+    velocity: Array
+    effort: Array
+    base: str
+    pose: Array
+    twist: Array
+    imu_frame: str
+    orientation: Array
+    angular_velocity: Array
+    specific_force: Array
+    absolute: Array
+    silent: set[str]
+    vagueness: tuple[float, float] = (0.0, 0.0)
+    absent: set[str] = field(default_factory=set)
+    tells_velocity: bool = True
+
+    def message(self, stream: str) -> Any:
+        """The message of one of the `STREAMS`."""
+        stamp = self.stamps[stream]
+        if stream == "clock":
+            return messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp))
+        if stream == "odom":
+            return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
+        if stream == "imu":
+            return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
+        if stream == "pose":
+            return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
+        values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
+        names = self.names
+        if self.absent:
+            there = [name not in self.absent for name in names]
+            names = [name for name in names if name not in self.absent]
+            values = {quantity: of_all[there] for quantity, of_all in values.items()}
+        if not self.tells_velocity:
+            values["velocity"] = np.zeros(0)
+        return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
+
+
+def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
+    """Measure the present state exactly.
+
+    Args:
+        robot: the robot.
+        plant: its physics.
+        stamp: simulated time, ns.
+        imu_frame: frame of the inertial measurement unit, whose axes its data have.
+    """
+    q, v = plant.state()
+    silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # absolute poses are measured more rarely
+    return Measurement(
+        stamp,
+        dict.fromkeys(STREAMS, stamp),
+        list(robot.joints),
+        q[robot.q_index],
+        v[robot.v_index],
+        robot.actuation.at_joints(plant.applied_torques),
+        robot.base_link,
+        q[:7],
+        v[:6],
+        imu_frame,
+        *plant.imu(imu_frame),
+        np.array(q[:7]),
+        silent,
+    )
+
+
+def wrench_message(stamp: int, frame: str, wrench: Array) -> Any:
+    """Make a WrenchStamped from a force, (3,) in N, or a wrench, (6,) in N and N·m."""
+    torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
+    content = messages.message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(torque))
+    return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
+
+
+def _imu(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+    exact = np.zeros(9)
+    return messages.message(
+        "sensor_msgs/msg/Imu",
+        header=messages.header(stamp, frame),
+        orientation=quaternion(attitude),
+        orientation_covariance=exact,
+        angular_velocity=vector(angular_velocity),
+        angular_velocity_covariance=exact,
+        linear_acceleration=vector(specific_force),
+        linear_acceleration_covariance=exact,
+    )

@@ -1,0 +1,355 @@
+"""Builds MuJoCo's model of the robot from the URDF and the configuration: mechanism, floor, shapes and hoist."""
+
+from __future__ import annotations
+
+import logging
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.controller.build.robot_description import inertia_tensor, some_body_has
+from wbc_controller.controller.check.model_plausibility import bare_links
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts import placement_of
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.settings import (
+    ContactSettings,
+    FixedContact,
+    MockSettings,
+    PointContact,
+    RollingContact,
+    SurfaceContact,
+)
+from wbc_controller.simulation.grips import Attachment, add_attachment
+from wbc_controller.simulation.joints import couple, gear, lock, spring
+from wbc_controller.simulation.shapes import CORNER_RADIUS, Shape, add_shape
+
+_log = logging.getLogger(__name__)
+
+#: Name of the equality constraint that holds the base.
+HOIST = "hoist"
+#: Name of the floor's geom.
+FLOOR = "floor"
+#: Time constant of contacts, joint stops and hoist, in simulation steps; MuJoCo requires at least two.
+STIFF_STEPS = 4.0
+#: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
+#: contacts well posed.
+IMPEDANCE = 0.98
+#: Half the thickness of a wheel, m: it touches with its rim.
+RIM_RADIUS = 0.001
+#: Half side and half thickness of the slab that a contact between two links touches, m.
+SLAB, SLAB_DEPTH = 0.15, 0.01
+#: Mass of a link between two joints at one place, as a share of the robot's, and its moments of inertia over its mass,
+#: m²: MuJoCo refuses none.
+_BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
+#: Collision bit of the floor, and of what touches it.
+ON_THE_FLOOR = 1
+#: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
+FRICTION_STIFFNESS = 10.0
+_ROOT_ALIAS = "root_link"
+
+
+def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
+    """Find a contact of the configuration on the robot.
+
+    Returns:
+        The Pinocchio joint that moves it, and its placement in that joint's frame.
+
+    Raises:
+        ConfigurationError: if it does not name a frame of the robot.
+    """
+    model.frame_id(contact.frame, f"contacts.{name}.frame")
+    joint, placement = frame_on_joint(model, contact.frame)
+    return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
+
+
+def rub(model: Any, dof: Any, friction: float, step: float) -> None:
+    """Give joints of a compiled model dry friction that holds them where it can.
+
+    Args:
+        model: MuJoCo's model, changed in place.
+        dof: index of a joint's velocity, or several.
+        friction: N·m.
+        step: time step of the simulation, s.
+    """
+    model.dof_frictionloss[dof] = friction
+    # MuJoCo's own friction is soft: a joint that rests would creep.
+    model.dof_solref[dof] = STIFF_STEPS * step, 1.0
+    model.dof_solimp[dof, :2] = IMPEDANCE
+
+
+def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
+    """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
+    frame = model.pinocchio.frames[model.frame_id(name, "frame")]
+    return int(frame.parentJoint), frame.placement
+
+
+def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
+    """Return the balls, or the wheel, of a contact: centres in the contact frame, and their half-axes.
+
+    Returns:
+        Centres (n, 3), and half-axes in m, the one along a wheel's axle last, (3,).
+    """
+    if isinstance(contact, SurfaceContact):
+        corners = contact.corners
+        return np.column_stack([corners, np.full(len(corners), CORNER_RADIUS)]), np.full(3, CORNER_RADIUS)
+    if isinstance(contact, FixedContact):
+        return np.zeros((0, 3)), np.zeros(3)
+    radius = contact.radius
+    thin = isinstance(contact, RollingContact)
+    return np.zeros((1, 3)), np.array([radius, radius, RIM_RADIUS if thin else radius])
+
+
+def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
+    """Height of a contact's lowest point along a normal, m, for a placement of its frame in the world."""
+    centres, axes = balls_of(contact)
+    rotation = frame.rotation @ _axle_frame(contact)
+    reach = np.linalg.norm(axes * (rotation.T @ normal))
+    return min((float(frame.act(centre) @ normal - reach) for centre in centres), default=math.inf)
+
+
+def _axle_frame(contact: ContactSettings) -> Array:
+    """Axes of the touching shape in the contact frame: z along a wheel's axle."""
+    if not isinstance(contact, RollingContact):
+        return np.eye(3)
+    return rotation_to(np.array(contact.axis))
+
+
+def rotation_to(direction: Array) -> Array:
+    """A rotation that takes z to a direction of any length, (3, 3)."""
+    rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()
+    return rotation
+
+
+def geom_names(name: str, contacts: Mapping[str, ContactSettings]) -> list[str]:
+    """Name the balls of a contact in MuJoCo's model."""
+    return [f"{name}/{index}" for index in range(len(balls_of(contacts[name])[0]))]
+
+
+def position_and_wxyz(placement: pin.SE3) -> Array:
+    """Write a placement as MuJoCo does: position, then the quaternion with its real part first, (7,)."""
+    return np.array(pin.SE3ToXYZQUAT(placement))[[0, 1, 2, 6, 3, 4, 5]]
+
+
+def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
+    """Reduce a URDF to the mechanism of Pinocchio's model.
+
+    Shapes are removed: those that touch are added by `shapes`. Joints that do not move are fixed at their locked
+    positions. Joint friction and damping of the URDF are removed, as they are not part of the controller's dynamics
+    either.
+
+    Returns:
+        The URDF and the name of its root link.
+    """
+    tree = ET.fromstring(model.urdf)  # noqa: S314  # the user's own file, already read by Pinocchio
+    children = set()
+    for joint in tree.findall("joint"):
+        if joint.get("name") not in model.moving_joints:
+            lock(joint, model.locked.get(str(joint.get("name")), 0.0))
+        for tag in ("dynamics", "mimic", "safety_controller", "calibration"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+        child = joint.find("child")
+        if child is not None:
+            children.add(child.get("link"))
+    root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
+    if root == "world" and model.floating_base:
+        # MuJoCo would use a link of this name as the world itself.
+        for tag, key in (("link", "name"), ("joint/parent", "link")):
+            for element in tree.findall(tag):
+                if element.get(key) == root:
+                    element.set(key, _ROOT_ALIAS)
+        root = _ROOT_ALIAS
+    for link in tree.findall("link"):
+        for tag in ("visual", "collision"):
+            for element in link.findall(tag):
+                link.remove(element)
+    for element in [element for element in tree if element.tag not in ("link", "joint")]:
+        tree.remove(element)
+    extension = ET.SubElement(tree, "mujoco")
+    # Masses and inertias stay exactly those of the URDF. Links without a joint stay separate bodies, since MuJoCo 3.3
+    # computes a wrong inertia when it fuses them.
+    ET.SubElement(extension, "compiler", balanceinertia="false", boundmass="0", boundinertia="0", fusestatic="false")
+    return tree, root
+
+
+def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
+    """Give MuJoCo the principal inertias of every link.
+
+    MuJoCo 3.3's own URDF reader gives a wrong inertia to a link whose inertial origin is rotated, and its principal
+    axes are accurate to seven digits only.
+    """
+    balanced = []
+    for link in tree.findall("link"):
+        inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
+        if inertial is None or body.name == "world":
+            continue
+        origin, mass, inertia = inertial.find("origin"), inertial.find("mass"), inertial.find("inertia")
+        position, rotation = np.zeros(3), np.eye(3)
+        if origin is not None:
+            position = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
+            rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
+        moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
+        axes[:, 2] *= np.linalg.det(axes)  # right-handed
+        if not some_body_has(moments):  # common in links that only carry frames; MuJoCo refuses it
+            balanced.append(str(link.get("name")))
+            moments = np.full(3, moments.mean())
+        # A flat link's largest moment is the sum of the others; rounding must not push it beyond.
+        moments[2] = min(moments[2], moments[0] + moments[1])
+        body.explicitinertial = True
+        body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
+        body.ipos = position
+        body.iquat = position_and_wxyz(pin.SE3(rotation @ axes, position))[3:]
+        body.inertia = moments
+        body.fullinertia = np.full(6, np.nan)  # not given
+    if balanced:
+        _log.warning(
+            "robot.urdf: no body has the inertia of %s: its largest principal moment is more than the other two "
+            "together; the mock robot takes the mean of the three",
+            ", ".join(balanced),
+        )
+    for name in bare_links(model):
+        body = spec.body(name)
+        body.explicitinertial = True
+        body.mass = _BARE_MASS * model.mass
+        body.inertia = np.full(3, _BARE_INERTIA * body.mass)
+        body.fullinertia = np.full(6, np.nan)  # not given
+
+
+def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
+    """Find the body of MuJoCo's specification that a Pinocchio joint moves."""
+    if joint == 0:
+        return spec.worldbody
+    name = model.pinocchio.names[joint]
+    return spec.joint(name).parent if name in model.moving_joints else spec.body(root)
+
+
+def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int, placement: pin.SE3, root: str) -> Any:
+    """Add the slab that a contact touches to its link, with its face at the contact in the nominal posture."""
+    data = model.pinocchio.createData()
+    pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
+    other, frame = frame_on_joint(model, str(contact.against))
+    face = data.oMi[other].actInv(data.oMi[joint] * placement)
+    if isinstance(contact, PointContact | RollingContact):
+        normal = frame.rotation @ np.array(contact.normal) / np.linalg.norm(contact.normal)
+        centre = face.translation + lowest(contact, pin.SE3(face.rotation, np.zeros(3)), normal) * normal
+        face = pin.SE3(rotation_to(normal), centre)
+    slab = _body(spec, model, other, root).add_geom(type=mujoco.mjtGeom.mjGEOM_BOX)
+    slab.size = [SLAB, SLAB, SLAB_DEPTH]
+    slab.pos = face.act(np.array([0.0, 0.0, -SLAB_DEPTH]))
+    slab.quat = position_and_wxyz(face)[3:]
+    slab.mass = 0.0
+    slab.conaffinity = 0
+    return slab
+
+
+def _touch(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
+    """Let a geom, and not the one that it touches, say how: without priority MuJoCo takes the larger friction."""
+    geom.priority = 1
+    geom.condim = 3
+    geom.friction = [friction, 0.0, 0.0]
+    geom.solref, geom.solimp = solref, solimp
+
+
+def compile_mechanism(
+    model: RobotModel,
+    contacts: Mapping[str, ContactSettings],
+    step: float,
+    mock: MockSettings,
+    shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
+    attachments: Mapping[str, Attachment] = MappingProxyType({}),
+) -> Any:
+    """Build MuJoCo's model: mechanism, free joint, floor, shapes, hoist, grips and the joints that close loops.
+
+    Args:
+        model: the robot.
+        contacts: contacts of the configuration.
+        step: time step of the simulation, s.
+        mock: the settings of the floor.
+        shapes: by Pinocchio joint, what its links touch the floor with. Contacts of other links have the shapes of the
+            configuration.
+        attachments: grips, and joints that close loops.
+
+    Raises:
+        ConfigurationError: if MuJoCo refuses the URDF.
+    """
+    tree, root = _mechanism(model)
+    stiff = [STIFF_STEPS * step, 1.0]
+    impedance = [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+    try:
+        spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: MuJoCo cannot read it: {error}") from error
+    _write_inertias(spec, tree, model)
+    spec.option.timestep = step
+    spec.option.gravity = np.array(model.pinocchio.gravity.linear)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = FRICTION_STIFFNESS
+    for name, index in zip(model.joints, model.v_index, strict=True):
+        joint = spec.joint(name)
+        joint.armature = float(model.pinocchio.armature[index])
+        joint.solref_limit = stiff
+    gear(spec, model)
+    if model.followers is not None:
+        couple(spec, model.followers, stiff, impedance)
+    if model.floating_base:
+        base = spec.body(root)
+        base.add_freejoint()
+        hoist = spec.add_equality()
+        hoist.name = HOIST
+        hoist.type = mujoco.mjtEq.mjEQ_WELD
+        hoist.objtype = mujoco.mjtObj.mjOBJ_BODY
+        hoist.name1, hoist.name2 = "world", root
+        # Anchor at the base's origin; the pose is written at run time; one metre makes rotation as stiff.
+        hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    if contacts:
+        floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name=FLOOR)
+        floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(mock.floor_normal)), np.zeros(3)))[3:]
+        floor.contype, floor.conaffinity = ON_THE_FLOOR, 0
+        _touch(floor, mock.friction, stiff, impedance)
+        for joint, own in shapes.items():
+            body = _body(spec, model, joint, root)
+            for index, shape in enumerate(own):
+                geom = add_shape(spec, body, shape, f"{body.name}/shape/{index}")
+                geom.contype, geom.conaffinity = 0, ON_THE_FLOOR
+    for number, (name, contact) in enumerate(contacts.items()):
+        joint, placement = contact_frame(model, name, contact)
+        body = _body(spec, model, joint, root)
+        if contact.against is None and joint in shapes:
+            continue
+        # Each contact touches only its own slab, or the floor: matched by a collision bit of their own.
+        bit = ON_THE_FLOOR
+        if contact.against is not None and not isinstance(contact, FixedContact):
+            bit = 2 << (1 + number % 28)
+            _add_slab(spec, model, contact, joint, placement, root).contype = bit
+        centres, axes = balls_of(contact)
+        ball_axes = pin.SE3(placement.rotation @ _axle_frame(contact), np.zeros(3))
+        for geom_name, centre in zip(geom_names(name, contacts), centres, strict=True):
+            geom = body.add_geom(name=geom_name)
+            round_ = axes[0] == axes[2]
+            geom.type = mujoco.mjtGeom.mjGEOM_SPHERE if round_ else mujoco.mjtGeom.mjGEOM_ELLIPSOID
+            geom.pos = placement.act(centre)
+            geom.quat = position_and_wxyz(ball_axes)[3:]
+            geom.size = [axes[0], 0.0, 0.0] if round_ else axes
+            geom.mass = 0.0
+            geom.contype, geom.conaffinity = 0, bit
+            if bit != ON_THE_FLOOR:
+                _touch(geom, getattr(contact, "friction", 0.0), stiff, impedance)
+    for attachment in attachments.values():
+        holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
+        add_attachment(spec, attachment, (holder, link), stiff, impedance)
+    try:
+        compiled = spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: MuJoCo cannot use it: {error}") from error
+    if model.passive is not None:
+        spring(compiled, model.passive)
+    return compiled

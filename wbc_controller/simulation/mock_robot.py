@@ -1,0 +1,416 @@
+"""The mock robot as a node: a `Plant` on the topics of `middleware.topics.MOCK_TOPICS`, over any transport.
+
+In one period it publishes the state, receives the controller's torques, applies them, and steps the physics::
+
+    robot = MockRobot(model, settings, transport)
+    robot.run(stop)                    # in real time, or in lockstep, until the event is set
+
+    robot.publish()                    # or by hand, on one thread
+    ...                                # the controller runs here
+    robot.advance()
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.build.estimation import imu_frame
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware import codec as messages
+from wbc_controller.middleware.odometry import transform
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+from wbc_controller.simulation.absolute_pose import PoseSource
+from wbc_controller.simulation.faults.catalogue import read_faults
+from wbc_controller.simulation.faults.fault import Fault
+from wbc_controller.simulation.faults.injector import Injector
+from wbc_controller.simulation.inbox import Inbox
+from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure, wrench_message
+from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
+
+#: Name of the node, and prefix of its private topics.
+NODE_NAME = MOCK_NODE
+#: Rate of the contact wrenches and the transform, Hz of simulated time; they are for viewers only.
+SLOW_RATE = 100.0
+#: Wall time after which lockstep publishes an unanswered state again, s.
+REPUBLISH_AFTER = 0.05
+#: Lateness at which the real-time schedule restarts, s: catching up on more would flood the controller.
+MAX_LATE = 0.2
+#: Longest time for which the interpreter leaves the physics running while torques wait to be stored, s.
+_SWITCH_INTERVAL = 1.0e-4
+#: Simulated time, at least, for which a patient robot goes on without new torques, s, and wall time for which it then
+#: waits for them: whoever has sent them may have ended.
+AHEAD, PATIENCE = 0.01, 0.5
+
+#: Places of faults after which a state may never be answered.
+_NOT_IN_LOCKSTEP = ("delivery", "delivery of commands", "stamps and clock")
+
+_log = logging.getLogger(__name__)
+
+
+class MockRobot:
+    """Publishes the plant's state every control period, and applies the controller's torques.
+
+    The caller's thread takes the torques: their age is compared with the simulated time, and no other thread may delay
+    them. The transport's callbacks only store the other serialized messages in an inbox.
+
+    Attributes:
+        plant: the physics.
+        faults: what goes wrong; planned by `plan`, or on the topic ``fault``.
+        sent: where it is set, called with the stream of each message sent and the true time of what it tells, ns.
+        rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        settings: Settings,
+        transport: Transport,
+        *,
+        real_time_factor: float = 1.0,
+        lockstep: bool = False,
+        patient: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+        namespace: str = "/",
+        remappings: Mapping[str, str] | None = None,
+    ) -> None:
+        """Build the plant, open the topics and publish the robot's description. The base is held.
+
+        Args:
+            model: the robot.
+            settings: the configuration that the model was built from.
+            transport: carries the messages; the caller closes it.
+            real_time_factor: simulated seconds per second; unused in lockstep.
+            lockstep: whether each period waits for the command for its own state, on the topic ``joint_commands``;
+                otherwise it uses the newest torques on the topic ``effort``.
+            patient: whether simulated time waits for a controller that is late.
+            clock: monotonic wall time, s.
+            namespace: namespace of the node, starting with a slash.
+            remappings: as in `middleware.topics.resolve`.
+
+        Raises:
+            ConfigurationError: if the plant cannot be built, the real-time factor is not positive, or the robot has no
+                frame of the name of the IMU's.
+            TransportError: if a topic cannot be opened.
+        """
+        if not (0.0 < real_time_factor < float("inf")):
+            raise ConfigurationError(f"real-time factor {real_time_factor}: it must be positive and finite")
+        self.plant = Plant(model, settings)
+        self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
+        self.sent: Callable[[str, int], None] | None = None
+        self.rebased = 0
+        self._robot = model
+        self._mock = settings.mock
+        self._contacts = settings.contacts
+        self._lockstep, self._patient = lockstep, patient
+        self._clock = clock
+        self._period = 1.0 / settings.control.rate
+        self._wall_period = self._period / real_time_factor
+        self._first_stamp = round(self._period * 1e9)
+        self._periods = 0
+        # As on a real robot, its joints are braked until the first torques come, or until it is let down.
+        self._brakes = [self.plant.lock(joint) for joint in model.joints]
+        parts = PARTS.get(settings.mock.sensors)
+        seed = settings.mock.sensor_seed
+        self._sensors = ImperfectSensors(parts, model, self._period, seed) if parts is not None else None
+        self._imu_frame = imu_frame(settings, model)
+        self.plant.body(self._imu_frame)  # there has to be such a frame
+        self._poses = PoseSource(settings, model) if settings.mock.pose_rate > 0.0 and model.floating_base else None
+        self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
+        self._tau: Array | None = None
+        self._tau_time = 0.0
+        self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
+        self._last_refusal: dict[str, str] = {}
+        self._inbox = Inbox()
+        self._efforts: Stream | None = None  # torques, which lockstep does not read
+        self._types: dict[str, str] = {}
+        self._publishers: dict[tuple[str, str], Publish] = {}
+        opened = endpoints(
+            MOCK_TOPICS, NODE_NAME, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        )
+        for endpoint in opened:
+            self._open(endpoint, transport)
+        self._publish("robot_description", "", messages.message("std_msgs/msg/String", data=model.urdf))
+
+    @property
+    def stamp(self) -> int:
+        """Time of the present state, ns of simulated time.
+
+        It starts at one control period, as a zero stamp means "no stamp" in ROS.
+        """
+        return self._first_stamp + self.plant.stamp
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until the event is set.
+
+        In real time, periods end at absolute deadlines, so that lateness does not accumulate. Torques that arrive
+        before the end of a period act from the state at its beginning.
+
+        Args:
+            stop: event that ends the run.
+
+        Raises:
+            WbcError: if the simulation has diverged.
+        """
+        gc.collect()
+        gc.freeze()  # as in the control loop: a full garbage collection takes longer than the largest age of a state
+        switch_interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        try:
+            self._run(stop)
+        finally:
+            sys.setswitchinterval(switch_interval)
+
+    def _run(self, stop: threading.Event) -> None:
+        deadline = self._clock()
+        while not stop.is_set():
+            self.publish()
+            if self._lockstep:
+                if not self.wait_for_answer(stop):
+                    return
+            else:
+                deadline += self._wall_period
+                late = self._clock() - deadline
+                if late > MAX_LATE:
+                    deadline += late
+                    self.rebased += 1
+                elif late < 0.0:
+                    stop.wait(-late)
+                if self._patient:
+                    self._wait_for_torques()
+            self.advance()
+
+    def _wait_for_torques(self) -> None:
+        """Let time stand still while a controller that has sent torques is late."""
+        late = self.plant.time - self._heard >= max(AHEAD, 2.0 * self._period)
+        if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):
+            self._heard = self.plant.time
+        elif late:
+            self._heard = math.inf
+
+    def step_period(self, stop: threading.Event | None = None) -> bool:
+        """Run one period as fast as possible: publish, in lockstep wait for the command, advance.
+
+        If messages are delivered within ``publish()``, as in memory, the controller's command is used at once.
+
+        Args:
+            stop: event that ends the wait.
+
+        Returns:
+            Whether the period was completed; False if `stop` was set before a command arrived.
+        """
+        self.publish()
+        if self._lockstep and not self.wait_for_answer(stop):
+            return False
+        self.advance()
+        return True
+
+    def publish(self) -> None:
+        """Publish the time and the present state. The joint states come last, as they trigger a control cycle."""
+        stamp, base = self.stamp, self._robot.base_link
+        if self.faults.busy:
+            self.faults.pass_time()
+        measured = measure(self._robot, self.plant, stamp, self._imu_frame)
+        measured.tells_velocity = self._mock.joint_velocity
+        if self._sensors is not None:
+            self._sensors.measure(measured)
+        if self._poses is not None:
+            self._poses.measure(measured, self.plant.state()[0], self.plant.time)
+        if self.faults.busy:
+            self.faults.spoil(measured)
+        for stream in STREAMS:
+            payload = messages.encode(measured.message(stream)) if stream not in measured.silent else None
+            if stream == "pose":
+                if self._poses is not None:
+                    for taken, late in self._poses.late(self.plant.time, stamp, payload):
+                        self._send(stream, taken, late)
+                continue
+            if self.faults.busy:
+                for parcel in self.faults.post(stream, stamp, payload):
+                    self._send(stream, parcel.taken, parcel.payload)
+            elif payload is not None:
+                self._send(stream, stamp, payload)
+        if self._periods % self._slow_decimation == 0:
+            if self._robot.floating_base:
+                self._publish("tf", "", transform(stamp, WORLD_FRAME, base, self.plant.state()[0][:7]))
+            for name, wrench in self.plant.contact_wrenches().items():
+                frame = name if wrench.size == 6 else self._contacts[name].against or WORLD_FRAME
+                self._publish("contact_wrench", name, wrench_message(stamp, frame, wrench))
+
+    def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
+        """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
+
+        Args:
+            stop: event that ends the wait, within `REPUBLISH_AFTER`.
+
+        Returns:
+            Whether a command arrived; False if `stop` was set.
+        """
+        due = self._clock() + REPUBLISH_AFTER
+        while not self._answered():
+            if stop is not None and stop.is_set():
+                return False
+            self._inbox.wait_for_answer(max(0.0, due - self._clock()))
+            if self._clock() >= due:
+                self.publish()
+                due = self._clock() + REPUBLISH_AFTER
+        return True
+
+    def advance(self) -> None:
+        """Process the requests, apply the newest torques, and simulate one control period.
+
+        Raises:
+            WbcError: if the simulation has diverged.
+        """
+        uses = {"push": self._push, "hold": self._hold, "fault": self._fault}
+        for key, contact, payload in self._inbox.take_requests():
+            self._try(key, payload, uses.get(key, partial(self._grip, contact)))
+        if self._efforts is not None:
+            newest = next(iter(self._efforts.take()), None)
+            if self.faults.busy:
+                newest = next((parcel.payload for parcel in self.faults.post("effort", 0, newest)[-1:]), None)
+            if newest is not None and not self._try("effort", newest, self._take_effort):
+                self._tau = None
+        if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
+            self._let_go()
+            tau = self._tau if self._sensors is None else self._sensors.torques(self._tau)
+            self.plant.apply(self.faults.torques(tau) if self.faults.busy else tau)
+        else:
+            self.plant.damp(self._mock.damping)
+        for _ in range(self.plant.steps_per_period):
+            self.plant.step()
+        self._periods += 1
+
+    def _let_go(self) -> None:
+        """Release the brakes."""
+        for unlock in self._brakes:
+            unlock()
+        self._brakes = []
+
+    def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
+        """Plan faults.
+
+        Args:
+            faults: what is to happen.
+            since: simulated time from which their starts count, s.
+
+        Raises:
+            InputRefused: where they do not fit the robot, or cannot happen in lockstep.
+        """
+        if self._lockstep:
+            late = [fault.kind() for fault in faults if fault.place in _NOT_IN_LOCKSTEP]
+            if late:
+                raise InputRefused(
+                    f"{', '.join(late)}: the mock robot waits for an answer to each of its states (lockstep); faults "
+                    f"of {', '.join(_NOT_IN_LOCKSTEP)} need a robot that goes on"
+                )
+        self.faults.plan(faults, since)
+
+    def _open(self, endpoint: Endpoint, transport: Transport) -> None:
+        key = endpoint.key
+        if endpoint.direction is Direction.OUT:
+            if (key not in ("odom", "tf") or self._robot.floating_base) and (key != "pose" or self._poses is not None):
+                self._publishers[key, endpoint.subject] = transport.advertise(endpoint)
+            return
+        self._types[key] = endpoint.type
+        if key in ("push", "hold", "grip", "fault"):
+            transport.subscribe(endpoint, lambda payload: self._inbox.put_request(key, endpoint.subject, payload))
+        elif key == "joint_commands" and self._lockstep:
+            transport.subscribe(endpoint, self._inbox.put_answer)
+        elif key == "effort" and not self._lockstep:
+            self._efforts = transport.stream(endpoint, 1)
+
+    def _publish(self, key: str, subject: str, content: Any) -> None:
+        self._publishers[key, subject](messages.encode(content))
+
+    def _send(self, stream: str, taken: int, payload: bytes) -> None:
+        """Send what was measured at a time, ns."""
+        self._publishers[stream, ""](payload)
+        if self.sent is not None:
+            self.sent(stream, taken)
+
+    def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
+        """Decode and use a message; a refusal is logged only when its text changes."""
+        try:
+            use(messages.decode(payload, self._types[key]))
+        except InputRefused as error:
+            if self._last_refusal.get(key) != str(error):
+                self._last_refusal[key] = str(error)
+                _log.warning("%s refused: %s", key, error)
+            return False
+        self._last_refusal.pop(key, None)
+        return True
+
+    def _take_effort(self, content: Any) -> None:
+        values, actuation = np.array(content.data, dtype=np.float64), self._robot.actuation
+        if values.shape != (actuation.command_size,):
+            what = "driven joint" if actuation.by_joint else "actuator"
+            raise InputRefused(
+                f"got {values.size} torques; expected {actuation.command_size}, one per {what} in their order"
+            )
+        self._command(actuation.from_command(values))
+
+    def _take_answer(self, content: Any) -> None:
+        if len(content.name) != len(content.effort):
+            raise InputRefused(f"got {len(content.effort)} efforts for {len(content.name)} names; expected one each")
+        efforts = dict(zip(content.name, content.effort, strict=True))
+        missing = [name for name in self._robot.joints if name not in efforts]
+        if missing:
+            raise InputRefused(f"the joints {', '.join(missing)} are missing; expected all {self._robot.nj} joints")
+        torques = np.array([efforts[name] for name in self._robot.joints], dtype=np.float64)
+        self._command(self._robot.actuation.from_joints(torques))
+
+    def _command(self, tau: Array) -> None:
+        self.plant.check_torques(tau)
+        self._tau, self._tau_time = tau, self.plant.time
+
+    def _answered(self) -> bool:
+        """Take the command for the present state from the inbox, if it has arrived; older commands are dropped."""
+        for payload in self._inbox.take_answers():
+            try:
+                answers = messages.nanoseconds(messages.decode(payload, self._types["joint_commands"]).header.stamp)
+            except InputRefused:
+                answers = None
+            if answers in (None, self.stamp) and not self._try("joint_commands", payload, self._take_answer):
+                self._tau = None
+            if answers == self.stamp:
+                return True
+        return False
+
+    def _push(self, content: Any) -> None:
+        force, torque = content.wrench.force, content.wrench.torque
+        wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+        self.plant.push(content.header.frame_id or self._robot.base_link, wrench, self._mock.push_duration)
+
+    def _hold(self, content: Any) -> None:
+        self.plant.hold(bool(content.data))
+        if not content.data:
+            self._let_go()
+
+    def _grip(self, contact: str, content: Any) -> None:
+        self.plant.grip(contact, bool(content.data))
+
+    def _fault(self, content: Any) -> None:
+        """Plan faults from now on, or end all of them."""
+        if content.data.strip() == "clear":
+            self.faults.clear()
+            return
+        try:
+            faults = read_faults(content.data, "faults")
+        except ConfigurationError as error:
+            raise InputRefused(str(error)) from error
+        self.plan(faults, self.plant.time)

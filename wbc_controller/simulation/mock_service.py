@@ -1,0 +1,88 @@
+"""The mock robot's service, on any transport."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
+from wbc_controller.middleware.transports.graph_watch import GraphWatch, Others
+from wbc_controller.middleware.transports.transport import Transport
+from wbc_controller.settings import Settings
+from wbc_controller.settings.resources import read_text
+from wbc_controller.simulation.faults.catalogue import read_faults
+from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+
+#: Longest file with faults, in characters.
+_LARGEST_SCRIPT = 1_000_000
+
+_log = logging.getLogger(__name__)
+
+
+def run_mock(
+    settings: Settings,
+    transport: Transport,
+    stop: threading.Event,
+    *,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+    real_time_factor: float = 1.0,
+    lockstep: bool = False,
+    patient: bool = False,
+    faults: Path | None = None,
+) -> None:
+    """Run the mock robot until stopped.
+
+    Args:
+        settings: the robot's settings.
+        transport: carries the messages.
+        stop: event that ends the run.
+        namespace: namespace of the node.
+        remappings: topic remappings, from name to name.
+        real_time_factor: simulated seconds per second.
+        lockstep: wait for the controller's command for each state.
+        patient: let simulated time wait for a controller that is late.
+        faults: file with a list of faults, each with the simulated time ``at`` which it starts, in s.
+
+    Raises:
+        ConfigurationError: if settings and model do not fit together, or the faults cannot be used.
+    """
+    model = make_model(settings)
+    script = read_faults(read_text(faults, str(faults), _LARGEST_SCRIPT), str(faults), script=True) if faults else []
+    robot = MockRobot(
+        model,
+        settings,
+        transport,
+        real_time_factor=real_time_factor,
+        lockstep=lockstep,
+        patient=patient,
+        namespace=namespace,
+        remappings=remappings,
+    )
+    try:
+        robot.plan(script)
+    except InputRefused as error:
+        raise ConfigurationError(f"{faults}: {error}") from error
+    (joint_states,) = (
+        topic
+        for topic in endpoints(MOCK_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings)
+        if topic.key == "joint_states"
+    )
+
+    def said(others: Others) -> None:
+        names = ", ".join(others["joint_states"])
+        if names:
+            _log.warning("%s is published by %s too: two robots on one topic", joint_states.name, names)
+
+    watch = GraphWatch(transport, [joint_states], said)
+    watch.start()
+    try:
+        robot.run(stop)
+    finally:
+        watch.stop()
+    if robot.rebased:
+        _log.warning("fell behind real time %d times", robot.rebased)

@@ -1,0 +1,126 @@
+"""What sensors and motors of real robots make of the truth: noise, biases, resolution, offsets, errors of torque.
+
+The figures of each preset are those of parts that such robots carry (docs/estimation.md names them).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.settings.service import SensorQuality
+from wbc_controller.simulation.measurement import Measurement
+
+_DEGREE, _G = math.pi / 180.0, 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Figures of an inertial measurement unit, encoders and motors; biases and offsets are standard deviations.
+
+    Attributes:
+        gyroscope_noise: density, rad/s/√Hz.
+        gyroscope_bias: at the start, rad/s.
+        gyroscope_walk: density of the walk of the bias, rad/s²/√Hz.
+        accelerometer_noise: density, m/s²/√Hz.
+        accelerometer_bias: at the start, m/s².
+        accelerometer_walk: density of the walk of the bias, m/s³/√Hz.
+        encoder_resolution: step of the joint positions, rad; m for joints that slide, likewise below.
+        encoder_noise: of the joint positions, standard deviation, rad.
+        encoder_offset: of each joint, rad.
+        velocity_noise: of the joint velocities, standard deviation, rad/s.
+        torque_error: of each motor's torque, as a share of it.
+    """
+
+    gyroscope_noise: float
+    gyroscope_bias: float
+    gyroscope_walk: float
+    accelerometer_noise: float
+    accelerometer_bias: float
+    accelerometer_walk: float
+    encoder_resolution: float
+    encoder_noise: float
+    encoder_offset: float
+    velocity_noise: float
+    torque_error: float
+
+
+#: Parts by preset; ``ideal`` tells the truth, and has none.
+PARTS: Mapping[SensorQuality, Parts] = {
+    "good": Parts(
+        gyroscope_noise=0.007 * _DEGREE,
+        gyroscope_bias=0.1 * _DEGREE,
+        gyroscope_walk=1.0e-5,
+        accelerometer_noise=120.0e-6 * _G,
+        accelerometer_bias=2.0e-3 * _G,
+        accelerometer_walk=1.0e-4,
+        encoder_resolution=2.0 * math.pi / 2**19,
+        encoder_noise=5.0e-5,
+        encoder_offset=5.0e-4,
+        velocity_noise=0.005,
+        torque_error=0.02,
+    ),
+    "cheap": Parts(
+        gyroscope_noise=0.014 * _DEGREE,
+        gyroscope_bias=1.0 * _DEGREE,
+        gyroscope_walk=1.0e-4,
+        accelerometer_noise=175.0e-6 * _G,
+        accelerometer_bias=20.0e-3 * _G,
+        accelerometer_walk=1.0e-3,
+        encoder_resolution=2.0 * math.pi / 2**14,
+        encoder_noise=2.0e-4,
+        encoder_offset=5.0e-3,
+        velocity_noise=0.05,
+        torque_error=0.1,
+    ),
+}
+
+
+class ImperfectSensors:
+    """Measures as parts do: draws their biases and offsets once, and their noise in every period."""
+
+    def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:
+        """Draw what stays as it is.
+
+        Args:
+            parts: the figures.
+            robot: the robot.
+            period: between two measurements, s.
+            seed: of all that is random.
+        """
+        self._parts = parts
+        self._rng = rng = np.random.default_rng(seed)
+        self._gyroscope_bias = parts.gyroscope_bias * rng.standard_normal(3)
+        self._accelerometer_bias = parts.accelerometer_bias * rng.standard_normal(3)
+        self._offsets = parts.encoder_offset * rng.standard_normal(robot.nj)
+        self._gains = 1.0 + parts.torque_error * rng.standard_normal(robot.na)
+        self._noise, self._drawn = np.zeros(12 + 2 * robot.nj), -1
+        # A density becomes that of samples, each of which is the mean of a period; a walk becomes steps.
+        self._per_sample, self._per_step = 1.0 / math.sqrt(period), math.sqrt(period)
+
+    def measure(self, measured: Measurement) -> None:
+        """Put what the parts measure in the place of the truth; the same again for the same time."""
+        parts, count = self._parts, len(measured.position)
+        if measured.taken != self._drawn:
+            self._drawn, self._noise = measured.taken, self._rng.standard_normal(len(self._noise))
+            self._gyroscope_bias += parts.gyroscope_walk * self._per_step * self._noise[:3]
+            self._accelerometer_bias += parts.accelerometer_walk * self._per_step * self._noise[3:6]
+        turning, force, seen, speed = np.split(self._noise[6:], (3, 6, 6 + count))
+        measured.angular_velocity = (
+            measured.angular_velocity + self._gyroscope_bias + parts.gyroscope_noise * self._per_sample * turning
+        )
+        measured.specific_force = (
+            measured.specific_force + self._accelerometer_bias + parts.accelerometer_noise * self._per_sample * force
+        )
+        position = measured.position + self._offsets + parts.encoder_noise * seen
+        measured.position = parts.encoder_resolution * np.round(position / parts.encoder_resolution)
+        measured.velocity = measured.velocity + parts.velocity_noise * speed
+
+    def torques(self, tau: Array) -> Array:
+        """What the motors make of commanded torques, (na,) in N·m."""
+        return self._gains * tau

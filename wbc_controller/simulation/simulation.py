@@ -1,0 +1,103 @@
+"""A controller and the mock robot's physics, cycle by cycle, on one thread, without topics between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.result import CycleResult
+from wbc_controller.errors import NoSolution
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks import Task
+from wbc_controller.records import Mode
+from wbc_controller.settings import Settings
+from wbc_controller.settings.config import Config, load
+from wbc_controller.simulation.plant import Plant
+
+
+class Simulation:
+    """A robot of a configuration in MuJoCo, standing, with its controller active: to see what a configuration does.
+
+    Its time begins when the torques have ramped in: nothing holds the robot.
+
+    Attributes:
+        controller: the controller.
+        plant: the physics; its base is not held.
+        time: simulated, s.
+        result: of the last cycle.
+    """
+
+    result: CycleResult
+
+    def __init__(
+        self,
+        config: Config | Settings | Mapping[str, Any] | str | Path,
+        *,
+        tasks: Iterable[Callable[[RobotModel], Task]] = (),
+        contacts: Iterable[Callable[[RobotModel], Contact]] = (),
+        limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
+        preflight: bool = True,
+    ) -> None:
+        """Build the robot, its controller and the physics, in the nominal posture.
+
+        Args:
+            config: the configuration, or what `load` takes.
+            tasks: your own, as for `Controller`.
+            contacts: likewise.
+            limits: likewise.
+            preflight: check first that the robot can stand as configured.
+
+        Raises:
+            ConfigurationError: where the robot cannot be controlled or simulated.
+        """
+        config = load(config).replace({"safety.activation_ramp": 0.0})
+        self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew at time 0, in the nominal posture; settings that were changed by `Controller.update` stay."""
+        settings = self.controller.config.settings
+        self.plant = Plant(self.controller.model, settings)
+        self.plant.hold(False, ramp=0.0)
+        self.controller.reset(*self.plant.state())
+        for _ in range(round(1.0 / (settings.limits.torque_rate * self.controller.period)) + 2):
+            self._cycle()  # each comes nearer to the solution's torques by a step of the torque rate
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.plant.time
+
+    def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
+        """Go on.
+
+        Args:
+            seconds: how long.
+            each: called after every cycle, before the physics goes on.
+
+        Returns:
+            The results of the cycles.
+
+        Raises:
+            NoSolution: where a cycle has none.
+            WbcError: where the controller has left its active mode, or the physics has diverged.
+        """
+        results = []
+        for _ in range(round(seconds / self.controller.period)):
+            results.append(self._cycle())
+            self.plant.apply(self.result.tau)
+            each(self)
+            for _ in range(self.plant.steps_per_period):
+                self.plant.step()
+        return results
+
+    def _cycle(self) -> CycleResult:
+        q, v = self.plant.state()
+        self.result = self.controller.step(q, v, self.time)
+        if self.result.mode is not Mode.ACTIVE:
+            raise NoSolution(repr(self.result), self.result.mode.value, None)
+        return self.result

@@ -1,0 +1,90 @@
+"""Who touches what in the mock robot: the geoms of each contact of the configuration, and the forces on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.arrays import cross
+from wbc_controller.records import Array
+from wbc_controller.settings import ContactSettings
+from wbc_controller.simulation.mechanism import FLOOR, ON_THE_FLOOR, geom_names
+
+#: Farther than any geom is from the floor, m.
+_FAR = 1.0e3
+
+
+class Touch:
+    """The geoms of a robot in MuJoCo, by the contacts of its configuration.
+
+    A contact with the world has all that touches the floor on the body of its link. Where several contacts are on one
+    body, a touch belongs to the one whose origin is nearest. A contact with another link has the geoms of its own.
+    """
+
+    def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
+        """Find the geoms.
+
+        Args:
+            model: MuJoCo's model.
+            contacts: contacts of the configuration.
+            bodies: MuJoCo's body of each contact.
+        """
+        self._model = model
+        #: What can touch the floor.
+        self.on_the_floor = [int(geom) for geom in np.flatnonzero(model.geom_conaffinity & ON_THE_FLOOR)]
+        #: Geoms with which each contact can touch.
+        self.geoms = {
+            name: [geom for geom in self.on_the_floor if model.geom_bodyid[geom] == bodies[name]]
+            if contact.against is None
+            else [int(model.geom(geom).id) for geom in geom_names(name, contacts)]
+            for name, contact in contacts.items()
+        }
+        self._contacts: dict[int, list[str]] = {}
+        for name, geoms in self.geoms.items():
+            for geom in geoms:
+                self._contacts.setdefault(geom, []).append(name)
+
+    def forces(self, data: Any, frames: Mapping[str, pin.SE3]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Add up what acts on the robot at each contact; what touches elsewhere belongs to none.
+
+        Args:
+            data: MuJoCo's data.
+            frames: placements of the contacts in the world.
+
+        Returns:
+            By contact, force and moment about the contact's origin in world axes, (3,) each, in N and N·m.
+        """
+        force = {name: np.zeros(3) for name in frames}
+        moment = {name: np.zeros(3) for name in frames}
+        local = np.zeros(6)
+        for index in range(data.ncon):
+            touch = data.contact[index]
+            for geom, sign in zip(touch.geom, (-1.0, 1.0), strict=True):
+                names = self._contacts.get(int(geom))
+                if names is None:
+                    continue
+                name = min(names, key=lambda name: float(np.linalg.norm(touch.pos - frames[name].translation)))
+                mujoco.mj_contactForce(self._model, data, index, local)
+                # The rows of a contact's frame are its axes, the normal first; the force acts on the second geom.
+                at_point = sign * touch.frame.reshape(3, 3).T @ local[:3]
+                force[name] += at_point
+                moment[name] += cross(touch.pos - frames[name].translation, at_point)
+        return force, moment
+
+    def bodies_elsewhere(self, data: Any) -> frozenset[int]:
+        """MuJoCo's bodies that touch the floor with what belongs to no contact."""
+        geoms = (int(geom) for touch in data.contact for geom in touch.geom)
+        floor = self._model.geom(FLOOR).id
+        return frozenset(
+            int(self._model.geom_bodyid[geom]) for geom in geoms if geom != floor and geom not in self._contacts
+        )
+
+    def height(self, data: Any, geoms: Iterable[int]) -> float:
+        """How far geoms are above the floor, m: negative where one is in it, infinite where there are none."""
+        floor = self._model.geom(FLOOR).id
+        heights = [mujoco.mj_geomDistance(self._model, data, floor, geom, _FAR, None) for geom in geoms]
+        return min(heights, default=float("inf"))

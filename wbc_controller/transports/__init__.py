@@ -1,1 +1,0 @@
-"""The ends that carry messages: in memory, by DDS, by ROS 2. All are wired from `wbc_controller.wire.topics`."""

@@ -1,0 +1,1 @@
+"""Fault campaigns, fuzzers, accuracy of the estimator, latency."""

@@ -1,0 +1,181 @@
+"""What flaws of robot, sensors and ground cost a robot without odometry: the largest error of its centre of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.errors import WbcError
+from wbc_controller.records import Array
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.faults.actuators import ActuatorDelay, ActuatorGain, ActuatorLag
+from wbc_controller.simulation.faults.base_sensors import ImuNoise
+from wbc_controller.simulation.faults.fault import LONGEST, Fault
+from wbc_controller.simulation.faults.joint_sensors import JointNoise
+from wbc_controller.simulation.faults.world import MassError, SoftFloor
+from wbc_controller.validation.accuracy.rig import Rig
+
+#: Amplitudes of sway and squat, m, and the time for each way, s.
+SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5
+#: Frequency above which torques are chatter, Hz.
+CHATTER = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flaw:
+    """Something that is not as the controller believes.
+
+    Attributes:
+        name: for the table.
+        changes: settings, by dotted key.
+        faults: of the mock robot, by its actuators' names.
+        force_sensors: whether the robot has force sensors at its contacts.
+    """
+
+    name: str
+    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
+    force_sensors: bool = False
+
+
+def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], Sequence[Fault]]:
+    return lambda actuators: (kind(duration=LONGEST, **parameters),)
+
+
+#: Noise of an IMU's samples, and its density at 500 of them per second.
+_SIGMA = 0.05
+_DENSITY = _SIGMA * 0.002**0.5
+#: The rows of the table. Of noise that a data sheet tells, the filter is told.
+FLAWS = (
+    Flaw("none"),
+    Flaw("torques 20 ms late", faults=_always(ActuatorDelay, delay=0.02)),
+    Flaw("torques lag by 20 ms", faults=_always(ActuatorLag, time_constant=0.02)),
+    Flaw(
+        "encoder noise 5e-3 rad",
+        {"estimation.joint_position_noise": 0.005},
+        _always(JointNoise, sigma=0.005, velocity_sigma=1.0e-4),
+    ),
+    Flaw(
+        "joint velocity noise 0.2 rad/s",
+        {"estimation.joint_velocity": "differentiated"},
+        _always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2),
+    ),
+    Flaw("the same, taken as they come", faults=_always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2)),
+    Flaw(
+        "IMU noise 0.05 rad/s, m/s²",
+        {"estimation.gyroscope_noise": _DENSITY, "estimation.accelerometer_noise": _DENSITY},
+        _always(ImuNoise, sigma=_SIGMA),
+    ),
+    Flaw(
+        "slope 10°, force sensors",  # let down onto it, one foot after the other
+        {"mock.floor_normal": [0.0, float(np.sin(np.deg2rad(10))), float(np.cos(np.deg2rad(10)))]},
+        force_sensors=True,
+    ),
+    Flaw("100 Hz", {"control.rate": 100.0}),
+    Flaw("masses 20 % too small", faults=_always(MassError, share=0.2)),
+    Flaw("masses 20 % too large", faults=_always(MassError, share=-0.2)),
+    Flaw(
+        "torques 20 % too small",
+        faults=lambda names: [ActuatorGain(duration=LONGEST, actuator=name, factor=0.8) for name in names],
+    ),
+    Flaw("joint friction 2 N·m", {"mock.joint_friction": 2.0}),
+    Flaw("joint friction 5 N·m", {"mock.joint_friction": 5.0}),
+    Flaw("ground gives in 0.15 s", faults=_always(SoftFloor, time_constant=0.15)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a flaw costs; NaN where the run ended before.
+
+    Attributes:
+        sway: largest error of the centre of mass while it sways, m.
+        squat: and while it squats, m.
+        chatter: largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit.
+        ended: why the run ended before its time; empty where it did not.
+    """
+
+    sway: float
+    squat: float
+    chatter: float
+    ended: str = ""
+
+
+def cost_of(
+    robot: str,
+    name: str,
+    sensors: str = "good",
+    disturbance: str = "imu",
+    known_friction: bool = False,
+    changes: Mapping[str, Any] = MappingProxyType({}),
+) -> Cost:
+    """Let a robot sway by `SWAY` and squat by `SQUAT`, and compare its true centre of mass with what was asked for.
+
+    Args:
+        robot: name of a shipped robot, or the path of a file.
+        name: of the flaw, in `FLAWS`.
+        sensors: their quality.
+        disturbance: ``estimation.disturbance``.
+        known_friction: whether ``robot.friction`` has the joint friction of the flaw.
+        changes: settings beside the flaw's, by dotted key.
+
+    Raises:
+        ConfigurationError: where the robot cannot be controlled or simulated so.
+    """
+    flaw = next(flaw for flaw in FLAWS if flaw.name == name)
+    known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}
+    config = load(robot).replace({**known, **flaw.changes, **changes})
+    if known_friction:
+        dry = config.settings.mock.joint_friction
+        config = config.replace({"robot.friction": {joint: {"dry": dry} for joint in config.settings.robot.joints}})
+    rig = Rig(config, {}, force_sensors=flaw.force_sensors)
+    rig.faults = tuple(flaw.faults(rig.controller.model.actuators))
+    torques: list[Array] = []
+    found: dict[str, float] = {}
+    try:
+        rig.stand()
+        for name, points in (
+            ("sway", ([0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.0, 0.0, 0.0])),
+            ("squat", ([0.0, 0.0, -SQUAT], [0.0, 0.0, 0.0])),
+        ):
+            found[name] = _error(rig, np.array(points), torques)
+    except WbcError as error:
+        return Cost(found.get("sway", np.nan), np.nan, np.nan, str(error))
+    return Cost(
+        found["sway"],
+        found["squat"],
+        chatter(np.array(torques), rig.settings.control.rate, rig.controller.model.effort_limits),
+    )
+
+
+def _error(rig: Rig, points: Array, torques: list[Array]) -> float:
+    """Largest distance of the true centre of mass from where a motion should have it, m."""
+    errors = [0.0]
+    times = _BEAT * np.arange(1, len(points) + 1)
+    rig.follow(times.tolist(), list(rig.origin + points))
+
+    def look() -> None:
+        errors.append(float(np.linalg.norm(rig.com() + rig.shift - rig.wanted())))
+        torques.append(rig.report.command.tau if rig.report.command is not None else torques[-1])
+
+    rig.run(float(times[-1]) + 0.5, look)
+    return max(errors)
+
+
+def chatter(torques: Array, rate: float, limits: Array) -> float:
+    """The largest RMS of an actuator's torque above `CHATTER`, as a share of its limit.
+
+    Args:
+        torques: (n, na) in N·m.
+        rate: samples per second.
+        limits: of each actuator, (na,) in N·m.
+    """
+    spectrum = np.fft.rfft(torques * np.hanning(len(torques))[:, None], axis=0)
+    frequency = np.fft.rfftfreq(len(torques), 1.0 / rate)
+    # Parseval's theorem, and the mean square of the window, 3/8.
+    power = 2.0 * np.sum(np.abs(spectrum[frequency > CHATTER]) ** 2, axis=0) / len(torques) ** 2 / 0.375
+    return float(np.max(np.sqrt(power) / limits))

@@ -1,0 +1,250 @@
+"""Mishaps of contacts and sensors on a robot without odometry: it goes on, or a fault ends it and it starts again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.errors import WbcError
+from wbc_controller.records import Mode
+from wbc_controller.settings.config import Config, load
+from wbc_controller.simulation.faults.base_sensors import ImuBias, ImuShock
+from wbc_controller.simulation.faults.delivery import MessageDropout
+from wbc_controller.simulation.faults.fault import LONGEST, Fault
+from wbc_controller.simulation.faults.joint_sensors import JointBias
+from wbc_controller.simulation.faults.world import SlipperyFloor
+from wbc_controller.validation.accuracy.rig import Rig
+
+#: Error of the base's velocity above which an estimate is wrong, m/s, and how long it may be so unsaid, s.
+WRONG, UNSAID = 0.2, 0.3
+#: How the robot sways beside: amplitude in m, and the time for each way, s.
+_SWAY, _BEAT = 0.03, 0.5
+#: Time from the mishap on, s.
+_WATCHED = 2.0
+#: Time for the hoist to lift a robot that has fallen, and patience with a controller that is to be activated again, s.
+_LIFTED, _PATIENCE = 4.0, 5.0
+#: A foot is pulled up by this many times its share of the robot's weight, and for this long, s.
+_PULL, _PULLED = 1.5, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Mishap:
+    """Something that happens to a robot that stands and sways.
+
+    Attributes:
+        name: for the table.
+        faults: of the mock robot, given its first contact and the joint that moves it last.
+        pull: whether the first contact is pulled up, by `_PULL` for `_PULLED`.
+        hoist: whether the robot hangs on the hoist, before its activation.
+    """
+
+    name: str
+    faults: Callable[[str, str], Sequence[Fault]] = lambda contact, joint: ()
+    pull: bool = False
+    hoist: bool = False
+
+
+#: The rows of the table.
+MISHAPS = (
+    Mishap(
+        "one foot on ice, friction 0.05",
+        lambda foot, _: [SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)],
+    ),
+    Mishap("one foot pulled up", pull=True),
+    Mishap("IMU silent for 20 ms", lambda *_: [MessageDropout(duration=0.02, stream="imu")]),
+    Mishap("gyroscope bias of 0.05 rad/s", lambda *_: [ImuBias(duration=LONGEST, bias=0.05)]),
+    Mishap("gyroscope bias of 0.1 rad/s", lambda *_: [ImuBias(duration=LONGEST, bias=0.1)]),
+    Mishap("gyroscope bias of 0.2 rad/s", lambda *_: [ImuBias(duration=LONGEST, bias=0.2)]),
+    Mishap("gyroscope bias of 0.1 rad/s about x", lambda *_: [ImuShock(duration=LONGEST, turn=0.1, force=0.0)]),
+    Mishap("gyroscope bias of 0.2 rad/s about x", lambda *_: [ImuShock(duration=LONGEST, turn=0.2, force=0.0)]),
+    Mishap(
+        "gyroscope bias of 0.2 rad/s about y", lambda *_: [ImuShock(duration=LONGEST, axis="y", turn=0.2, force=0.0)]
+    ),
+    Mishap("accelerometer bias of 1 m/s² along x", lambda *_: [ImuShock(duration=LONGEST, force=1.0)]),
+    Mishap("IMU shock of 20 m/s² along x for 50 ms", lambda *_: [ImuShock(duration=0.05, force=20.0)]),
+    Mishap("IMU shock of 20 m/s² along z for 50 ms", lambda *_: [ImuShock(duration=0.05, axis="z", force=20.0)]),
+    Mishap(
+        "IMU shock of (2, 2, 0) rad/s for 50 ms",
+        lambda *_: [
+            ImuShock(duration=0.05, axis="x", turn=2.0, force=0.0),
+            ImuShock(duration=0.05, axis="y", turn=2.0, force=0.0),
+        ],
+    ),
+    Mishap(
+        "IMU shock of 5 rad/s for 1.5 s, on the hoist",
+        lambda *_: [ImuShock(duration=1.5, turn=5.0, force=0.0)],
+        hoist=True,
+    ),
+    Mishap(
+        "IMU shock of 20 m/s² for 0.1 s, on the hoist",
+        lambda *_: [ImuShock(duration=0.1, force=20.0)],
+        hoist=True,
+    ),
+    Mishap(
+        "encoder offset of 0.02 rad",
+        lambda _, joint: [JointBias(duration=LONGEST, joint=joint, bias=0.02, ramp=0.0)],
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of one mishap.
+
+    Attributes:
+        error: largest error of the base's linear velocity while the controller acted on it, m/s.
+        unsaid: longest time for which it was above `WRONG` without a fault, s.
+        left_out: contacts that the estimate left out.
+        said: a sentence for each fault, in order.
+        ended: whether the controller ended it: it damps, and acts on the estimate no more.
+        fell: whether the robot fell before.
+        recovery: time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stayed
+            refused, and NaN if the controller did not end.
+    """
+
+    error: float
+    unsaid: float
+    left_out: tuple[str, ...]
+    said: tuple[str, ...] = ()
+    ended: bool = False
+    fell: bool = False
+    recovery: float = math.nan
+
+    @property
+    def silently_wrong(self) -> bool:
+        """Whether the estimate was wrong, and nothing was said for too long."""
+        return not (self.unsaid <= UNSAID) or self.fell
+
+    @property
+    def good(self) -> bool:
+        """Whether a fault named every wrong estimate in time, and the robot could be activated again."""
+        return not (self.silently_wrong or math.isinf(self.recovery))
+
+
+def come_of(
+    robot: str | Config,
+    name: str,
+    sensors: str = "good",
+    seed: int = 0,
+    force_sensors: bool = False,
+    changes: Mapping[str, Any] = MappingProxyType({}),
+) -> Outcome:
+    """Let a robot sway, or hang on the hoist, and observe what follows from a mishap.
+
+    Args:
+        robot: name of a shipped robot, or the path of a file.
+        name: of the mishap, in `MISHAPS`.
+        sensors: their quality.
+        seed: of the sensors.
+        force_sensors: whether the robot has force sensors at its contacts: the true forces, 100 times a second.
+        changes: settings beside those, by dotted key.
+
+    Raises:
+        ConfigurationError: where the robot cannot be controlled or simulated so.
+    """
+    mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
+    known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
+    rig = Rig(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
+    try:
+        if mishap.hoist:
+            rig.settle()
+        else:
+            rig.stand()
+    except WbcError as error:
+        return Outcome(np.nan, np.nan, (), (f"before the mishap: {error}",))
+    contact, spec = next(iter(rig.settings.contacts.items()))
+    model = rig.controller.model
+    moved_by = model.pinocchio.frames[model.frame_id(spec.frame, "the mishap")].parentJoint
+    watch = _Watch(rig)
+    if not mishap.hoist:
+        points = [rig.origin + side * np.array([0.0, _SWAY, 0.0]) for side in (1.0, -1.0, 1.0, 0.0)]
+        rig.follow((_BEAT * np.arange(1, len(points) + 1)).tolist(), points)
+        watch.follow(0.5 * _BEAT)
+    rig.robot.plan(mishap.faults(contact, model.pinocchio.names[moved_by]), since=rig.time)
+    if mishap.pull:
+        share = model.mass * model.gravity / len(rig.robot.plant.contacts)
+        rig.robot.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
+    watch.follow(_WATCHED)
+    return watch.outcome(_recovery(rig) if watch.ended or mishap.hoist else math.nan)
+
+
+def _recovery(rig: Rig) -> float:
+    """Time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stays refused."""
+    rig.robot.plant.hold(True)
+    for _ in range(round(_LIFTED * rig.settings.control.rate)):
+        rig.cycle()
+    began = rig.time
+    rig.user.say("command", "reset")
+    while rig.time - began < _PATIENCE:
+        rig.cycle()
+        if rig.report.mode is Mode.ACTIVE:
+            return rig.time - began
+        rig.user.say("command", "activate")
+    return math.inf
+
+
+class _Watch:
+    """Compares the estimate with the truth, cycle by cycle."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._errors: list[float] = []
+        self._unsaid: list[bool] = []  # whether the estimate was wrong without a fault
+        self._left_out: dict[str, None] = {}
+        self._said: dict[str, str] = {}
+        self.ended = self._fell = False
+
+    def follow(self, seconds: float) -> None:
+        """Let time pass, while the controller acts on the estimate and the robot has not fallen."""
+        for _ in range(round(seconds * self._rig.settings.control.rate)):
+            if self.ended or self._fell:
+                return
+            self._rig.cycle()
+            fault = self._rig.report.fault
+            if fault is not None:
+                self._said.setdefault(fault.code, f"{fault.code}: {fault.sentence}")
+            self.ended = fault is not None and self._rig.report.mode not in (Mode.ACTIVE, Mode.HOLDING)
+            self._fell = self._rig.robot.plant.fallen and not self.ended
+            if not self.ended:
+                self._look()
+
+    def _look(self) -> None:
+        state, true, estimator = self._rig.report.state, self._rig.answered, self._rig.estimator
+        if true is None or estimator is None:
+            return
+        if state is None:
+            self._unsaid.append(False)
+            if estimator.lost:
+                self._said.setdefault("ESTIMATE_LOST", f"ESTIMATE_LOST: {estimator.waits_for}")
+            return
+        self._left_out |= dict.fromkeys(estimator.slipping)
+        error = float(np.linalg.norm(state.v[:3] - true[1][:3]))
+        self._errors.append(error)
+        self._unsaid.append(error > WRONG and self._rig.report.fault is None)
+
+    def outcome(self, recovery: float) -> Outcome:
+        """Outcome of the mishap.
+
+        Args:
+            recovery: as in `Outcome`, s.
+        """
+        return Outcome(
+            max(self._errors, default=0.0),
+            self._rig.controller.period * longest(np.array(self._unsaid, dtype=np.bool_)),
+            tuple(self._left_out),
+            tuple(self._said.values()),
+            self.ended,
+            self._fell,
+            recovery,
+        )
+
+
+def longest(wrong: np.ndarray) -> int:
+    """The largest number of values in a row that are true, of booleans (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -1,0 +1,165 @@
+"""How well a robot that stands knows where it is: its estimate against the truth, and against its own covariance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.stats import chi2
+
+from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.records import Array
+from wbc_controller.settings.service import SensorQuality
+from wbc_controller.simulation.sensors import PARTS
+from wbc_controller.validation.accuracy.rig import Rig
+
+#: Time between two looks, s.
+_LOOK = 0.1
+#: Share of the probability that is outside the bounds of the consistency.
+_OUTSIDE = 0.05
+#: What moves a contact point of the mock robot beside its joints: its ground is all but rigid; m/s/√Hz, by how far
+#: robots of several kinds drift.
+_CREEP = 8.0e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Stand:
+    """One robot that has stood.
+
+    Attributes:
+        seed: of its sensors.
+        tilt: RMS of roll and pitch error, rad.
+        height: RMS error of the height since the start, m.
+        velocity: RMS error of the linear velocity, m/s.
+        drift: horizontal error that has grown since the start, m per minute.
+        seen: normalized estimation error squared of tilt and velocity, 5 degrees of freedom, at each look, (n,).
+        drifting: that of heading and position since the start, 4 degrees of freedom, (n,).
+        ended: why it ended before its time; empty where it did not.
+    """
+
+    seed: int
+    tilt: float
+    height: float
+    velocity: float
+    drift: float
+    seen: Array
+    drifting: Array
+    ended: str = ""
+
+
+def told(sensors: SensorQuality) -> dict[str, Any]:
+    """Settings of a filter that knows the figures of its sensors, as from their data sheets; none of `ideal` ones."""
+    parts = PARTS.get(sensors)
+    if parts is None:
+        return {}
+    return {
+        "estimation.gyroscope_noise": parts.gyroscope_noise,
+        "estimation.accelerometer_noise": parts.accelerometer_noise,
+        "estimation.gyroscope_bias_walk": parts.gyroscope_walk,
+        "estimation.accelerometer_bias_walk": parts.accelerometer_walk,
+        "estimation.accelerometer_bias": parts.accelerometer_bias,
+        # A rounded value is off by up to half a step, evenly.
+        "estimation.joint_position_noise": math.hypot(
+            parts.encoder_noise, parts.encoder_resolution / math.sqrt(12.0), parts.encoder_offset
+        ),
+        "estimation.contact_noise": _CREEP,
+    }
+
+
+def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stand:
+    """Let a robot stand on its estimate, which knows the figures of its sensors.
+
+    Args:
+        robot: name of a shipped robot, or the path of a file.
+        sensors: their quality.
+        seed: of the sensors.
+        seconds: how long.
+
+    Raises:
+        ConfigurationError: where the robot cannot be controlled or simulated so.
+    """
+    own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
+    rig = Rig(robot, {**told(sensors), **own})
+    errors: list[Array] = []
+    covariances: list[Array] = []
+    every = max(1, round(_LOOK * rig.settings.control.rate))
+    ended, count = "", 0
+
+    def look() -> None:
+        nonlocal count
+        count += 1
+        if count % every == 0:
+            error, P = error_of(rig)
+            errors.append(error)
+            covariances.append(P)
+
+    try:
+        rig.stand()
+        rig.run(seconds, look)
+    except WbcError as error:
+        ended = str(error)
+    if not errors:
+        nothing = np.zeros(0)
+        return Stand(seed, np.nan, np.nan, np.nan, np.nan, nothing, nothing, ended)
+    found = np.array(errors)
+    since = found - found[0]
+    minutes = max(len(found) - 1, 1) * _LOOK / 60.0
+    seen, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
+    # What has drifted since the start has the covariance that has been added since.
+    grown = [P - covariances[0] for P in covariances[1:]]
+    return Stand(
+        seed,
+        tilt=float(np.sqrt(np.mean(np.sum(found[:, :2] ** 2, axis=1)))),
+        height=float(np.sqrt(np.mean(since[:, 8] ** 2))),
+        velocity=float(np.sqrt(np.mean(np.sum(found[:, 3:6] ** 2, axis=1)))),
+        drift=float(np.linalg.norm(since[-1, 6:8])) / minutes,
+        seen=_normalized(found[:, seen], [P[np.ix_(seen, seen)] for P in covariances]),
+        drifting=_normalized(since[1:, drifting], [P[np.ix_(drifting, drifting)] for P in grown]),
+        ended=ended,
+    )
+
+
+def error_of(rig: Rig) -> tuple[Array, Array]:
+    """The filter's error ξ of rotation, velocity and position, to first order, (9,), and its covariance, (9, 9).
+
+    The right-invariant error X̂ X⁻¹ = exp(ξ) has R̂ Rᵀ, v̂ - R̂ Rᵀ v and p̂ - R̂ Rᵀ p as its columns. The filter is as old
+    as the state that the last cycle has answered.
+    """
+    estimator = rig.estimator
+    if estimator is None or estimator.filter is None or rig.answered is None:
+        raise ConfigurationError("the robot has no estimate of its base: estimation.base_state has to be imu")
+    model, (q, v), found = rig.controller.model, rig.answered, estimator.filter
+    data, frame = model.pinocchio.createData(), model.frame_id(estimator.imu_frame, "estimation.imu_frame")
+    pin.forwardKinematics(model.pinocchio, data, q, v)
+    placement = pin.updateFramePlacement(model.pinocchio, data, frame)
+    velocity = pin.getFrameVelocity(model.pinocchio, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
+    turn = found.rotation @ placement.rotation.T
+    error = [pin.log3(turn), found.velocity - turn @ velocity, found.position - turn @ placement.translation]
+    return np.concatenate(error), np.array(found.P[:9, :9])
+
+
+def _normalized(errors: Array, covariances: Sequence[Array]) -> Array:
+    return np.array([e @ np.linalg.lstsq(P, e, rcond=1e-12)[0] for e, P in zip(errors, covariances, strict=True)])
+
+
+def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:
+    """How often the mean over the runs is within its 95 % bounds, as a share of the time, and the mean over all.
+
+    Args:
+        squares: normalized estimation errors squared of each run, (n,) each; the shortest run counts.
+        freedom: degrees of freedom of each.
+
+    Returns:
+        The share, and the mean divided by the degrees of freedom: above 1 the covariance is too small.
+    """
+    length = min((len(each) for each in squares), default=0)
+    if not length:
+        return np.nan, np.nan
+    runs = len(squares)
+    mean = np.mean([each[:length] for each in squares], axis=0)
+    low, high = chi2.ppf([_OUTSIDE / 2.0, 1.0 - _OUTSIDE / 2.0], freedom * runs) / runs
+    return float(np.mean((mean >= low) & (mean <= high))), float(np.mean(mean)) / freedom

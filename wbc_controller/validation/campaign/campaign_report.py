@@ -1,0 +1,231 @@
+"""The report of a campaign: one row for each kind of fault and robot, as a table, as files, and as plots."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.table import Table
+from scipy import stats
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
+from wbc_controller.validation.campaign.results import Key, key_of
+from wbc_controller.validation.campaign.trial import ALL_KINDS
+
+_COLUMNS = (
+    "kind", "robot", "trials", "survived", "share (95 %)", "damped for", "to detect", "detected after [ms]",
+    "deadline [ms]", "violations",
+)  # fmt: skip
+#: Violations from the worst to the least, for the one trial that is named.
+_WORST = (
+    "not_finite", "unreadable", "over_limit", "over_rate", "stale", "internal_error", "logged", "stall", "fell",
+    "undetected", "wrong_reason", "recording", "early", "start", "diverged",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The trials of one kind of fault on one robot.
+
+    Attributes:
+        place: where the fault acts.
+        kind: the kind.
+        robot: the robot.
+        trials: their number.
+        survived: number of those after which the robot still stood.
+        interval: Wilson's interval of the share survived at 95 %, two shares.
+        reasons: number of those that were damped, by the code of their fault.
+        must: number of those in which the fault had to be detected.
+        delays: in these, the times until it was detected, s.
+        deadline: longest deadline of these, s; None where there are none.
+        violations: number of trials by name of a violation.
+    """
+
+    place: str
+    kind: str
+    robot: str
+    trials: int
+    survived: int
+    interval: tuple[float, float]
+    reasons: dict[str, int]
+    must: int
+    delays: tuple[float, ...]
+    deadline: float | None
+    violations: dict[str, int]
+
+
+def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
+    """Summarize trials by kind and robot, in the order of the table of kinds."""
+    groups: dict[tuple[str, str], list[Outcome]] = {}
+    for outcome in outcomes:
+        groups.setdefault((outcome.kind, outcome.robot), []).append(outcome)
+    order = list(ALL_KINDS)
+    return [
+        _row(kind, robot, group)
+        for (kind, robot), group in sorted(groups.items(), key=lambda item: (order.index(item[0][0]), item[0][1]))
+    ]
+
+
+def _row(kind: str, robot: str, group: Sequence[Outcome]) -> Row:
+    survived = sum(not outcome.code for outcome in group)
+    low, high = stats.binomtest(survived, len(group)).proportion_ci(0.95, method="wilson")
+    must = [outcome for outcome in group if outcome.deadline is not None]
+    return Row(
+        ALL_KINDS[kind].place,
+        kind,
+        robot,
+        len(group),
+        survived,
+        (float(low), float(high)),
+        dict(Counter(outcome.code for outcome in group if outcome.code).most_common()),
+        len(must),
+        tuple(outcome.after for outcome in must if outcome.after is not None),
+        max((outcome.deadline for outcome in must if outcome.deadline is not None), default=None),
+        dict(Counter(name for outcome in group for name in outcome.violations)),
+    )
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    low, high = row.interval
+    delays = f"{1e3 * np.median(row.delays):.0f} (max {1e3 * max(row.delays):.0f})" if row.delays else "–"
+    return (
+        row.kind,
+        row.robot,
+        str(row.trials),
+        str(row.survived),
+        f"{row.survived / row.trials:.2f} ({low:.2f}–{high:.2f})",
+        _counted(row.reasons),
+        str(row.must),
+        delays,
+        "–" if row.deadline is None else f"{1e3 * row.deadline:.0f}",
+        _counted(row.violations),
+    )
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in counts.items()) or "–"
+
+
+def terminal_table(outcomes: Sequence[Outcome]) -> Table:
+    """The table for a terminal."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in _COLUMNS:
+        text = column in ("kind", "robot", "damped for", "violations")
+        table.add_column(column, justify="left" if text else "right", no_wrap=column in ("kind", "robot"))
+    for row in rows_of(outcomes):
+        table.add_row(*_cells(row), style="red" if row.violations else None)
+    return table
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """The whole campaign in one sentence."""
+    kinds, robots = {outcome.kind for outcome in outcomes}, {outcome.robot for outcome in outcomes}
+    survived = sum(not outcome.code for outcome in outcomes)
+    bad = sum(bool(outcome.violations) for outcome in outcomes)
+    must = [outcome for outcome in outcomes if outcome.deadline is not None]
+    seen = sum("undetected" not in outcome.violations for outcome in must)
+    longest = max(outcome.longest for outcome in outcomes)
+    return (
+        f"{len(outcomes)} trials, {len(kinds)} kinds of fault, {len(robots)} robots: {survived} survived, "
+        f"{len(outcomes) - survived} damped; {seen} of {len(must)} faults that must be detected were, in time; "
+        f"{bad} trials with violations; longest cycle {1e3 * longest:.1f} ms of processor time"
+    )
+
+
+def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> list[str]:
+    """A sentence for each trial that was repeated because of a stall, by its outcome before."""
+    return [
+        f"{outcome.robot}, {outcome.kind}, seed {outcome.seed} was repeated: its longest cycle took "
+        f"{1e3 * first.longest:.1f} ms of processor time, and {1e3 * outcome.longest:.1f} ms in a new process"
+        for outcome in outcomes
+        if (first := before.get(key_of(outcome))) is not None
+    ]
+
+
+def worst(outcomes: Sequence[Outcome]) -> Outcome | None:
+    """The trial with the worst violation; None without any."""
+    bad = [outcome for outcome in outcomes if outcome.violations]
+    return min(bad, key=lambda outcome: min(map(_WORST.index, outcome.violations)), default=None)
+
+
+def command_that_repeats(outcome: Outcome) -> str:
+    """The command line that runs a trial again."""
+    return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
+
+
+def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
+    """Write the table as Markdown and CSV, and the plots where plotly is installed.
+
+    Args:
+        outcomes: of all trials.
+        folder: of the files.
+        repeated: what `repetitions` says.
+
+    Raises:
+        ConfigurationError: where a file cannot be written.
+    """
+    rows = rows_of(outcomes)
+    try:
+        (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
+        (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
+        html = _plots(rows, outcomes)
+        if html is not None:
+            (folder / "faults.html").write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
+
+
+def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:
+    lines = [f"# Fault campaign\n\n{summary(outcomes)}.\n", *(f"{sentence}.\n" for sentence in repeated)]
+    place = ""
+    for row in rows:
+        if row.place != place:
+            place = row.place
+            lines.append(f"\n## {place.capitalize()}\n")
+            lines += ["| " + " | ".join(_COLUMNS) + " |", "|" + "---|" * len(_COLUMNS)]
+        lines.append("| " + " | ".join(_cells(row)) + " |")
+    bad = [outcome for outcome in outcomes if outcome.violations]
+    if bad:
+        lines.append("\n## Violations\n")
+        lines += [f"- `{name}`: {ALL_VIOLATIONS[name]}" for name in _WORST if any(name in o.violations for o in bad)]
+        lines.append("")
+        for outcome in bad:
+            said = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
+            lines.append(
+                f"- `{command_that_repeats(outcome)}`: {said} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _csv(rows: Sequence[Row]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(
+        ("place", "kind", "robot", "trials", "survived", "share_low", "share_high", "reasons", "must_be_detected",
+         "detected_median_s", "detected_max_s", "deadline_max_s", "violations")
+    )  # fmt: skip
+    for row in rows:
+        median, largest = (float(np.median(row.delays)), max(row.delays)) if row.delays else ("", "")
+        writer.writerow(
+            (row.place, row.kind, row.robot, row.trials, row.survived, *row.interval, json.dumps(row.reasons), row.must,
+             median, largest, "" if row.deadline is None else row.deadline, json.dumps(row.violations))
+        )  # fmt: skip
+    return text.getvalue()
+
+
+def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> str | None:
+    """The page with the plots; None where plotly is not installed."""
+    try:
+        from wbc_controller.validation.campaign.campaign_plots import page
+    except ModuleNotFoundError:
+        return None
+    return page(rows, outcomes, summary(outcomes))

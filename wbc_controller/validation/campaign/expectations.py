@@ -1,0 +1,324 @@
+"""What the controller has to make of each kind of fault: survive it, detect it in time, or end for a right reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.safety.plausibility import MEMORY
+from wbc_controller.settings import Settings
+from wbc_controller.simulation.faults.fault import Fault
+
+#: Reasons for which a robot that can no longer stand, or that is told something else than what is, may be damped.
+BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSIBLE_STATE", "ESTIMATE_LOST"})
+STALE = frozenset({"STALE_INPUT"})
+IMPLAUSIBLE = frozenset({"IMPLAUSIBLE_STATE"})
+CLOCK = frozenset({"CLOCK"})
+#: How far a threshold has to be exceeded before its check must see it, as a share: the robot moves beside.
+_MARGIN = 1.1
+#: Probability below which a random fault is taken never to stay away.
+_NEVER = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What has to come of a fault.
+
+    Attributes:
+        codes: reasons for which the robot may be damped; empty where it has to survive.
+        deadline: time after the beginning of the fault in which it must be damped, s; None where it may survive.
+    """
+
+    codes: frozenset[str]
+    deadline: float | None = None
+
+    @property
+    def word(self) -> str:
+        """One word for tables."""
+        return "survive" if not self.codes else "either" if self.deadline is None else "detect"
+
+
+HARMLESS = Expectation(frozenset())
+EITHER = Expectation(BALANCE)
+STALE_OR_BALANCE = Expectation(STALE | BALANCE)
+
+#: What is expected of one fault under the settings of its robot.
+_Rule = Callable[[Any, "Known"], Expectation]
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What rules are made from.
+
+    Attributes:
+        settings: of the robot.
+        cycle: two control periods, s: the one in which a fault begins, and the one in which it is seen.
+        timeout: ``safety.state_timeout``, s.
+    """
+
+    settings: Settings
+    cycle: float
+    timeout: float
+
+    def refused(self, lasts: float, after: float = 0.0) -> Expectation:
+        """Messages that are missing or refused for a time, from some time on: the last good one becomes too old."""
+        if lasts <= self.timeout + self.cycle:
+            return STALE_OR_BALANCE
+        return Expectation(STALE | BALANCE, after + self.timeout + self.cycle)
+
+    def seen(self, sure: bool, deadline: float, codes: frozenset[str] = IMPLAUSIBLE) -> Expectation:
+        """Seen in time where it is large enough, by this or another check; else it may be survived."""
+        return Expectation(codes | BALANCE, deadline + self.cycle) if sure else Expectation(codes | BALANCE)
+
+
+def expect(fault: Fault, settings: Settings) -> Expectation:
+    """What has to come of a fault.
+
+    Args:
+        fault: the fault.
+        settings: of the robot that it happens to.
+    """
+    period = 1.0 / settings.control.rate
+    known = Known(settings, 2.0 * period, settings.safety.state_timeout)
+    return RULES[fault.kind()](fault, known)
+
+
+def _ramped(value: float, ramp: float, lasts: float, threshold: float) -> bool:
+    """Whether the mismatch of a value that grows to `value` exceeds a threshold, though it is being forgotten."""
+    grown = min(ramp, lasts)
+    peak = abs(value) if ramp == 0.0 else abs(value) / ramp * MEMORY * (1.0 - np.exp(-grown / MEMORY))
+    return peak > _MARGIN * threshold
+
+
+def _drifting(rate: float, lasts: float, threshold: float) -> float | None:
+    """Time in which the mismatch of a steady drift exceeds a threshold, s; None where it does not."""
+    share = _MARGIN * threshold / (rate * MEMORY)
+    time = -MEMORY * float(np.log(1.0 - share)) if share < 1.0 else np.inf
+    return time if time < lasts else None
+
+
+def _spike(fault: Any, known: Known) -> Expectation:
+    messages = np.ceil(np.log(_NEVER) / np.log(1.0 - fault.share))
+    surely = float(messages) * 0.5 * known.cycle
+    large = fault.size > _MARGIN * known.settings.safety.joint_mismatch
+    return known.seen(large and surely < fault.duration, surely)
+
+
+def _share_refused(fault: Any, known: Known) -> Expectation:
+    """A share of the messages of a stream is missing or refused."""
+    return known.refused(fault.duration) if fault.share == 1.0 else STALE_OR_BALANCE
+
+
+def _lost(fault: Any, known: Known) -> Expectation:
+    if fault.stream == "imu" or fault.share <= 0.1:
+        return HARMLESS
+    return _share_refused(fault, known)
+
+
+def _absent(fault: Any, known: Known) -> Expectation:
+    """No message of a stream for the whole duration."""
+    return HARMLESS if getattr(fault, "stream", "") == "imu" else known.refused(fault.duration)
+
+
+def _delayed(fault: Any, known: Known) -> Expectation:
+    if fault.stream == "imu":
+        return HARMLESS
+    return known.refused(min(fault.delay, fault.duration))
+
+
+def _delayed_ever_more(fault: Any, known: Known) -> Expectation:
+    """Without synchronized clocks, what the delay grows by in the time that passes looks like a slow clock."""
+    if fault.stream == "imu":
+        return HARMLESS
+    seen = fault.growth if known.settings.safety.synchronized_clocks else fault.growth - 1.0
+    if seen <= 0.0:
+        return STALE_OR_BALANCE
+    too_old = known.timeout / seen * (1.0 + fault.growth)  # arrival of the first message that is seen to be too old
+    if too_old + known.timeout + known.cycle >= fault.duration:
+        return STALE_OR_BALANCE
+    return Expectation(STALE | BALANCE, too_old + known.timeout + known.cycle)
+
+
+def _replayed(fault: Any, known: Known) -> Expectation:
+    if fault.stream == "imu":
+        return HARMLESS
+    return known.refused(fault.duration - fault.length, fault.length)
+
+
+def _jumped_back(fault: Any, known: Known) -> Expectation:
+    return known.refused(min(fault.by, fault.duration))
+
+
+def _jumped_ahead(fault: Any, known: Known) -> Expectation:
+    safety = known.settings.safety
+    refused = _MARGIN * safety.clock_tolerance if safety.synchronized_clocks else _FAR_AHEAD
+    return known.refused(fault.duration) if fault.by > refused else STALE_OR_BALANCE
+
+
+def _clock(fault: Any, known: Known) -> Expectation:
+    if fault.by < 0.0:
+        return known.seen(True, 0.0, CLOCK)
+    return known.seen(fault.by > _MARGIN * known.timeout, known.timeout, STALE | CLOCK)
+
+
+def _clock_frozen(fault: Any, known: Known) -> Expectation:
+    return known.seen(fault.duration > known.timeout + known.cycle, known.timeout, STALE | CLOCK)
+
+
+def _slow(fault: Any, known: Known) -> Expectation:
+    return known.refused(min(fault.period, fault.duration))
+
+
+def _no_stream(rule: _Rule) -> _Rule:
+    """What concerns the inertial measurement unit is harmless: the controller does not read it."""
+    return lambda fault, known: HARMLESS if fault.stream == "imu" else rule(fault, known)
+
+
+def _small(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:
+    """Harmless where each parameter is within a limit."""
+    return lambda fault, known: (
+        HARMLESS if all(abs(getattr(fault, key)) <= limit for key, limit in limits.items()) else otherwise
+    )
+
+
+def _either(fault: Any, known: Known) -> Expectation:
+    return EITHER
+
+
+def _survives(fault: Any, known: Known) -> Expectation:
+    return HARMLESS
+
+
+def _estop(fault: Any, known: Known) -> Expectation:
+    return Expectation(frozenset({"ESTOP"}), known.cycle)
+
+
+def _jump(key: str, threshold: str, share: float = 1.0) -> _Rule:
+    """A value that jumps by a parameter, of which a share is along one axis, against a setting of `safety`."""
+    return lambda fault, known: known.seen(
+        share * getattr(fault, key) > _MARGIN * getattr(known.settings.safety, threshold), 0.0
+    )
+
+
+def _drift(key: str, threshold: str, share: float = 1.0) -> _Rule:
+    def rule(fault: Any, known: Known) -> Expectation:
+        limit = getattr(known.settings.safety, threshold)
+        time = _drifting(share * getattr(fault, key), fault.duration, limit)
+        if time is not None:
+            return known.seen(True, time)
+        return HARMLESS if getattr(fault, key) <= _SLOW_DRIFT else EITHER
+
+    return rule
+
+
+def _ramp(key: str, threshold: str, share: float = 1.0) -> _Rule:
+    def rule(fault: Any, known: Known) -> Expectation:
+        limit = getattr(known.settings.safety, threshold)
+        sure = _ramped(share * getattr(fault, key), fault.ramp, fault.duration, limit)
+        return known.seen(sure, min(fault.ramp, fault.duration))
+
+    return rule
+
+
+def _frozen(fault: Any, known: Known) -> Expectation:
+    safety = known.settings.safety
+    lasts = max(safety.frozen_time, safety.state_timeout) + known.cycle
+    return known.seen(fault.duration > lasts, lasts)
+
+
+#: A stamp this far ahead is refused where clocks are not synchronized, s (middleware/stamps.py).
+_FAR_AHEAD = 0.26
+#: A drift of odometry that a standing robot follows, m/s or rad/s.
+_SLOW_DRIFT = 0.01
+#: Least share of a random horizontal direction along one of two axes.
+_ALONG = float(np.sqrt(0.5))
+
+RULES: Mapping[str, _Rule] = {
+    "joint_noise": _small({"sigma": 1e-4, "velocity_sigma": 1e-3}),
+    "joint_bias": _ramp("bias", "joint_mismatch"),
+    "joint_scale": _either,
+    "joint_quantization": _small({"step": 2e-4}),
+    "joint_lag": _either,
+    "joint_spike": _spike,
+    "joint_jump": _jump("size", "joint_mismatch"),
+    "joint_frozen": _either,
+    "joint_states_frozen": _frozen,
+    "joint_not_a_number": _share_refused,
+    "joint_absurd": lambda fault, known: known.seen(True, 0.0),
+    "joint_missing": _absent,
+    "joints_swapped": _either,
+    "velocity_lag": _small({"time_constant": 0.002}),
+    "velocity_sign": _either,
+    "velocity_dead": _either,
+    "odom_noise": _small({"sigma": 1e-4, "turn_sigma": 1e-4}),
+    "odom_velocity_noise": _small({"sigma": 1e-3}),
+    "odom_drift": _drift("speed", "base_mismatch", _ALONG),
+    "odom_turn_drift": _drift("rate", "base_turn_mismatch"),
+    "odom_jump": _jump("size", "base_mismatch", _ALONG),
+    "odom_turn_jump": _jump("angle", "base_turn_mismatch"),
+    "odom_tilt": _ramp("angle", "base_turn_mismatch", _ALONG),
+    "odom_frozen": _frozen,
+    "odom_lag": _small({"time_constant": 0.002}),
+    "odom_slow": _slow,
+    "odom_bad_quaternion": _absent,
+    "odom_not_a_number": _share_refused,
+    "odom_absurd": lambda fault, known: known.seen(True, 0.0),
+    "odom_wrong_frame": _absent,
+    "imu_noise": _survives,
+    "imu_bias": _survives,
+    "imu_shock": _survives,
+    "message_delay": _delayed,
+    "message_growing_delay": _delayed_ever_more,
+    "message_jitter": _no_stream(lambda fault, known: STALE_OR_BALANCE),
+    "message_loss": _lost,
+    "message_dropout": _absent,
+    "message_duplication": _survives,
+    "message_reordering": _no_stream(lambda fault, known: STALE_OR_BALANCE),
+    "message_replay": _replayed,
+    "message_queue": _absent,
+    "command_loss": _small({"share": 0.02}),
+    "command_delay": _either,
+    "command_twice": _survives,
+    "stamp_zero": _absent,
+    "stamp_frozen": _absent,
+    "stamp_back": _jumped_back,
+    "stamp_ahead": _jumped_ahead,
+    "stamp_drift": _small({"rate": 1e-3}, STALE_OR_BALANCE),
+    "clock_jump": _clock,
+    "clock_frozen": _clock_frozen,
+    "clock_drift": lambda fault, known: Expectation(STALE | CLOCK | BALANCE),
+    "actuator_dead": _either,
+    "actuator_reversed": _either,
+    "actuator_gain": _either,
+    "actuator_weak": _either,
+    "actuator_bias": _small({"share": 0.005}),
+    "actuator_noise": _small({"share": 0.002}),
+    "actuator_lag": _small({"time_constant": 0.001}),
+    "actuator_delay": _either,
+    "joint_friction": _either,
+    "joint_locked": _either,
+    "payload": _either,
+    "mass_error": _small({"share": 0.02}),
+    "center_of_mass_error": _small({"offset": 0.005}),
+    "slippery_floor": _either,
+    "soft_floor": _either,
+    "floor_drop": _either,
+    "floor_hole": _either,
+    "floor_tilt": _small({"angle": 0.01}),
+    "push": _small({"share": 0.01}),
+    "kick": _small({"speed": 0.03}),
+    "garbage": _survives,
+    "unknown_words": _survives,
+    "request_flood": _survives,
+    "far_setpoint": _either,
+    "step_setpoint": _either,
+    "long_trajectory": _survives,
+    "huge_message": _survives,
+    "estop": _estop,
+    "estop_in_flood": _estop,
+    "contact_off": _either,
+    "conflicting_updates": _either,
+}

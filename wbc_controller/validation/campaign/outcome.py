@@ -1,0 +1,70 @@
+"""What came of a trial, as a record, and what may not come of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from wbc_controller.validation.campaign.watch import VIOLATIONS
+
+#: Longest time for which a robot may be fallen while its controller is active, s.
+UNSEEN = 0.2
+#: Every name of a violation, with its meaning: what the watch finds, and what the outcome tells.
+ALL_VIOLATIONS: Mapping[str, str] = {
+    **VIOLATIONS,
+    "start": "the robot did not stand when the fault was to begin",
+    "early": "the controller left its active mode before the fault began",
+    "undetected": "a fault that must be detected was not, or too late",
+    "wrong_reason": "damping for a reason that this kind of fault does not have, or with one that is harmless",
+    "fell": f"the robot lay on the ground for {UNSEEN:g} s while its controller was active",
+    "recording": "the fault's recording does not name it, or does not come out bit for bit when it is solved again",
+    "diverged": "the physics of the mock robot diverged: the trial says nothing",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one trial.
+
+    Attributes:
+        robot: the robot.
+        kind: the kind of fault.
+        seed: of the trial.
+        parameters: of the fault.
+        expected: what had to come of it: ``survive``, ``detect`` or ``either``.
+        deadline: time after the beginning of the fault within which it had to be detected, s; None for none.
+        result: ``survived``, ``damped`` or ``violation``.
+        code: of the fault of the controller, or its mode where there is none; empty where it stayed active.
+        sentence: its reason.
+        after: time from the beginning of the fault until then, s; None where it stayed active.
+        moved: farthest that the centre of mass was from where it was at the beginning of the fault, m.
+        longest: longest processor time of the loop for one cycle, s.
+        simulated: length of the trial, s.
+        wall: wall time that it took, s.
+        violations: sentences by name, as in `ALL_VIOLATIONS`.
+    """
+
+    robot: str
+    kind: str
+    seed: int
+    parameters: Mapping[str, Any]
+    expected: str
+    deadline: float | None
+    result: str
+    code: str
+    sentence: str
+    after: float | None
+    moved: float
+    longest: float
+    simulated: float
+    wall: float
+    violations: Mapping[str, str]
+
+    def repeatable(self) -> dict[str, Any]:
+        """All that is the same whenever the trial is repeated: times of the machine and explanations are not."""
+        content = dataclasses.asdict(self)
+        for key in ("longest", "wall", "sentence"):
+            del content[key]
+        return {**content, "violations": sorted(self.violations)}

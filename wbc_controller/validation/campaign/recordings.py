@@ -1,0 +1,65 @@
+"""What the fault of a trial leaves behind: a recording that names it, and that comes out again when it is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.replay.solving import Replay
+from wbc_controller.recording.replay.telling import told
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the recordings of one trial are.
+
+    Attributes:
+        folder: of the recordings of a campaign.
+        name: of the trial, with which the files begin.
+    """
+
+    folder: Path
+    name: str
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Those of the recorder, by dotted key."""
+        return {"recorder.folder": str(self.folder.absolute())}
+
+    def clear(self) -> None:
+        """Remove what an earlier run of the same trial has left."""
+        for file in self._files():
+            file.unlink()
+
+    def lacks(self, code: str, sentence: str) -> str:
+        """What is wrong with the recording of a fault, or nothing: it names the fault, and all its cycles come out.
+
+        Args:
+            code: of the fault.
+            sentence: its reason.
+        """
+        files = self._files()
+        if not files:
+            return f"there is none of {code}"
+        try:
+            found = [Recorded(file) for file in files]
+            named = [each for each in found if f"fault {code} " in told(each) and sentence in told(each)]
+            if not named:
+                return f"{files[-1]} does not name {code}"
+            run = Replay(named[0])
+            with np.errstate(all="ignore"):  # as in the trial
+                cycles = list(run.run())
+        except ConfigurationError as error:
+            return str(error)
+        different = sum(not each.same for each in cycles)
+        if different or not cycles:
+            return f"{named[0].path}: of {len(cycles)} cycles {different} do not come out as they were recorded"
+        return ""
+
+    def _files(self) -> list[Path]:
+        return sorted(self.folder.glob(f"{self.name}-[0-9]*-[0-9]*-*.mcap"))

@@ -1,0 +1,130 @@
+"""The file of a campaign: one line of JSON for each trial, so that it can be stopped and resumed at any time."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.files import find_configuration
+from wbc_controller.validation.campaign.outcome import Outcome
+
+#: Name of the file in the folder of a campaign.
+FILE = "trials.jsonl"
+
+
+class Key(NamedTuple):
+    """What makes a trial: all else follows from it."""
+
+    robot: str
+    kind: str
+    seed: int
+
+
+class Results:
+    """The outcomes of a campaign, in memory and on disk.
+
+    Attributes:
+        path: of the file.
+        outcomes: those of this version of code and configuration, by key; the last one of a trial that was repeated.
+        repeated: the outcomes before, of trials that were repeated, by key.
+        others: number of lines in the file of another version, which are kept and not used.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the file of a folder, and read what is there.
+
+        Raises:
+            ConfigurationError: where the folder or file cannot be used.
+        """
+        self.path = folder / FILE
+        self.outcomes: dict[Key, Outcome] = {}
+        self.repeated: dict[Key, Outcome] = {}
+        self.others = 0
+        self._versions: dict[str, str] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if self.path.exists():
+                self._read()
+            self._file = self.path.open("a", encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"{self.path}: cannot be used: {error.strerror or error}") from error
+
+    def add(self, outcome: Outcome) -> None:
+        """Append an outcome to the file, at once."""
+        content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
+        self._file.write(json.dumps(_without_infinities(content), ensure_ascii=False) + "\n")
+        self._file.flush()
+        self._take(outcome)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _read(self) -> None:
+        text = self.path.read_text(encoding="utf-8")
+        complete = text[: text.rfind("\n") + 1]
+        if complete != text:  # the process ended while it wrote the last line
+            self.path.write_text(complete, encoding="utf-8")
+        for number, line in enumerate(complete.splitlines(), 1):
+            try:
+                content = json.loads(line)
+                version = content.pop("version")
+                outcome = Outcome(**content)
+            except (ValueError, TypeError, KeyError, AttributeError) as error:
+                raise ConfigurationError(
+                    f"{self.path}:{number}: not a line of a fault campaign ({type(error).__name__}: {error}); name "
+                    "another folder"
+                ) from error
+            if version == self._version(outcome.robot):
+                self._take(outcome)
+            else:
+                self.others += 1
+
+    def _take(self, outcome: Outcome) -> None:
+        key = key_of(outcome)
+        if key in self.outcomes:
+            self.repeated[key] = self.outcomes[key]
+        self.outcomes[key] = outcome
+
+    def _version(self, robot: str) -> str:
+        if robot not in self._versions:
+            self._versions[robot] = version_of(robot)
+        return self._versions[robot]
+
+
+def key_of(outcome: Outcome) -> Key:
+    """The key of an outcome."""
+    return Key(outcome.robot, outcome.kind, outcome.seed)
+
+
+def version_of(robot: str) -> str:
+    """A fingerprint of this package's code and of a robot's configuration; the robot's file may be gone."""
+    digest = hashlib.sha256()
+    package = Path(__file__).resolve().parents[2]
+    for path in _sources(package):
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    try:
+        digest.update(find_configuration(robot).read_bytes())
+    except ConfigurationError:
+        digest.update(b"no such configuration")
+    return digest.hexdigest()[:16]
+
+
+def _sources(package: Path) -> Iterator[Path]:
+    """The code on which the outcome of a trial depends: not the code that counts and shows outcomes."""
+    shown = {package / "campaign" / name for name in ("results.py", "report.py", "plots.py", "run.py")}
+    return (path for path in sorted(package.rglob("*.py")) if path not in shown and path.parent.name != "demo")
+
+
+def _without_infinities(content: dict[str, Any]) -> dict[str, Any]:
+    """JSON has no infinities: they become texts."""
+    return {
+        key: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in content.items()
+    }

@@ -1,0 +1,118 @@
+"""The user of a trial, who talks to the controller by topics: activates it, and keeps the robot moving."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.codec import encode, header, message, stamp
+from wbc_controller.middleware.setpoints import vector
+from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
+from wbc_controller.middleware.transports.transport import Transport
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+
+#: Amplitude of the swaying centre of mass, m, and of all joints where they are free to follow, rad.
+_SWAY, _SWING = 0.015, 0.15
+#: Time from one side to the other, s.
+_BEAT = 0.3
+#: Longest motion, s.
+_LONGEST = 4.0
+
+
+class User:
+    """Sends messages to the controller.
+
+    Attributes:
+        requests: the controller's topics for requests, by key and subject.
+    """
+
+    def __init__(self, settings: Settings, model: RobotModel, topics: Sequence[Endpoint], transport: Transport) -> None:
+        self.requests = {
+            (topic.key, topic.subject): topic
+            for topic in topics
+            if topic.direction is Direction.IN
+            and topic.key not in ("joint_states", "odom", "clock", "robot_description")
+        }
+        self.settings = settings
+        self.model = model
+        self._publish = {key: transport.advertise(counterpart(topic)) for key, topic in self.requests.items()}
+
+    def send(self, key: str, content: Any, subject: str = "") -> None:
+        """Send a message."""
+        self.send_bytes(key, encode(content), subject)
+
+    def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
+        """Send bytes that may be no message."""
+        self._publish[key, subject](payload)
+
+    def say(self, key: str, text: str) -> None:
+        """Send a text."""
+        self.send(key, message("std_msgs/msg/String", data=text))
+
+    def move(self, com: Array) -> None:
+        """Let the centre of mass sway about a point, (3,) in m, and the joints swing, so that frozen values show."""
+        times = np.arange(_BEAT, _LONGEST, _BEAT)
+        sides = (-1.0) ** np.arange(len(times))
+        still = np.zeros(len(times)), com[None, :] + np.outer(sides, [0.5 * _SWAY, _SWAY, 0.0])
+        for name in self.tasks("com"):
+            self.send("trajectory", com_trajectory(times.tolist(), still[1]), name)
+        for name in self.tasks("posture"):
+            joints = tuple(self.settings.tasks[name].joints) or self.model.driven_joints  # type: ignore[union-attr]
+            at = [self.model.joints.index(joint) for joint in joints]
+            posture = self.model.posture[at] + np.outer(sides, np.full(len(joints), _SWING))
+            within = np.clip(posture, self.model.position_lower[at], self.model.position_upper[at])
+            self.send("trajectory", joint_trajectory(joints, times.tolist(), within), name)
+
+    def tasks(self, kind: str) -> list[str]:
+        """Names of the tasks of a kind that take trajectories."""
+        return [
+            name
+            for name, task in self.settings.tasks.items()
+            if task.type == kind and ("trajectory", name) in self.requests
+        ]
+
+
+def com_trajectory(times: Sequence[float], positions: Array) -> Any:
+    """Make a trajectory through points at rest, (n, 3) in m, that begins at once."""
+    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    points = [
+        message(
+            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+            transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
+            velocities=[],
+            accelerations=[],
+            time_from_start=_duration(time),
+        )
+        for time, position in zip(times, positions, strict=True)
+    ]
+    return message(
+        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(0, "world"), joint_names=["com"], points=points
+    )
+
+
+def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
+    """Make a trajectory of joints through points at rest, (n, k) in rad, that begins at once."""
+    nothing = np.zeros(0)
+    points = [
+        message(
+            "trajectory_msgs/msg/JointTrajectoryPoint",
+            positions=position,
+            velocities=nothing,
+            accelerations=nothing,
+            effort=nothing,
+            time_from_start=_duration(time),
+        )
+        for time, position in zip(times, positions, strict=True)
+    ]
+    return message(
+        "trajectory_msgs/msg/JointTrajectory", header=header(0, "world"), joint_names=list(joints), points=points
+    )
+
+
+def _duration(seconds: float) -> Any:
+    time = stamp(round(seconds * 1e9))
+    return message("builtin_interfaces/msg/Duration", sec=time.sec, nanosec=time.nanosec)

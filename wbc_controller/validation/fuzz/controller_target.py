@@ -1,0 +1,242 @@
+"""The controller under test: the service's loop in lockstep with a mock robot that hangs, on simulated time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.topics import Endpoint, counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.inputs import Inputs, Latched
+from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
+from wbc_controller.records import Array, CycleReport, Mode
+from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.target import (
+    CYCLE_LIMIT,
+    READ_LIMIT,
+    Broken,
+    check_torques,
+    fuzzed_robot,
+    incoming,
+    within,
+)
+
+#: Topics whose messages count in the cycle that they come in.
+_STATES = ("joint_states", "odom", "clock")
+#: Refused messages that one cycle gets.
+_BATCH = 16
+#: Cycles after the activation until the torques have settled.
+_SETTLE = 8
+
+
+class _Sieve:
+    """Stands where a loop has its inputs: reads each message as it comes, and hands on what the fuzzer lets through."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self._inputs = inputs
+        self.passed: list[Latched] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inputs, name)
+
+    def sift(self) -> Latched:
+        """Read what has come since the last call."""
+        return self._inputs.latch()
+
+    def latch(self, holding: Collection[str], *, held: bool) -> Latched:
+        """The newest state, and the requests that were let through; as `Inputs.latch`."""
+        passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
+        return dataclasses.replace(
+            passed[-1],
+            commands=tuple(word for latched in passed for word in latched.commands),
+            changes=tuple(change for latched in passed for change in latched.changes),
+            refused=tuple(sentence for latched in passed for sentence in latched.refused),
+        )
+
+
+class ControllerTarget:
+    """The controller's loop, active, with a user who sends anything at all.
+
+    Each message is read by itself, as the reader of requests does. Refused ones are given to a cycle together, in which
+    no reference, setting or mode may change; so are those that the cycle may refuse in the end, one by one.
+    """
+
+    def __init__(self, robot: str) -> None:
+        """Build the controller and its robot, and activate it.
+
+        Args:
+            robot: name of a shipped robot.
+        """
+        fuzzed = fuzzed_robot(robot)
+        self._settings, self._model = fuzzed.settings, fuzzed.model
+        self._vocabulary = make_vocabulary(self._settings, self._model)
+        topics = controller_endpoints(self._settings, self._model)
+        self.topics: Mapping[str, Endpoint] = incoming(topics)
+        bus = self._bus = MemoryBus()
+        self._mock = MockRobot(self._model, self._settings, MemoryTransport(bus))
+        self._controller = Controller(self._settings, preflight=False, model=self._model)
+        transport = MemoryTransport(bus)
+        self._clock = clock_of(topics, transport)
+        self._loop = make_loop(self._controller, transport, self._clock, topics)
+        self._sieve = _Sieve(self._loop._inputs)
+        self._loop._inputs = self._sieve  # type: ignore[assignment]  # the loop's own seam is one layer further out
+        self._efforts: list[bytes] = []
+        (effort,) = [topic for topic in topics if topic.key == "effort"]
+        self._effort_type = effort.type
+        MemoryTransport(bus).subscribe(counterpart(effort), self._efforts.append)
+        self._command = next(topic for topic in self.topics.values() if topic.key == "command")
+        self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
+        self._tau = np.zeros(self._model.na)
+        self._refused: list[Latched] = []
+        self._accepted: list[Latched] = []
+        self._disturbed = False
+        self.alive = True
+        self._start()
+
+    def _start(self) -> None:
+        for _ in range(3):  # the odometry and the joint states have to come before an activation
+            self._cycle("the start", publish=True)
+        self.take(self._command, encode(message("std_msgs/msg/String", data="activate")))
+        self.finish()
+        for _ in range(_SETTLE):
+            self._cycle("the start", publish=True)
+        if self._controller.mode is not Mode.ACTIVE:
+            raise Broken(f"the robot cannot be activated: {self._controller.mode.value} {self._controller.fault}")
+        self._disturbed = False
+
+    def example(self, topic: Endpoint) -> Any:
+        """An ordinary message of a topic, valid now."""
+        names: Any = self._vocabulary.joints.get(topic.subject, self._model.joints)
+        # Between two states of the robot, so that it is newer than the last one and older than the next.
+        stamp = self._mock.stamp + round(0.5e9 * self._controller.period) if topic.key in _STATES else 0
+        frame = self._vocabulary.reference_frames.get(topic.subject, "world")
+        content = ordinary(topic.type, names, frame, stamp)
+        if topic.key == "joint_states":
+            content.position = np.array(self._mock.plant.state()[0][self._model.q_index])
+        elif topic.key == "odom":
+            content.child_frame_id = self._model.base_link
+            q = self._mock.plant.state()[0]
+            pose = content.pose.pose
+            pose.position.x, pose.position.y, pose.position.z = q[:3].tolist()
+        elif topic.key == "clock":
+            content.clock.sec, content.clock.nanosec = divmod(stamp, 1_000_000_000)
+        elif topic.key == "weight":
+            content.data = 1.0
+        return content
+
+    def take(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message; see `Target`."""
+        state = topic.key in _STATES
+        if state:
+            self.finish()
+            self._mock.publish()
+            self._sieve.passed.append(self._sieve.sift())
+        limit = CYCLE_LIMIT if state else READ_LIMIT
+        now = self._clock.now()
+        with within(limit, f"reading {len(payload)} bytes on {topic.name}"):
+            self._send(topic, payload)
+            latched = self._sieve.sift()
+        if self._clock.now() != now:
+            self._disturbed = True
+        if latched.refused and (latched.commands or latched.changes):
+            raise Broken(f"a message on {topic.name} was refused, and is used all the same: {latched.refused}")
+        if latched.refused:
+            self._refused.append(latched)
+        elif state:
+            self._disturbed = True
+        else:
+            self._accepted.append(latched)
+        if state:
+            self._see_refused(publish=False)
+        elif len(self._refused) + len(self._accepted) >= _BATCH:
+            self.finish()
+
+    def _send(self, topic: Endpoint, payload: bytes) -> None:
+        """Publish as a participant that comes and goes: one that stayed would be a rival to the robot's odometry."""
+        user = MemoryTransport(self._bus)
+        user.advertise(counterpart(topic))(payload)
+        user.close()
+
+    def finish(self) -> None:
+        """Run the cycles of the messages that have been read; see `Target`."""
+        if self._refused:
+            self._see_refused(publish=True)
+        alone = [each for each in self._accepted if each.commands or _may_be_late(each)]
+        together = [each for each in self._accepted if not (each.commands or _may_be_late(each))]
+        self._accepted = []
+        for batch in [*([each] for each in alone), *([together] if together else [])]:
+            self._sieve.passed += batch
+            before, mode = self._parts(), self._controller.mode
+            report = self._cycle("messages that were read", publish=True)
+            late = [
+                sentence for sentence in report.refused if not sentence.startswith("/")
+            ]  # others begin with a topic
+            if len(late) == sum(len(each.commands) + len(each.changes) for each in batch):
+                self._see_unchanged(before, mode, report)  # refused after all, by what they met
+            else:
+                self._disturbed = True
+
+    def _see_refused(self, publish: bool) -> None:
+        """Run one cycle with all that was refused, in which nothing may change."""
+        self._sieve.passed += self._refused
+        self._refused = []
+        before, mode = self._parts(), self._controller.mode
+        self._see_unchanged(before, mode, self._cycle("messages that were refused", publish))
+
+    def _see_unchanged(self, before: Mapping[str, Any], mode: Mode, report: CycleReport) -> None:
+        after = self._parts()
+        changed = [key for key in before.keys() | after.keys() if before.get(key) is not after.get(key)]
+        if changed:
+            raise Broken(f"refused messages changed {', '.join(sorted(changed))}; {report.refused}")
+        if report.mode is not mode and not self._disturbed:
+            raise Broken(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
+
+    def _parts(self) -> dict[str, Any]:
+        """All that a message may change, each as the object that it is."""
+        controller = self._controller
+        parts: dict[str, Any] = {
+            "settings": controller.live.settings,
+            "live settings": controller.live.newest,
+            "supervisor.limits": controller.supervisor.limits,
+        }
+        for key, value in vars(controller.board).items():
+            if key in controller.board.SAMPLED:
+                continue
+            if isinstance(value, Mapping):
+                parts |= {f"board{key}.{name}": entry for name, entry in value.items()}
+            else:
+                parts[f"board{key}"] = value
+        return parts
+
+    def _cycle(self, why: str, publish: bool) -> CycleReport:
+        """Run one cycle of the robot and the controller, and see that all holds that must hold."""
+        if publish:
+            self._mock.publish()
+        self._efforts.clear()
+        with within(CYCLE_LIMIT, f"the cycle of {why}"):
+            report = self._loop.cycle()
+        self._mock.advance()
+        if report.fault is not None and report.fault.code == "INTERNAL_ERROR":
+            raise Broken(f"{why} led to {report.fault.code}: {report.fault.sentence}")
+        stopped = report.fault is not None and report.fault.code == "ESTOP"
+        for payload in self._efforts:
+            tau: Array = np.asarray(decode(payload, self._effort_type).data)
+            step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
+            check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
+            self._tau = tau
+        self.alive = report.mode in (Mode.ACTIVE, Mode.HOLDING) or not self._disturbed
+        return report
+
+
+def _may_be_late(latched: Latched) -> bool:
+    """Whether a cycle may find that a trajectory is over."""
+    return any(isinstance(change, SetTrajectory) for changes in latched.changes for change in changes)

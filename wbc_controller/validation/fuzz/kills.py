@@ -1,0 +1,209 @@
+"""Kills: the controller or the mock robot is killed, hung up or stopped for a while, at random moments.
+
+What counts is what arrives for the joints: after the last command, the guard's torques within its bound; no torques
+that were computed from an old state; and afterwards everything can go on.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from wbc_controller.errors import WbcError
+from wbc_controller.validation.fuzz import DOMAIN
+from wbc_controller.validation.fuzz.rig import Rig
+
+#: Ways to end or stop a process.
+WAYS: Mapping[str, signal.Signals] = {
+    "kill": signal.SIGKILL,
+    "hang up": signal.SIGHUP,
+    "stop": signal.SIGSTOP,
+}
+#: Time for which a stopped process stands still, s; drawn so that short and long ones are equally frequent.
+_STOPPED = (0.03, 3.0)
+#: Moment of the kill after the activation, s.
+_MOMENT = (0.3, 1.0)
+#: How often the robot is activated for it, at most: where the machine stalls, a fault comes before the kill.
+_ATTEMPTS = 10
+#: Time after which what was late until now has been seen, s.
+_SETTLED = 0.1
+#: What a machine that is never late may add to the guard's bound, s.
+SLACK = 0.01
+#: Time for which the joints are watched after the last event, s.
+_WATCH = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class KillTrial:
+    """One kill.
+
+    Attributes:
+        victim: ``controller`` or ``mock``.
+        way: key in `WAYS`.
+        stopped: time for which the process stood still, s; 0 if it ended.
+        gap: longest time for which the last torques stayed in force at the joints, s; 0 where they were zero.
+        bound: that which the guard or the controller allows, s.
+        stale: largest age of a state from which torques were computed that came afterwards, s; without the one message
+            that was on its way to the middleware when the process was stopped.
+        timeout: that which the configuration allows, s.
+        late: lateness of the machine meanwhile, s.
+        sentence: state of the controller or of the guard afterwards.
+        right: whether it is the right one.
+        restarted: whether the robot could be activated again.
+    """
+
+    victim: str
+    way: str
+    stopped: float
+    gap: float
+    bound: float
+    stale: float
+    timeout: float
+    late: float
+    sentence: str
+    right: bool
+    restarted: bool
+
+    @property
+    def held(self) -> bool:
+        """Whether all held that must hold, beside the lateness of the machine."""
+        slack = SLACK + 2.0 * self.late
+        fresh = self.stale <= self.timeout + slack
+        return self.gap <= self.bound + slack and fresh and self.right and self.restarted
+
+
+def kill_trials(
+    robot: str,
+    folder: Path,
+    trials: int,
+    *,
+    domain: int = DOMAIN,
+    seed: int = 0,
+    progress: Callable[[KillTrial], None] = lambda trial: None,
+) -> list[KillTrial]:
+    """Kill, hang up and stop the controller and the mock robot at random moments.
+
+    Args:
+        robot: a robot that is shipped, or the path of a configuration.
+        folder: for the logs.
+        trials: number of trials of each process in each way.
+        domain: DDS domain.
+        seed: of the moments.
+        progress: called after each trial.
+
+    Raises:
+        WbcError: if a process does not do what it should.
+    """
+    rng, done = np.random.default_rng(seed), []
+    with Rig(robot, folder, domain, {"safety.activation_ramp": 0.1, "safety.damping_time": 0.5}) as rig:
+        for name in ("mock", "guard", "controller"):
+            rig.start(name)
+        rig.wait_for("mock", "controller")
+        for _ in range(trials):
+            for victim in ("controller", "mock"):
+                for way in WAYS:
+                    trial = _kill_once(rig, victim, way, rng)
+                    done.append(trial)
+                    progress(trial)
+    return done
+
+
+def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> KillTrial:
+    moment = float(rng.uniform(*_MOMENT))
+    stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
+    _stand(rig, moment)
+    rig.lateness.forget()
+    process = rig.processes[victim]
+    struck = time.monotonic()
+    process.send_signal(WAYS[way])
+    if way == "stop":
+        time.sleep(stopped)
+        process.send_signal(signal.SIGCONT)
+    time.sleep(_WATCH)
+    gap, stale = _longest_hold(rig, struck), _stalest(rig, struck)
+    time.sleep(_SETTLED)  # where all stood still just now, the lateness is known only after this
+    late = rig.lateness.worst
+    settings = rig.settings
+    period = 1.0 / settings.control.rate
+    patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
+    sentence, right = _sentence(rig, victim, way, stopped, late, struck)
+    restarted = _restart(rig, victim, way)
+    return KillTrial(
+        victim, way, stopped, gap, period + patience, stale, settings.safety.state_timeout, late, sentence, right,
+        restarted,
+    )  # fmt: skip
+
+
+def _stand(rig: Rig, seconds: float) -> None:
+    """Let the robot stand for a while: again where the machine was so late meanwhile that the controller damps."""
+    for _ in range(_ATTEMPTS):
+        rig.activate()
+        rig.until(lambda: rig.said("guard") == "watching", "the guard to watch")
+        time.sleep(seconds)
+        if rig.said("controller") == "active" and rig.said("guard") == "watching":
+            return
+    raise WbcError(f"the machine was too late for the robot to stand for {seconds:.1f} s")
+
+
+def _longest_hold(rig: Rig, since: float) -> float:
+    """Longest time for which torques that are not zero stayed as they were at the joints, s."""
+    times, torques = rig.efforts(since - 0.1)
+    times = np.append(times, time.monotonic())
+    longest, began = 0.0, times[0]
+    for i in range(len(torques)):
+        if i and (torques[i] != torques[i - 1]).any():
+            began = times[i]
+        if torques[i].any():
+            longest = max(longest, float(times[i + 1] - began))
+    return longest
+
+
+def _stalest(rig: Rig, since: float) -> float:
+    """Age of the oldest state but one from which a solution came, by the arrival of the state, s.
+
+    Between its last look at the ages and the write, a process can be stopped as anywhere: it sends that one message
+    when it goes on.
+    """
+    states = rig.heard("mock/joint_states", since - 0.5)
+    came = {(content.header.stamp.sec, content.header.stamp.nanosec): when for when, content in states}
+    ages = [0.0, 0.0]
+    for when, content in rig.heard("controller/joint_commands", since):
+        stamp = content.header.stamp
+        solved = np.isfinite(content.position).all()
+        if solved and (stamp.sec, stamp.nanosec) in came:
+            ages.append(when - came[stamp.sec, stamp.nanosec])
+    return sorted(ages)[-2]
+
+
+def _sentence(rig: Rig, victim: str, way: str, stopped: float, late: float, since: float) -> tuple[str, bool]:
+    """What the controller or the guard has said since a moment, and whether it says what happened."""
+    settings = rig.settings
+    guard = [str(content.data) for _, content in rig.heard("guard/state", since)]
+    took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")
+    said = rig.said("controller")
+    if victim == "controller":
+        if way == "hang up":  # it ends with zeros, and nobody has to take over
+            return said, said.startswith("stopped") and rig.processes[victim].wait(10.0) == 0
+        long = stopped == 0.0 or stopped > settings.guard.patience + 1.0 / settings.control.rate + SLACK + 2.0 * late
+        back = way == "kill" or stopped < settings.safety.state_timeout or said == "active" or "STALE_INPUT" in said
+        return took_over or said, (bool(took_over) or not long) and back
+    silent = stopped == 0.0 or stopped > settings.safety.state_timeout + SLACK + 2.0 * late
+    return said, "STALE_INPUT: joint_states is" in said or "STALE_INPUT: odom is" in said or not silent
+
+
+def _restart(rig: Rig, victim: str, way: str) -> bool:
+    """Start again what has ended; whether the robot can be activated."""
+    if way != "stop":
+        rig.stop(victim)
+        rig.forget(victim)
+        rig.start(victim)
+        rig.wait_for(victim)
+    rig.activate()
+    since = time.monotonic()
+    rig.until(lambda: bool(rig.efforts(since)[1].any()), "torques after the restart")
+    return True

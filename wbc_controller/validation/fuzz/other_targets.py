@@ -1,0 +1,229 @@
+"""The guard, the mock robot and the wait for a URDF under test."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.build.robot_description import describe
+from wbc_controller.errors import WbcError
+from wbc_controller.middleware.codec import decode, message
+from wbc_controller.middleware.topics import (
+    CONTROLLER_TOPICS,
+    GUARD_TOPICS,
+    MOCK_TOPICS,
+    Endpoint,
+    counterpart,
+    endpoints,
+)
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
+from wbc_controller.nodes.guard_service import GuardService
+from wbc_controller.nodes.urdf import wait_for_urdf
+from wbc_controller.records import Array
+from wbc_controller.safety.guard import GuardMode
+from wbc_controller.settings import NODE_NAME
+from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
+from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.target import (
+    CYCLE_LIMIT,
+    READ_LIMIT,
+    Broken,
+    OtherEnd,
+    check_torques,
+    fuzzed_robot,
+    incoming,
+    saying_all,
+    within,
+    writers,
+)
+
+#: Messages to the guard between two silences of the controller, in which it takes over.
+_UNTIL_SILENCE = 25
+#: Periods of such a silence: longer than the guard's patience and the age of the last joint states.
+_SILENCE = 40
+#: Messages after which the mock robot is stood up again.
+_UNTIL_RESTORED = 100
+
+
+class GuardTarget:
+    """The guard beside a controller that sends commands, and at times does not."""
+
+    def __init__(self, robot: str) -> None:
+        """Build the guard, and let it hear commands.
+
+        Args:
+            robot: name of a shipped robot.
+        """
+        fuzzed = fuzzed_robot(robot)
+        settings, self._model = saying_all(fuzzed.settings), fuzzed.model
+        description = describe(self._model.urdf, settings.robot)
+        self._limits = description.effort_limits
+        topics = list(endpoints(GUARD_TOPICS, GUARD_NODE))
+        self._user = user = OtherEnd(topics, ("effort", "diagnostics"))
+        self.topics: Mapping[str, Endpoint] = user.topics
+        self._guard = GuardService(settings, description, topics, user.transport(), user.clock)
+        self._period = 1.0 / settings.control.rate
+        self._step = settings.limits.torque_rate * self._period * self._limits
+        self._count = 0
+        self._tau: Array | None = None
+        self.alive = True
+        self._command()
+        self._cycle("the start")
+
+    def example(self, topic: Endpoint) -> Any:
+        """An ordinary message of a topic, valid now."""
+        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self._user.clock.time))
+        if topic.key == "controller_state":
+            content.data = "active"
+        return content
+
+    def take(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message between a joint state and the command that answers it; see `Target`."""
+        mode = self._guard.guard.mode
+        self._user.clock.time += self._period
+        self._send("joint_states")
+        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+            self._user.publish[topic.name](payload)
+        self._command()
+        self._cycle(f"a message on {topic.name}")
+        refused = self._user.refused().get(topic.key)
+        if refused and self._guard.guard.mode is not mode:
+            raise Broken(f"a message that was refused ({refused}) led the guard to {self._guard.guard.mode.value}")
+        self._count += 1
+        if self._count % _UNTIL_SILENCE == 0:
+            self._fall_silent()
+
+    def finish(self) -> None:
+        """Fall silent once more; see `Target`."""
+        self._fall_silent()
+
+    def _fall_silent(self) -> None:
+        """End the commands but not the joint states, until the guard damps, then return."""
+        self._user.send("controller_state", message("std_msgs/msg/String", data="active"))
+        self._command()
+        self._cycle("commands")
+        takeovers = self._guard.guard.takeovers
+        for _ in range(_SILENCE):
+            self._user.clock.time += self._period
+            self._send("joint_states")
+            self._cycle("silence")
+        if self._guard.guard.takeovers != takeovers + 1:
+            raise Broken(f"{_SILENCE} periods without a command, and the guard is {self._guard.guard.mode.value}")
+        self._command()
+        self._cycle("the return")
+        if self._guard.guard.mode is not GuardMode.WATCHING:
+            raise Broken(f"after a command the guard is {self._guard.guard.mode.value}: {self._guard.guard.reason}")
+
+    def _send(self, key: str) -> None:
+        self._user.send(key, self.example(self._user.by_key[key]))
+
+    def _command(self) -> None:
+        self._send("joint_commands")
+        self._tau = np.zeros(self._model.na)
+
+    def _cycle(self, why: str) -> None:
+        for kept in self._user.heard.values():
+            kept.clear()
+        with within(CYCLE_LIMIT, f"the guard's cycle after {why}"):
+            self._guard.cycle()
+        if self._user.heard["effort"] and why.startswith("a message"):
+            raise Broken(f"the guard sent torques while commands came, after {why}")
+        for payload in self._user.heard["effort"]:
+            tau: Array = np.asarray(decode(payload, self._user.types["effort"]).data)
+            check_torques(tau, tau if self._tau is None else self._tau, self._limits, self._step, "the guard")
+            self._tau = tau
+
+
+class MockTarget:
+    """Two mock robots on the same topics: one in real time, whose torques come by ``effort``, and one in lockstep."""
+
+    def __init__(self, robot: str) -> None:
+        """Build both.
+
+        Args:
+            robot: name of a shipped robot.
+        """
+        fuzzed = fuzzed_robot(robot)
+        self._settings, self._model = fuzzed.settings, fuzzed.model
+        topics = list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts))
+        self.topics: Mapping[str, Endpoint] = incoming(topics)
+        bus = MemoryBus()
+        self._robots = [
+            MockRobot(self._model, self._settings, MemoryTransport(bus), lockstep=lockstep)
+            for lockstep in (False, True)
+        ]
+        self._publish = writers(self.topics, MemoryTransport(bus))
+        self._stop = threading.Event()
+        self._stop.set()  # so that nobody waits for an answer
+        self._start = self._robots[0].plant.state()
+        self._count = 0
+        self.alive = True
+
+    def example(self, topic: Endpoint) -> Any:
+        """An ordinary message of a topic, valid now."""
+        frame = self._model.base_link if topic.key == "push" else ""
+        return ordinary(topic.type, self._model.joints, frame, self._robots[1].stamp)
+
+    def take(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message, and simulate a period; see `Target`."""
+        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+            self._publish[topic.name](payload)
+            self._robots[1].wait_for_answer(self._stop)
+        for robot in self._robots:
+            try:
+                robot.advance()
+            except WbcError:  # the physics diverged: a push that is valid may do that
+                self.alive = False
+                return
+            q, v = robot.plant.state()
+            if not (np.isfinite(q).all() and np.isfinite(v).all()):
+                raise Broken(f"the mock robot's state is not finite after a message on {topic.name}")
+            limits = robot.plant.effort_limits
+            tau = robot.plant.applied_torques
+            check_torques(tau, tau, limits, limits, f"the mock robot, after a message on {topic.name},")
+        self._count += 1
+        if self._count % _UNTIL_RESTORED == 0:
+            for robot in self._robots:
+                robot.plant.set_state(*self._start)
+
+    def finish(self) -> None:
+        """Publish the states; see `Target`."""
+        for robot in self._robots:
+            robot.publish()
+
+
+class UrdfTarget:
+    """A node that waits for its URDF: whatever comes is refused, or is the text that was sent."""
+
+    def __init__(self, robot: str) -> None:
+        """Make the topic.
+
+        Args:
+            robot: unused, as the node has none yet.
+        """
+        row = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
+        self.topics: Mapping[str, Endpoint] = {topic.name: topic for topic in endpoints(row, NODE_NAME)}
+        self._stop = threading.Event()
+        self._stop.set()
+        self.alive = True
+
+    def example(self, topic: Endpoint) -> Any:
+        """A small URDF."""
+        return message(topic.type, data="<robot name='r'><link name='a'/></robot>")
+
+    def take(self, topic: Endpoint, payload: bytes) -> None:
+        """Publish a URDF, and wait for it; see `Target`."""
+        bus = MemoryBus()
+        MemoryTransport(bus).advertise(counterpart(topic))(payload)
+        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+            text = wait_for_urdf(MemoryTransport(bus), self._stop, CONTROLLER_TOPICS, NODE_NAME)
+        if text and text != decode(payload, topic.type).data:
+            raise Broken("the URDF that was waited for is not the one that came")
+
+    def finish(self) -> None:
+        """Nothing is held back."""

@@ -1,0 +1,198 @@
+"""The fuzzer of quadratic programs: no feasible one is called infeasible, and no more is relaxed than has to be.
+
+Linear programs over the same constraints are the judge: they are slow, and have no cost that could mislead them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import linprog
+
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.errors import NoSolution, WbcError
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.relaxation import relaxations, soften
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Array, References, RobotState, frozen
+from wbc_controller.settings import Settings
+from wbc_controller.settings.files import find_configuration, load_settings
+
+#: Room above which a linear program's answer means that there is a solution, in the problem's units.
+_ROOM = 1.0e-6
+#: What was relaxed where nothing could be found.
+HELD = "no solution"
+
+
+@dataclass(slots=True)
+class ProblemsOutcome:
+    """The result for one robot.
+
+    Attributes:
+        robot: its name.
+        relaxed: number of problems, by what was relaxed.
+        failures: by the number of the problem, what was wrong with its answer.
+        slowest: processor time of the slowest answer, s.
+    """
+
+    robot: str
+    relaxed: Counter[str] = field(default_factory=Counter)
+    failures: dict[int, str] = field(default_factory=dict)
+    slowest: float = 0.0
+
+    def line(self) -> str:
+        """The result in a line."""
+        counts = ", ".join(f"{name}: {count}" for name, count in self.relaxed.most_common())
+        return (
+            f"{self.robot:10} {sum(self.relaxed.values())} problems ({counts}); infeasible in name only, or "
+            f"relaxed too much: {len(self.failures)}; slowest answer {1e3 * self.slowest:.1f} ms of processor time"
+        )
+
+
+def fuzz_problems(
+    robots: Sequence[str],
+    count: int,
+    seed: int,
+    *,
+    first: int = 0,
+    progress: Callable[[ProblemsOutcome], None] = lambda outcome: None,
+) -> Iterator[ProblemsOutcome]:
+    """Solve random problems of each robot, and judge what was relaxed; one outcome per robot.
+
+    Args:
+        robots: names of shipped robots, or paths of configurations.
+        count: number of problems of each robot.
+        seed: added to the number of each problem: the sum decides everything.
+        first: number of the first problem.
+        progress: called after each problem.
+
+    Raises:
+        ConfigurationError: where there is no such robot.
+    """
+    for robot in robots:
+        settings = load_settings(find_configuration(robot))
+        qp = make_qp(settings, make_model(settings))
+        standing, outcome = stance(qp.model, qp, list(qp.contacts)), ProblemsOutcome(robot)
+        references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
+        for number in range(first, first + count):
+            given = random_problem(qp.model, standing, references, seed + number)
+            started = time.thread_time()
+            try:
+                relaxed = qp.solve(*given, explained=False).relaxed
+            except NoSolution:
+                relaxed = (HELD,)
+            outcome.slowest = max(outcome.slowest, time.thread_time() - started)
+            outcome.relaxed[", ".join(relaxed) or "nothing relaxed"] += 1
+            why = too_much(qp, given, relaxed)
+            if why is not None:
+                outcome.failures[number] = why
+            progress(outcome)
+        yield outcome
+
+
+def rest(qp: WholeBodyQP, settings: Settings, state: RobotState) -> References:
+    """References that stay where a state is, with the weights of the configuration and all contacts active."""
+    dynamics = Dynamics(qp.model)
+    dynamics.update(state.q, state.v)
+    return References(
+        tasks={name: task.rest(dynamics) for name, task in qp.tasks.items()},
+        weights={name: task.weight if task.enabled else 0.0 for name, task in settings.tasks.items()},
+        contacts=dict.fromkeys(qp.contacts, 1.0),
+    )
+
+
+def random_problem(
+    model: RobotModel, standing: Array, references: References, seed: int
+) -> tuple[RobotState, References, Array | None]:
+    """A random state with a quarter of the joints 0.1 to 100 mrad before a limit, references and torques before.
+
+    With odd seeds the weights are the given ones times 10^-2 to 10^2; half of the seeds have torques before.
+
+    Args:
+        model: the robot's model.
+        standing: q of the robot as it stands, (nq,).
+        references: at rest.
+        seed: of all choices.
+    """
+    rng = np.random.default_rng(seed)
+    lower, upper = model.position_lower + 0.02, model.position_upper - 0.02
+    q = pin.integrate(model.pinocchio, standing, 0.3 * rng.uniform(-1, 1, model.nv))
+    near, high = rng.random(model.nj) < 0.25, rng.random(model.nj) < 0.5
+    gap = 10.0 ** rng.uniform(-4, -1, model.nj)
+    joints = np.where(high, upper - gap, lower + gap)
+    q[model.q_index] = np.where(near, joints, np.clip(q[model.q_index], lower, upper))
+    state = RobotState(0, frozen(q), frozen(10.0 ** rng.uniform(-2, 0.3) * rng.uniform(-1, 1, model.nv)))
+    before = None
+    if seed % 2:
+        weights = {name: weight * 10.0 ** rng.uniform(-2, 2) for name, weight in references.weights.items()}
+        references = replace(references, weights=weights)
+    if seed // 2 % 2:
+        before = model.effort_limits * rng.uniform(-0.2, 0.2, model.na)
+    return state, references, before
+
+
+def too_much(qp: WholeBodyQP, given: tuple[RobotState, References, Array | None], relaxed: Sequence[str]) -> str | None:
+    """Say what was wrong with relaxing so much; None where it had to be.
+
+    Args:
+        qp: the quadratic program.
+        given: state, references and torques before.
+        relaxed: what was relaxed; `HELD` where there was no solution.
+    """
+    if not relaxed:
+        return None
+    layout = qp.formulation.build(*given)
+    problem = layout.problem
+    least = room(problem)
+    if least > _ROOM:
+        return f"feasible with a room of {least:.3g}, and {', '.join(relaxed)} was relaxed"
+    if tuple(relaxed) == ("torque_rate",):
+        return None
+    *rate, everything = relaxations(qp.formulation, layout, given[1])
+    for groups in rate:
+        soften(layout, groups)
+        least = room(problem)
+        if least > _ROOM:
+            return f"feasible with a room of {least:.3g} without the torque rate, and {', '.join(relaxed)} was relaxed"
+    if HELD in relaxed:
+        soften(layout, everything)
+        least = room(problem)
+        if least > _ROOM:
+            return f"feasible with a room of {least:.3g} with everything relaxed, and no solution was found"
+    return None
+
+
+def room(problem: QuadraticProgram) -> float:
+    """How feasible a problem is: the largest distance that x can keep from all its bounds, at most 1.
+
+    In the problem's units, by a linear program; below 0 where the problem is infeasible.
+
+    Raises:
+        WbcError: where the linear program is not solved.
+    """
+    n, (lower, upper) = problem.n, problem.bounds
+    rows = np.vstack([np.eye(n), problem.C])
+    above, below = np.isfinite(upper), np.isfinite(lower)
+    G, h = np.vstack([rows[above], -rows[below]]), np.concatenate([upper[above], -lower[below]])
+    program = (
+        np.append(np.zeros(n), -1.0),
+        np.hstack([G, np.ones((len(G), 1))]),
+        h,
+        np.hstack([problem.A, np.zeros((len(problem.A), 1))]),
+        problem.b,
+        [(None, None)] * n + [(None, 1.0)],
+    )
+    for method in ("highs-ds", "highs-ipm"):
+        result = linprog(*program, method=method)
+        if result.status == 0:
+            return float(result.x[-1])
+    raise WbcError(f"the linear program was not solved: {result.message}")

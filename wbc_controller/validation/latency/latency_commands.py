@@ -1,0 +1,65 @@
+"""The commands of `wbc bench`, and the tables that they print."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.nodes.signals import exit_by_signals
+from wbc_controller.validation.latency import DOMAIN
+
+
+@click.group()
+def bench() -> None:
+    """Measure the controller as it runs, on this computer."""
+    exit_by_signals()
+
+
+@bench.command()
+@click.argument("robot", default="g1")
+@click.option("--rate", type=float, help="States and cycles per second; as configured where it is not given.")
+@click.option("--seconds", default=60.0, show_default=True, help="Duration, of the controller and of the echo each.")
+@click.option("--transport", default="dds", show_default=True, help="dds (`wbc run`), or rclpy (the ROS 2 nodes).")
+@click.option(
+    "--mock", is_flag=True, help="Let the mock robot stand on the torques, in place of a robot that sends states."
+)
+@click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes.")
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("bench"), show_default=True,
+              help="Folder for the figures and the logs.")  # fmt: skip
+def latency(
+    robot: str, rate: float | None, seconds: float, transport: str, mock: bool, domain: int, folder: Path
+) -> None:
+    """Measure the time from joint state to torques between two processes, beside a bare echo.
+
+    Late is a state without torques within its period. Leave the computer alone meanwhile.
+    """
+    try:
+        from wbc_controller.validation.latency.latency import measure_latency
+    except ModuleNotFoundError as error:
+        raise ConfigurationError(
+            f"the bench needs the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
+        ) from error
+    from wbc_controller.validation.latency.latency_report import figures, lines
+
+    found = measure_latency(
+        robot,
+        folder,
+        rate=rate,
+        seconds=seconds,
+        transport=transport,
+        mock=mock,
+        domain=domain,
+        progress=lambda done, ours, bare: click.echo(
+            f"{done:.0f} of {seconds:g} s: {1e6 * ours.quantiles[0]:.0f} us in the median, echo "
+            f"{1e6 * bare.quantiles[0]:.0f}; {ours.late} of {ours.seconds.size} late",
+            err=True,
+        ),
+    )
+    (folder / "latency.json").write_text(json.dumps(figures(found), indent=2) + "\n", encoding="utf-8")
+    driver = "the mock robot" if mock else "a robot that sends states"
+    click.echo(f"{robot} over {transport}, {seconds:g} s with {driver}, and as long with an echo")
+    for line in lines(found):
+        click.echo(line)
