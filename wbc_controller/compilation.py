@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     OutMatrix: TypeAlias = Vector
     OutStridedMatrix: TypeAlias = Vector
     Indices: TypeAlias = npt.NDArray[np.int64]
+    IndexMatrix: TypeAlias = Indices
     Signs: TypeAlias = npt.NDArray[np.int8]
     _Proxy = object
 else:
@@ -57,6 +58,7 @@ else:
     StridedVector = types.Array(types.float64, 1, "A", readonly=True, aligned=False)
     StridedMatrix = types.Array(types.float64, 2, "A", readonly=True, aligned=False)
     Indices = types.Array(types.int64, 1, "C", readonly=True)
+    IndexMatrix = types.Array(types.int64, 2, "C", readonly=True)
     #: Arrays that a kernel writes.
     OutVector = types.Array(types.float64, 1, "C")
     OutMatrix = types.Array(types.float64, 2, "C")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.compiled import Bound
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Tuning
@@ -123,24 +122,35 @@ class JointMotionLimit:
             period: time for which an acceleration is held, s.
         """
         lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
-        bound = self.bind(each, each, period, lower, upper)
-        acceleration_bounds(bound.table, np.ascontiguousarray(q), np.ascontiguousarray(v))
+        table = self.bind(each, each, period, lower, upper)
+        acceleration_bounds(table, np.ascontiguousarray(q), np.ascontiguousarray(v))
         return lower, upper
 
-    def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> Bound:
-        """The limits, and where their bounds go, for `limits.joint_motion_kernels.acceleration_bounds`.
+    def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
+        """Return the limits and the arrays of their bounds for `acceleration_bounds`.
 
         Args:
             q_index: index in q of each joint, (nj,).
             v_index: index in v, and in the bounds, of each joint, (nj,).
             period: time for which an acceleration is held, s.
-            lower: for the lower bounds, by index in v, in rad/s².
-            upper: for the upper bounds, likewise.
+            lower: array of the lower bounds, by index in v, in rad/s².
+            upper: array of the upper bounds, likewise.
         """
-        ahead, slowing = max(period, self.horizon), max(period, min(self.horizon, SLOWING_TIME))
-        numbers = np.array([self.acceleration, period, ahead, slowing, STOPPING, RETURN_TIME, _ROUNDING])
-        sizes = len(q_index), self._limits.shape[1], len(self._fastest)
-        return Bound(*sizes, q_index, v_index, self._limits, self._fastest, numbers, lower, upper)
+        return JointMotion(
+            q_index=q_index,
+            v_index=v_index,
+            limits=self._limits,
+            fastest=self._fastest,
+            acceleration=self.acceleration,
+            period=period,
+            ahead=max(period, self.horizon),
+            slowing=max(period, min(self.horizon, SLOWING_TIME)),
+            stopping=STOPPING,
+            return_time=RETURN_TIME,
+            rounding=_ROUNDING,
+            lower=lower,
+            upper=upper,
+        )
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
         """Bounds with which a joint still stops, where those of `bounds` cannot be met.

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.lib.stride_tricks import as_strided
 
-from wbc_controller.compiled import Bound
-from wbc_controller.inverse_dynamics.robot.frame_kernels import link_terms
+from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion, link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -22,7 +19,7 @@ _crba, _bias_forces = pin.crba, pin.nonLinearEffects
 class Dynamics:
     """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
 
-    The arrays are Pinocchio's own and are overwritten by the next `update`: copy them to keep their values.
+    The arrays are overwritten by the next `update`: copy them to keep their values.
 
     Attributes:
         model: the robot's model.
@@ -39,7 +36,7 @@ class Dynamics:
         joint_jacobians: columns of the joint twists at the world's origin, in world axes, (6, nv), linear rows first. A
             link's twist is the sum over the joints between base and link of their columns times their velocities.
         moves: 1 where a component of v moves a link, (links, nv); the first link is the world.
-        bound: these arrays for `robot.frame_kernels.link_terms`.
+        motion: these arrays for `robot.link_motion_kernels.link_terms`.
         links: twist of each link at the world's origin, in world axes, and its spatial acceleration there at v̇ = 0,
             (links, 12).
         joints: placement of each link in the world, (links, 12): the columns of the rotation, then the translation.
@@ -68,18 +65,37 @@ class Dynamics:
         self.centroidal_matrix = _matrix(data.Ag)
         self.joint_jacobians: Array = _matrix(data.J)
         self.moves = moved_by(model.pinocchio)
-        self.links = np.zeros((model.pinocchio.njoints, 12))
-        self.joints = placements(data)
-        parts = [in_one_piece([part.vector for part in table], 6) for table in (data.v, data.a_gf, data.f)]
+        n = model.pinocchio.njoints
+        self.links = np.zeros((n, 12))
+        self.joints = np.zeros((n, 12))
+        twists, accelerations = np.zeros((n, 6)), np.zeros((n, 6))
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
-        gravity = np.array([*model.pinocchio.gravity.linear, pin.computeTotalMass(model.pinocchio)])
-        made = self.links, self._per_mass.T, self.com_velocity, self.com_drift, self.centroidal_drift
-        self.bound = Bound(len(self.links), len(roots), self.joints, *parts, roots, gravity, self.com, data.Ag.T, *made)
-        #: What the rows of tasks and contacts are made of, as `robot.frame_kernels.fill_rows` takes it.
-        self.terms = (
-            self.joints, self.links, data.J.T, self.moves, self.com, self.com_velocity, self.com_drift,
-            self._per_mass.T, data.Ag.T, self.centroidal_drift,
-        )  # fmt: skip
+        wrenches = np.zeros((len(roots), 6))
+        #: Arrays into which `compute` copies Pinocchio's vectors, and views of these vectors.
+        self._copies = (
+            (self.joints, placement_parts(data.oMi)),
+            (twists, [twist.vector for twist in data.v]),
+            (accelerations, [acceleration.vector for acceleration in data.a_gf]),
+            (wrenches, [data.f[root].vector for root in roots.tolist()]),
+        )
+        self.motion = LinkMotion(
+            joints=self.joints,
+            local_twists=twists,
+            local_accelerations=accelerations,
+            roots=roots,
+            root_wrenches=wrenches,
+            gravity=model.pinocchio.gravity.linear.copy(),
+            mass=pin.computeTotalMass(model.pinocchio),
+            com=self.com,
+            centroidal=data.Ag.T,
+            joint_twists=data.J.T,
+            moves=self.moves,
+            links=self.links,
+            per_mass=self._per_mass.T,
+            com_velocity=self.com_velocity,
+            com_drift=self.com_drift,
+            drift=self.centroidal_drift,
+        )
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
@@ -90,10 +106,10 @@ class Dynamics:
             v: generalized velocity, (nv,).
         """
         self.compute(q, v)
-        link_terms(self.bound.table, v)
+        link_terms(self.motion, v)
 
     def compute(self, q: Array, v: Array) -> None:
-        """Compute M, h and the other terms of Pinocchio at a new state; `frame_kernels.link_terms` completes them.
+        """Compute M, h and the other terms of Pinocchio at a new state; `link_terms` completes them.
 
         Args:
             q: configuration, (nq,).
@@ -105,6 +121,8 @@ class Dynamics:
         _crba(model, data, q, _WORLD)
         # Its pass at v̇ = 0 has all drifts J̇v: `link_terms` takes them from there.
         _bias_forces(model, data, q, v)
+        for table, parts in self._copies:
+            np.concatenate(parts, out=table.reshape(-1))
         if self._rotors is not None:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
@@ -178,31 +196,9 @@ def moved_by(model: pin.Model) -> np.ndarray:
     return moves
 
 
-def placements(data: pin.Data) -> Array:
-    """Placements of the links, (links, 12), in Pinocchio's memory: the rotation by columns, then the translation."""
-    return placement_table(data.oMi)
-
-
-def placement_table(placements: Any) -> Array:
-    """Placements that Pinocchio keeps as a vector, (n, 12), in its memory: the rotation by columns, the translation."""
-    return in_one_piece([placement.rotation for placement in placements], 12)
-
-
-def in_one_piece(parts: Sequence[Array], size: int) -> Array:
-    """One read-only array, (n, size), over the memory of n parts that lie one after the other.
-
-    Args:
-        parts: the first numbers of each, in Pinocchio's memory or coal's.
-        size: of each part.
-
-    Raises:
-        RuntimeError: where they do not lie so: this release keeps them in another way.
-    """
-    places = [part.__array_interface__["data"][0] for part in parts]
-    if any(after - before != 8 * size for before, after in zip(places, places[1:])):  # noqa: B905, RUF007
-        raise RuntimeError(f"Pinocchio {pin.__version__} does not keep {size} numbers in one piece")
-    flat = parts[0].reshape(-1, order="A")
-    return as_strided(flat, (len(parts), size), (8 * size, 8), writeable=False)
+def placement_parts(placements: Any) -> list[Array]:
+    """Return views of the columns of the rotation, (9,), and of the translation, (3,), of each placement, in order."""
+    return [part for each in placements for part in (each.rotation.reshape(-1, order="A"), each.translation)]
 
 
 def _matrix(J: Array) -> Array:

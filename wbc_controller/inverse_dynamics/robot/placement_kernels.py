@@ -1,67 +1,134 @@
-"""Parts of compiled functions: placements and rotations.
+"""Vectors, placements and motions in kernels.
 
-A placement is (12,): the columns of its rotation, and the translation.
+A vector is a tuple of three numbers. A placement is an array (12,): the columns of its rotation R, then its translation
+p. A motion is [linear, angular], a pair of vectors or an array (6,).
 """
 
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
-from wbc_controller.compiled import part
+from wbc_controller.compilation import part
 from wbc_controller.records import Array
 
+Vector3: TypeAlias = tuple[float, float, float]
+Motion: TypeAlias = tuple[Vector3, Vector3]
+
 
 @part
-def turn(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """R (x, y, z) for the rotation of a placement."""
+def three(array: Array, start: int) -> Vector3:
+    """Return three numbers of an array."""
+    return array[start], array[start + 1], array[start + 2]
+
+
+@part
+def put(out: Array, start: int, a: Vector3) -> None:
+    """Write a vector into an array."""
+    out[start], out[start + 1], out[start + 2] = a
+
+
+@part
+def put_motion(out: Array, motion: Motion) -> None:
+    """Write a motion into an array, (6,)."""
+    put(out, 0, motion[0])
+    put(out, 3, motion[1])
+
+
+@part
+def add(a: Vector3, b: Vector3) -> Vector3:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@part
+def subtract(a: Vector3, b: Vector3) -> Vector3:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@part
+def scale(factor: float, a: Vector3) -> Vector3:
+    """Return a vector times a factor."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+@part
+def dot(a: Vector3, b: Vector3) -> float:
+    """Return aᵀ b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@part
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Return a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@part
+def rotate(frame: Array, a: Vector3) -> Vector3:
+    """Return R a."""
     return (
-        R[0] * x + R[3] * y + R[6] * z,
-        R[1] * x + R[4] * y + R[7] * z,
-        R[2] * x + R[5] * y + R[8] * z,
+        frame[0] * a[0] + frame[3] * a[1] + frame[6] * a[2],
+        frame[1] * a[0] + frame[4] * a[1] + frame[7] * a[2],
+        frame[2] * a[0] + frame[5] * a[1] + frame[8] * a[2],
     )
 
 
 @part
-def turn_back(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Rᵀ (x, y, z)."""
+def rotate_back(frame: Array, a: Vector3) -> Vector3:
+    """Return Rᵀ a."""
     return (
-        R[0] * x + R[1] * y + R[2] * z,
-        R[3] * x + R[4] * y + R[5] * z,
-        R[6] * x + R[7] * y + R[8] * z,
+        frame[0] * a[0] + frame[1] * a[1] + frame[2] * a[2],
+        frame[3] * a[0] + frame[4] * a[1] + frame[5] * a[2],
+        frame[6] * a[0] + frame[7] * a[1] + frame[8] * a[2],
     )
 
 
 @part
-def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """(a, b, c) × (x, y, z)."""
-    return b * z - c * y, c * x - a * z, a * y - b * x
+def transform(frame: Array, a: Vector3) -> Vector3:
+    """Return the point p + R a."""
+    return add(three(frame, 9), rotate(frame, a))
 
 
 @part
 def place(frame: Array, mount: Array, out: Array) -> None:
-    """The placement of something that is mounted on a frame."""
-    for column in range(3):
-        x, y, z = turn(frame, mount[3 * column], mount[3 * column + 1], mount[3 * column + 2])
-        out[3 * column], out[3 * column + 1], out[3 * column + 2] = x, y, z
-    x, y, z = turn(frame, mount[9], mount[10], mount[11])
-    out[9], out[10], out[11] = frame[9] + x, frame[10] + y, frame[11] + z
+    """Write the placement of a mount on a frame."""
+    for column in range(0, 9, 3):
+        put(out, column, rotate(frame, three(mount, column)))
+    put(out, 9, transform(frame, three(mount, 9)))
 
 
 @part
-def quaternion(R: Array, out: Array) -> None:
-    """The quaternion (x, y, z, w) of a placement's rotation, by its largest component (Shepperd)."""
-    trace = R[0] + R[4] + R[8]
+def to_world(frame: Array, motion: Array) -> Motion:
+    """Express a motion in the axes and at the origin of a frame in world axes at the world's origin."""
+    angular = rotate(frame, three(motion, 3))
+    return add(rotate(frame, three(motion, 0)), cross(three(frame, 9), angular)), angular
+
+
+@part
+def to_frame(frame: Array, motion: Array) -> Motion:
+    """Express a motion at the world's origin, in world axes, in the axes and at the origin of a frame."""
+    linear, angular = three(motion, 0), three(motion, 3)
+    return rotate_back(frame, add(linear, cross(angular, three(frame, 9)))), rotate_back(frame, angular)
+
+
+@part
+def quaternion(frame: Array, out: Array) -> None:
+    """Write the quaternion (x, y, z, w) of a placement's rotation, by its largest component (Shepperd)."""
+    trace = frame[0] + frame[4] + frame[8]
     if trace > 0.0:
         s = 2.0 * math.sqrt(1.0 + trace)
-        out[0], out[1], out[2], out[3] = (R[5] - R[7]) / s, (R[6] - R[2]) / s, (R[1] - R[3]) / s, 0.25 * s
+        put(out, 0, ((frame[5] - frame[7]) / s, (frame[6] - frame[2]) / s, (frame[1] - frame[3]) / s))
+        out[3] = 0.25 * s
         return
     i = 0
     for k in range(1, 3):
-        if R[4 * k] > R[4 * i]:
+        if frame[4 * k] > frame[4 * i]:
             i = k
     j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(1.0 + R[4 * i] - R[4 * j] - R[4 * k])
+    s = 2.0 * math.sqrt(1.0 + frame[4 * i] - frame[4 * j] - frame[4 * k])
     out[i] = 0.25 * s
-    out[j] = (R[3 * i + j] + R[3 * j + i]) / s
-    out[k] = (R[3 * i + k] + R[3 * k + i]) / s
-    out[3] = (R[3 * j + k] - R[3 * k + j]) / s
+    out[j] = (frame[3 * i + j] + frame[3 * j + i]) / s
+    out[k] = (frame[3 * i + k] + frame[3 * k + i]) / s
+    out[3] = (frame[3 * j + k] - frame[3 * k + j]) / s

@@ -1,0 +1,96 @@
+"""Motion of all links and of the centre of mass: twists, accelerations at v̇ = 0, and the rate of the momentum.
+
+A twist is [linear, angular]. At the world's origin and in world axes it is the same for every point of the link; at a
+point p its linear part is v₀ + ω × p. The same holds for the spatial acceleration; the acceleration of the point itself
+is that linear part plus ω × v(p). Columns of a Jacobian are twists, too: those of a joint's unit speed.
+"""
+
+from __future__ import annotations
+
+from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, Signs, Struct, Vector, compiled, part
+from wbc_controller.inverse_dynamics.robot.placement_kernels import (
+    add,
+    cross,
+    put,
+    put_motion,
+    rotate,
+    subtract,
+    three,
+    to_world,
+)
+
+
+class LinkMotion(Struct):
+    """Pinocchio's results at one state, and what `link_terms` makes of them.
+
+    Attributes:
+        joints: placements of the links in the world, (n, 12); the first link is the world.
+        local_twists: twists of the links in their own axes, (n, 6).
+        local_accelerations: spatial accelerations at v̇ = 0 minus gravity, in the links' own axes, (n, 6).
+        roots: the first links of the trees, (r,).
+        root_wrenches: F and N that move each tree at v̇ = 0 and g = 0, in the axes of its first link, (r, 6).
+        gravity: g, (3,) in m/s².
+        mass: of all links, kg.
+        com: centre of mass c, (3,) in m.
+        centroidal: A_Gᵀ, (nv, 6).
+        joint_twists: columns of the joint Jacobians, (nv, 6).
+        moves: 1 where a component of v moves a link, (n, nv).
+        links: out: twists and spatial accelerations at v̇ = 0, at the world's origin, (n, 12).
+        per_mass: out: A_Gᵀ / m, (nv, 6); its first three columns are the Jacobian of the centre of mass.
+        com_velocity: out: ċ, (3,) in m/s.
+        com_drift: out: c̈ at v̇ = 0, (3,) in m/s².
+        drift: out: rate of the momentum about c at v̇ = 0, (6,) in N and N·m.
+    """
+
+    joints: Matrix
+    local_twists: Matrix
+    local_accelerations: Matrix
+    roots: Indices
+    root_wrenches: Matrix
+    gravity: Vector
+    mass: float
+    com: Vector
+    centroidal: Matrix
+    joint_twists: Matrix
+    moves: Signs
+    links: OutMatrix
+    per_mass: OutMatrix
+    com_velocity: OutVector
+    com_drift: OutVector
+    drift: OutVector
+
+
+@part
+def _momentum_rate(motion: LinkMotion) -> None:
+    """Write the rate of the momentum about the centre of mass c at v̇ = 0: Σ F + m g, and Σ N + (p - c) × F."""
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(len(motion.roots)):
+        frame, wrench = motion.joints[motion.roots[i]], motion.root_wrenches[i]
+        F, N = rotate(frame, three(wrench, 0)), rotate(frame, three(wrench, 3))
+        force = add(force, F)
+        moment = add(add(moment, N), cross(subtract(three(frame, 9), three(motion.com, 0)), F))
+    for k in range(3):
+        motion.drift[k] = force[k] + motion.mass * motion.gravity[k]
+    put(motion.drift, 3, moment)
+
+
+@compiled
+def link_terms(motion: LinkMotion, velocity: Vector) -> None:
+    """Complete a link motion at a generalized velocity, (nv,)."""
+    if len(velocity) != len(motion.joint_twists):
+        raise ValueError("link_terms: the velocity has another size than the model")
+    joints, links, gravity = motion.joints, motion.links, three(motion.gravity, 0)
+    for i in range(1, len(joints)):
+        put_motion(links[i, :6], to_world(joints[i], motion.local_twists[i]))
+        linear, angular = to_world(joints[i], motion.local_accelerations[i])
+        put_motion(links[i, 6:], (add(linear, gravity), angular))
+    _momentum_rate(motion)
+    per_mass, com_velocity = motion.per_mass, motion.com_velocity
+    for k in range(3):
+        com_velocity[k] = 0.0
+        motion.com_drift[k] = motion.drift[k] / motion.mass
+    for j in range(len(velocity)):
+        for k in range(6):
+            per_mass[j, k] = motion.centroidal[j, k] / motion.mass
+        for k in range(3):
+            com_velocity[k] += per_mass[j, k] * velocity[j]
