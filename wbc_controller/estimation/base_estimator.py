@@ -15,9 +15,9 @@ from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
 from wbc_controller.estimation.frame_transform import HERE, Move
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
-from wbc_controller.estimation.leg_kinematics_kernels import base_of_imu
 from wbc_controller.estimation.rolling import Rolling
-from wbc_controller.inverse_dynamics.arrays import all_true, sum_of_squares
+from wbc_controller.inverse_dynamics.arrays import all_true, cross, sum_of_squares
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
 #: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
@@ -391,12 +391,14 @@ class _Running:
 
     def base(self, move: Move = HERE) -> tuple[Array, Array]:
         """Pose of the base in the filter's world, or in another one, (7,), and its twist in its own axes, (6,)."""
-        found, legs, pose, twist = self.filter, self._kinematics, np.empty(7), np.empty(6)
-        base_of_imu(
-            found.rotation, found.columns, self._last.angular_velocity, found.gyroscope_bias, legs.imu,
-            legs.imu_motion, np.array([math.cos(move.turn), math.sin(move.turn)]), np.array(move.shift), pose, twist,
-        )  # fmt: skip
-        return pose, twist
+        found, legs = self.filter, self._kinematics
+        R = found.rotation @ legs.imu_rotation.T
+        linear, angular = legs.imu_motion[:3], legs.imu_motion[3:]
+        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - angular
+        velocity = R.T @ found.velocity - cross(omega, legs.imu_position) - linear
+        position = move.rotation @ (found.position - R @ legs.imu_position) + move.shift
+        pose = np.concatenate([position, quaternion_of(move.rotation @ R)])
+        return pose, np.concatenate([velocity, omega])
 
     def covariance(self) -> tuple[Array, Array]:
         """Covariances of the base's pose, position and turns about the world's axes, and of its twist, (6, 6) each.

@@ -20,13 +20,11 @@ from wbc_controller.inverse_dynamics.method_calls import (
     require_finite_result,
 )
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.frame_kernels import feedback
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
-_ZERO = np.zeros(0)
 #: A gain: one number, or one for each axis.
 Gains = float | Sequence[float]
 
@@ -377,18 +375,13 @@ class MotionTask(AccelerationTask):
         """Present velocity ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẍ* - J̇v and the task error, both (size,)."""
-        shape, right = (self.size,), np.empty(self.size)
+        """Return ẍ* - J̇v and the task error, both (size,)."""
+        shape, (K, D) = (self.size,), self.gain_rows
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
-        feedback(
-            error,
-            checked(self, "velocity", self.velocity(dynamics), shape),
-            checked(self, "drift", self.drift(dynamics), shape) if self.has_drift else _ZERO,
-            self.gain_rows,
-            reference.velocity,
-            reference.acceleration,
-            right,
-        )
+        velocity = checked(self, "velocity", self.velocity(dynamics), shape)
+        right = K * error + D * (reference.velocity - velocity) + reference.acceleration
+        if self.has_drift:
+            right -= checked(self, "drift", self.drift(dynamics), shape)
         return right, error
 
 
