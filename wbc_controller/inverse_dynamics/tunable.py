@@ -1,37 +1,25 @@
-"""Attributes whose changes have to be known before the next cycle, and hardly ever come."""
+"""The version of an object's parameters: tasks, contacts and limits count the changes of their attributes."""
 
 from __future__ import annotations
 
-from typing import Any, Generic, TypeVar, overload
-
-_Value = TypeVar("_Value")
+from typing import TYPE_CHECKING, Any
 
 
-class Tunable(Generic[_Value]):
-    """An attribute of tasks or contacts that may be set between two cycles.
+class Tunable:
+    """A task, contact or limit, whose attributes may be set between two cycles, such as gains and force limits.
 
-    A program is laid out and weighed once for all cycles in which nothing of the kind happens. To look at every
-    attribute of every task and contact would take longer than to compute with them: this counts how often any was set.
+    The quadratic program keeps arrays that depend on them (`formulation.structure`) until a version changes. A change
+    within an array, such as ``task.stiffness[0] = 1.0``, is not counted: set the attribute.
 
     Attributes:
-        changes: how often one has been set, of all objects.
+        version: number of changes of attributes without a leading underscore.
     """
 
-    changes = 0
+    version: int = 0
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = f"_{name}"
+    if not TYPE_CHECKING:
 
-    @overload
-    def __get__(self, instance: None, owner: type) -> Tunable[_Value]: ...
-    @overload
-    def __get__(self, instance: Any, owner: type) -> _Value: ...
-    def __get__(self, instance: Any, owner: type) -> Tunable[_Value] | _Value:
-        if instance is None:
-            return self
-        value: _Value = getattr(instance, self._name)
-        return value
-
-    def __set__(self, instance: Any, value: _Value) -> None:
-        setattr(instance, self._name, value)
-        Tunable.changes += 1
+        def __setattr__(self, name: str, value: Any) -> None:
+            super().__setattr__(name, value)
+            if not name.startswith("_"):
+                super().__setattr__("version", self.version + 1)

@@ -104,11 +104,10 @@ def pulled_apart(robot, name):
     twin = copy.copy(contact)
     twin.name = "twin"
 
-    def drifting(dynamics, J, acceleration):
-        contact.fill(dynamics, J, acceleration)
-        acceleration[0] -= 0.5
+    def drifting(dynamics):
+        return contact.acceleration_at_rest(dynamics) - 0.5 * np.eye(contact.size)[0]
 
-    twin.fill, twin.instruction = drifting, lambda: None
+    twin.acceleration_at_rest, twin.instruction = drifting, lambda: None
     robot.controller.formulation.contacts = {contact.name: contact, "twin": twin}
     robot.settings = robot.settings.model_copy(update={"contacts": {contact.name: None, "twin": None}})
     return failure(robot), {f"contact_motion:{contact.name}", "contact_motion:twin"}

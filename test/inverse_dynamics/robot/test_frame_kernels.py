@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.contacts.mount import Mount
-from wbc_controller.inverse_dynamics.formulation.rows import Rows
+from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.tasks import (
@@ -40,20 +41,21 @@ def moved(robot, seed):
     return dynamics, rng
 
 
-def fill(block, dynamics, wanted):
-    """Fill rows; gives the cost that no acceleration avoids, and the errors."""
-    block.tune()
-    errors = block.follow(wanted)
-    return kernel.fill_rows(block.bound, dynamics.q, dynamics.v, errors), errors
+def fill(block, dynamics, wanted, tasks=()):
+    """Fill rows; return the constant cost and the errors."""
+    errors = np.empty(sum(task.dimension for task in tasks))
+    block.set_gains()
+    block.set_references(wanted)
+    return block.fill(dynamics.q, dynamics.v, errors), errors
 
 
 def filled(dynamics, contacts=(), tasks=()):
     """J and right-hand sides of some contacts or tasks, as compiled code fills them, and the errors."""
     steps = [*contacts, *(task.instruction() for task, _ in tasks)]
     out = np.full((sum(len(step.rows) for step in steps), dynamics.model.nv + 1), np.nan)
-    placed = [(task, step, 0) for (task, _), step in zip(tasks, steps, strict=False)]
-    block = Rows(dynamics, out, np.zeros(out.shape[1]), [(step, 0) for step in contacts], placed)
-    _, errors = fill(block, dynamics, {task.name: wanted for task, wanted in tasks})
+    entries = [RowEntry(step) for step in contacts] + [RowEntry(task.instruction(), task=task) for task, _ in tasks]
+    block = CompiledRows(dynamics, out, np.zeros(out.shape[1]), entries)
+    _, errors = fill(block, dynamics, {task.name: wanted for task, wanted in tasks}, [task for task, _ in tasks])
     return (out[:, :-1], out[:, -1]), errors
 
 
@@ -106,16 +108,18 @@ def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(ro
         near(found, plain)
     wanted = Reference(*rng.normal(size=(3, 5)))
     targets = np.zeros(model.nv + 1)
-    shares, rests = rng.uniform(-1.0, 0.0, 5), rng.uniform(0.0, 1.0, 5)
-    block = Rows(dynamics, np.zeros((0, model.nv + 1)), targets, tasks=[(posture, posture.instruction(), 0)])
-    block.shares["posture"][:] = np.concatenate([shares, rests])
-    rest, errors = fill(block, dynamics, {"posture": wanted})
+    factors = rng.uniform(0.0, 1.0, (2, 5))
+    block = CompiledRows(
+        dynamics, np.zeros((0, model.nv + 1)), targets, [RowEntry(posture.instruction(), task=posture)]
+    )
+    block.factors["posture"][:] = factors
+    constant, errors = fill(block, dynamics, {"posture": wanted}, [posture])
     asked, error = posture.right(dynamics, wanted)
     expected = np.zeros(model.nv + 1)
-    expected[posture.columns] = shares * asked
+    expected[posture.columns] = factors[0] * asked
     near(targets, expected)
     near(errors, error)
-    near(rest, 0.5 * rests @ asked**2)
+    near(constant, 0.5 * factors[1] @ asked**2)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -124,7 +128,8 @@ def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(ro
 def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
     dynamics, _ = moved(robot, seed)
     out = np.full((8, dynamics.model.nv + 3), 7.0)
-    fill(Rows(dynamics, out, np.zeros(out.shape[1]), momentum=1), dynamics, {})
+    momentum = RowEntry(Instruction(kernel.MOMENTUM, np.arange(6)), 1)
+    fill(CompiledRows(dynamics, out, np.zeros(out.shape[1]), [momentum]), dynamics, {})
     near(out[1:7, :-3], dynamics.centroidal_matrix)
     near(out[1:7, -1], -dynamics.centroidal_drift)
     assert (out[[0, 7]] == 7.0).all()
@@ -137,14 +142,14 @@ def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
     for fixed in (False, True):
         wanted = Reference(*(frozen(part) if fixed else part for part in (position, np.zeros(3), np.zeros(3))))
         out = np.zeros((3, dynamics.model.nv + 1))
-        block = Rows(dynamics, out, np.zeros(out.shape[1]), tasks=[(task, task.instruction(), 0)])
-        fill(block, dynamics, {"com": wanted})
+        block = CompiledRows(dynamics, out, np.zeros(out.shape[1]), [RowEntry(task.instruction(), task=task)])
+        fill(block, dynamics, {"com": wanted}, [task])
         before = out[:, -1].copy()
         position += 1.0
-        fill(block, dynamics, {"com": wanted})
+        fill(block, dynamics, {"com": wanted}, [task])
         near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
         task.stiffness = 2.0 * task.stiffness  # gains are those of the task in every cycle
-        fill(block, dynamics, {"com": wanted})
+        fill(block, dynamics, {"com": wanted}, [task])
         near(out[:, -1], task.equation(dynamics, wanted)[1])
 
 

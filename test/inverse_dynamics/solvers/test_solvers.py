@@ -274,27 +274,26 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
     """Without active inequalities and with them, bounds and rows; with few rows of the cost, and more than unknowns."""
     problem = squares_problem(np.random.default_rng(seed), rows=rows)
     squares = problem.cost.squares
-    rows = squares.stack[: len(squares.slack)]
     x = np.random.default_rng(seed).normal(size=problem.n)
-    cost = 0.5 * np.sum((rows[:, :-1] @ x - rows[:, -1]) ** 2 / squares.slack) + squares.constant
-    cost += 0.5 * squares.diagonal @ (x + squares.minus_target[:-1])[squares.first :] ** 2
+    cost = 0.5 * np.sum(squares.weights * (squares.rows[:, :-1] @ x - squares.rows[:, -1]) ** 2) + 3.0
+    cost += 0.5 * squares.diagonal @ (x - squares.target) ** 2
     assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
     multipliers = make_solver("daqp", problem).solve(problem).multipliers
     unbounded = problem.copy()  # which knows H and g alone
     unbounded.bounds[0], unbounded.bounds[1] = -np.inf, np.inf
     assert multipliers[: problem.n].any()
     assert multipliers[problem.n :].any()
-    for posed, learnt in ((problem.copy(), multipliers), (unbounded, 0.0 * multipliers)):
-        active_set = active_set_of(posed)
+    for copied, learnt in ((problem.copy(), multipliers), (unbounded, 0.0 * multipliers)):
+        active_set = active_set_of(copied)
         active_set.learn(learnt)
-        whole = active_set.solve(posed)
-        posed.cost.pose(squares)
-        smaller = active_set.solve(posed)
-        assert not posed.cost.formed
+        whole = active_set.solve(copied)
+        copied.cost.update(squares, 3.0)
+        smaller = active_set.solve(copied)
+        assert not copied.cost.computed
         size = max(1.0, np.abs(whole.x).max())
         np.testing.assert_allclose(smaller.x, whole.x, atol=1e-9 * size)
         np.testing.assert_allclose(smaller.multipliers, whole.multipliers, atol=1e-8 * max(1.0, np.abs(learnt).max()))
-        assert smaller.cost == pytest.approx(posed.cost.value(whole.x), rel=1e-9)
+        assert smaller.cost == pytest.approx(copied.cost.value(whole.x), rel=1e-9)
         assert whole.cost == pytest.approx(smaller.cost, rel=1e-9)
 
 
@@ -309,7 +308,7 @@ def test_weights_that_are_far_apart_cost_no_digits(bench, apart):
     problem = talos.controller.formulation.build(state, replace(references, weights=weights)).problem
     problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
     assert active_set_of(problem).solve(problem).residuals.violation <= 1e-10
-    assert not problem.cost.formed  # the condensed system was enough
+    assert not problem.cost.computed  # the condensed system was enough
 
 
 def test_the_active_set_is_followed_without_a_search():

@@ -92,14 +92,6 @@ def _check_task(task: Task, model: RobotModel) -> None:
         _require(task, "tolerance", task.tolerance, f"finite numbers of at least 0, shape () or ({size},)", fits)
     if isinstance(task, EffortTask):
         checked(task, "__init__", task.target, (task.form.size,))
-    columns = task.columns if isinstance(task, AccelerationTask) else None
-    if columns is not None:
-        try:
-            found = np.arange(model.nv)[columns]
-        except (IndexError, TypeError, ValueError):
-            found = np.zeros(0, dtype=np.int64)
-        fits = found.shape == (size,) and len(rows) == size
-        _require(task, "columns", columns, f"{size} indices below nv = {model.nv}, with a mask that selects all", fits)
 
 
 def _check_contact(contact: Contact) -> None:

@@ -27,7 +27,7 @@ from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
-from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint

@@ -7,14 +7,15 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.method_calls import array_from, call, checked, require_finite
+from wbc_controller.errors import MethodError
+from wbc_controller.inverse_dynamics.method_calls import array_from, call, checked, is_finite, raised
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, frozen
 
 
-class Contact(ABC):
+class Contact(Tunable, ABC):
     """A contact of a link with the environment, or with another link of the robot.
 
     While active it constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps out the velocity at the
@@ -101,12 +102,6 @@ class Contact(ABC):
         """
         return None
 
-    def fill(self, dynamics: Dynamics, J: Array, acceleration: Array) -> None:
-        """Write J, (k, nv), and the required J v̇ at J v = 0, (k,), in place."""
-        J[:] = checked(self, "jacobian", self.jacobian(dynamics), J.shape)
-        at_rest = self.acceleration_at_rest(dynamics)
-        acceleration[:] = checked(self, "acceleration_at_rest", at_rest, acceleration.shape)
-
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
         """The required J v̇ at J v = 0, (k,): the acceleration that keeps the contact at rest."""
         return -checked(self, "drift", self.drift(dynamics), (self.size,))
@@ -165,10 +160,25 @@ def evaluate(contact: Contact, dynamics: Dynamics) -> None:
     array_from(contact, "jacobian", (*k, nv), dynamics)
     array_from(contact, "drift", k, dynamics)
     array_from(contact, "acceleration_at_rest", k, dynamics)
-    J, acceleration = np.full((*k, nv), np.nan), np.full(k, np.nan)
-    call(contact, "fill", dynamics, J, acceleration)
-    require_finite(contact, "fill", "J", J)
-    require_finite(contact, "fill", "acceleration", acceleration)
+
+
+def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
+    """Evaluate J, (k, nv), and the required J v̇ at J v = 0, (k,), and check them.
+
+    Raises:
+        MethodError: as `evaluate`, with the name of the method that failed.
+    """
+    k = (contact.size,)
+    try:
+        J = checked(contact, "jacobian", contact.jacobian(dynamics), (*k, dynamics.model.nv))
+        acceleration = checked(contact, "acceleration_at_rest", contact.acceleration_at_rest(dynamics), k)
+    except Exception as error:
+        evaluate(contact, dynamics)
+        method = "acceleration_at_rest"
+        raise error if isinstance(error, MethodError) else raised(contact, method, error) from error
+    if not (is_finite(J) and is_finite(acceleration)):
+        evaluate(contact, dynamics)
+    return J, acceleration
 
 
 def points_of(contact: Contact, dynamics: Dynamics) -> Array:
@@ -202,9 +212,6 @@ class UnilateralContact(AnchoredContact):
     """
 
     normal = 2
-    min_normal_force: Tunable[float] = Tunable()
-    max_normal_force: Tunable[float] = Tunable()
-    max_yaw_moment: Tunable[float] = Tunable()
 
     def __init__(
         self,

@@ -13,7 +13,6 @@ from wbc_controller.inverse_dynamics.contacts.mount import Mount, hinge_of, open
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array
 
 #: The axes of a mask, in words.
@@ -30,9 +29,6 @@ class FixedContact(AnchoredContact):
         max_force: largest force along each axis, N.
         max_moment: largest moment about each axis, N·m.
     """
-
-    max_force: Tunable[float] = Tunable()
-    max_moment: Tunable[float] = Tunable()
 
     def __init__(
         self,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact
-from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.method_calls import checked, is_finite, raised, require_finite_result
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
@@ -18,8 +17,10 @@ from wbc_controller.records import Array
 _RIDGE = 1.0e-10
 
 
-def pull(layout: Layout, dynamics: Dynamics, anchors: Mapping[str, Array]) -> Array:
-    """K e of contacts with an anchor, 0 for the others, projected onto the range of J, (nf,) in m/s², rad/s².
+def pull(
+    J: Array, anchored: Sequence[tuple[AnchoredContact, slice]], dynamics: Dynamics, anchors: Mapping[str, Array]
+) -> Array:
+    """Return K e of contacts with an anchor, 0 for the others, projected onto the range of J, (nf,) in m/s², rad/s².
 
     The equality constraints of all contacts have to be consistent; -D J v - J̇v always is. K e of contacts that are not
     independent, such as four points under one sole, is inconsistent to second order in e, and fully so if they were
@@ -30,16 +31,18 @@ def pull(layout: Layout, dynamics: Dynamics, anchors: Mapping[str, Array]) -> Ar
     which changes nothing if J has full row rank.
 
     Args:
-        layout: with the contacts' Jacobians filled.
+        J: stacked Jacobians of the active contacts, (nf, nv).
+        anchored: the contacts with a stiffness, and their rows of J.
         dynamics: the snapshot.
         anchors: anchor of each active contact with a stiffness, (7,).
 
     Raises:
-        ConfigurationError: where a contact with a stiffness has no anchor.
+        ConfigurationError: if a contact with a stiffness has no anchor.
     """
-    J = layout.J
     wanted = np.zeros(len(J))
-    for contact, rows in layout.anchored:
+    if not anchored:
+        return wanted
+    for contact, rows in anchored:
         anchor = anchors.get(contact.name)
         if anchor is None:
             raise ConfigurationError(
@@ -53,7 +56,7 @@ def pull(layout: Layout, dynamics: Dynamics, anchors: Mapping[str, Array]) -> Ar
 
 
 def _displacement(contact: AnchoredContact, dynamics: Dynamics, anchor: Array) -> Array:
-    """`AnchoredContact.displacement`, checked."""
+    """Call `AnchoredContact.displacement` and check its result."""
     try:
         displacement = checked(contact, "displacement", contact.displacement(dynamics, anchor), (contact.size,))
     except Exception as error:

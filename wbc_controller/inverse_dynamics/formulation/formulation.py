@@ -1,82 +1,50 @@
-"""Fills the quadratic program of one cycle: cost, equations of motion, contacts and limits."""
+"""Fills the quadratic program of `plain_qp` in every cycle with kernels, in arrays that stay from cycle to cycle."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
-from wbc_controller.compiled import Bound
 from wbc_controller.errors import MethodError
-from wbc_controller.inverse_dynamics.contacts.contact import Contact, evaluate
+from wbc_controller.inverse_dynamics.contacts.contact import Contact, motion_of
 from wbc_controller.inverse_dynamics.formulation.anchors import pull
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
-from wbc_controller.inverse_dynamics.formulation.formulation_kernels import fill_program
-from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT, ContactPlace, Layout
-from wbc_controller.inverse_dynamics.formulation.problem import Squares
-from wbc_controller.inverse_dynamics.formulation.rows import Rows
+from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
+from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, Regularization, bias_forces
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
-from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, is_finite, raised, require_finite
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
+from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, raised, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import fill_dynamics
-from wbc_controller.inverse_dynamics.robot.frame_kernels import fill_rows, link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import EffortTask, Task
-from wbc_controller.inverse_dynamics.tunable import Tunable
+from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References, RobotState, Tuning
-
-_NO_OTHERS: dict[str, Array] = {}
-
-
-class _Ready(NamedTuple):
-    """What is laid out and weighed for all cycles in which nothing but state and references changes.
-
-    Attributes:
-        read_only: activations and weights for which it was made, where they are read-only: these stay as they are.
-        contacts: activations for which it was made.
-        weights: weights for which it was made.
-        limits: limits of joint motion and of torques for which it was made.
-        changes: how often gains and limits of tasks and contacts had been set (`Tunable`).
-        layout: of the active contacts.
-        rows: of the contacts and the first level's tasks.
-        motion: the bounds of joint accelerations, for compiled code.
-        tables: all that `formulation.formulation_kernels.fill_program` works on.
-        squares: the only level's cost, where compiled code fills all of it.
-        share: largest change of the torques, as a share of their limits.
-        falling: whether the available torques fall with the speed.
-    """
-
-    read_only: tuple[Mapping[str, float] | None, ...]
-    contacts: dict[str, float]
-    weights: dict[str, float]
-    limits: tuple[JointMotionLimit, TorqueLimit]
-    changes: int
-    layout: Layout
-    rows: Rows
-    motion: Bound
-    tables: Bound
-    squares: Squares | None
-    share: float
-    falling: bool
 
 
 class Formulation:
     """Turns a state and references into a quadratic program; `inverse_dynamics.whole_body_qp` solves it.
+
+    Two caches make it fast. The structure, for one set of active contacts and tasks, contains all arrays. The
+    parameters (weights, activations, gains and limits) are written into them when one changes: the weight of a task by
+    `LevelCost.set_parameters` into `LeastSquares.weights`, from which `QuadraticCost.H` and the solver compute. State
+    and references are filled in every cycle.
 
     Attributes:
         model: the robot's model.
         dynamics: the snapshot of the last cycle.
         tasks: the tasks, by name.
         contacts: the contacts, by name.
-        effort_tasks: the tasks on contact forces or torques.
         torque_limit: bounds of the torques.
         motion_limit: bounds of the joint accelerations.
         row_limits: bounds of other combinations of v̇.
         period: time between cycles, s.
+        regularization: the weights of the regularization.
+        structure: of the last cycle; None before the first.
+        parameters: of the last cycle; None before the first.
         task_errors: task errors of each level in the last cycle.
     """
 
@@ -114,35 +82,34 @@ class Formulation:
         self.motion_limit = motion_limit
         self.row_limits = tuple(row_limits)
         self.period = period
-        self.effort_tasks = tuple(task for task in tasks if isinstance(task, EffortTask))
+        self.regularization = Regularization(regularization_acceleration, regularization_force)
         self.task_errors: tuple[Errors, ...] = ()
-        self._tuning: Tuning | None = None
+        self.structure: Structure | None = None
+        self.parameters: Parameters | None = None
+        self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
+        self._levels = sorted({task.level for task in tasks})
         self._layouts: dict[tuple[str, ...], Layout] = {}
-        self._ready: _Ready | None = None
-        levels = sorted({task.level for task in tasks})
-        self._costs = [
-            LevelCost(
-                level,
-                tasks,
-                model,
-                last=level == levels[-1],
-                regularization_acceleration=regularization_acceleration,
-                regularization_force=regularization_force,
-            )
-            for level in levels
-        ]
+        self._costs: dict[tuple[tuple[str, ...], tuple[str, ...]], list[LevelCost]] = {}
+        self._tuning: Tuning | None = None
+        self._motion: JointMotion
+        self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
     def has_priorities(self) -> bool:
         """Whether a hierarchy of quadratic programs is needed: there are several levels, or tolerances."""
-        return len(self._costs) > 1 or any(task.tolerance is not None for task in self.tasks.values())
+        return len(self._levels) > 1 or any(task.tolerance is not None for task in self.tasks.values())
+
+    @property
+    def limits(self) -> Limits:
+        """The limits."""
+        return Limits(self.torque_limit, self.motion_limit, self.row_limits, self.period)
 
     def layout(self, names: tuple[str, ...]) -> Layout:
-        """Columns, rows and arrays of the problem for one set of active contacts."""
+        """Return columns, rows and arrays of the problem for one set of active contacts."""
         if names not in self._layouts:
+            rows = sum(task.dimension for task in self.tasks.values() if task.level == self._levels[0]) + 6
             contacts = [self.contacts[name] for name in names]
-            self._layouts[names] = layout = Layout(self.model, contacts, self.row_limits, self._costs[0].rows)
-            layout.bind(self.dynamics)
+            self._layouts[names] = Layout(self.dynamics, contacts, self.row_limits, rows)
         return self._layouts[names]
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
@@ -156,87 +123,84 @@ class Formulation:
         Returns:
             The layout, whose `problem` is ready to be solved, inspected or dumped.
         """
-        tuning, dynamics, q, v = references.tuning, self.dynamics, state.q, state.v
-        if tuning is not None and tuning is not self._tuning:
-            self._tune(tuning)
-        dynamics.compute(q, v)
-        ready, contacts, weights = self._ready, references.contacts, references.weights
-        if (
-            ready is None
-            or (contacts is not ready.read_only[0] and contacts != ready.contacts)
-            or (weights is not ready.read_only[1] and weights != ready.weights)
-            or ready.limits[0] is not self.motion_limit
-            or ready.limits[1] is not self.torque_limit
-            or ready.changes != Tunable.changes
-        ):
-            ready = self._ready = self._prepare(references)
-        layout = ready.layout
-        errors = ready.rows.follow(references.tasks)
-        if ready.falling:
-            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
-        before, share = (layout.available[2], -1.0) if tau_before is None else (tau_before, ready.share)
-        if layout.compiled:
-            known = references.disturbance is not None or references.external_wrenches  # beside the model
-            h, table = self.bias(references) if known else dynamics.h, ready.tables.table
-            rest = fill_program(table, q, v, h, before, share, errors)
-        else:
-            link_terms(dynamics.bound.table, v)
-            rest = fill_rows(ready.rows.bound.table, q, v, errors)
-            self._fill_contacts(layout, references)
-            h = self.bias(references)
-            fill_dynamics(layout.bound.table, h, v, before, share)
-            acceleration_bounds(ready.motion.table, q, v)
-        if ready.squares is not None:
-            ready.squares.constant = rest
-            layout.problem.cost.formed = False
-            self.task_errors = ((ready.rows.places, errors, _NO_OTHERS),)
-        else:
-            self._complete(layout, references, rest, errors)
-        if self.row_limits:
-            self._fill_row_limits(layout)
+        if references.tuning is not None and references.tuning is not self._tuning:
+            self._tune(references.tuning)
+        self.dynamics.update(state.q, state.v)
+        structure = self._current_structure(references)
+        layout, costs = structure.layout, structure.costs
+        filled = [cost.fill(references) for cost in costs]
+        self._fill_contacts(layout, references)
+        if self.torque_limit.curve is not None:
+            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(state.v))
+        before, share = layout.available[2], -1.0
+        if tau_before is not None:
+            before, share = tau_before, self.torque_limit.rate * self.period
+        fill_dynamics(layout.dynamics_rows, bias_forces(self.dynamics, references), state.v, before, share)
+        acceleration_bounds(self._motion, state.q, state.v)
+        self.task_errors = tuple([cost.complete(references, *parts) for cost, parts in zip(costs, filled, strict=True)])
+        self._fill_row_limits(layout)
         return layout
 
-    def _prepare(self, references: References) -> _Ready:
-        """Lay out and weigh all that depends on activations, weights, gains and limits."""
-        activations, limits, known = references.contacts, (self.motion_limit, self.torque_limit), self._ready
-        changes = Tunable.changes
-        active = [name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0]
-        layout = self.layout(tuple(active))
-        for place in layout.places:
-            self._bound_force(place, activations)
-        most, falling = self.torque_limit.effort_limits, self.torque_limit.curve is not None
-        layout.available[:] = -most, most, most
-        rows, *_ = [cost.prepare(layout, self.dynamics, references.weights) for cost in self._costs]
-        same = known is not None and known.changes == changes and known.limits == limits
-        if known is not None and same and known.layout is layout and known.rows is rows:
-            motion, tables = known.motion, known.tables
-        else:
-            q_index, v_index = (each.astype(np.int64) for each in (self.model.q_index, self.model.v_index))
-            nv, problem = self.model.nv, layout.problem
-            bounds = problem.x_lower[:nv], problem.x_upper[:nv]
-            motion = self.motion_limit.bind(q_index, v_index, self.period, *bounds)
-            parts = self.dynamics.bound, rows.bound, layout.bound, motion
-            tables = Bound(*(part.table for part in parts))
-        squares, first = None, self._costs[0]
-        if len(self._costs) == 1 and first.compiled:  # only its numbers change from cycle to cycle
-            squares, layout.levels = first.pose(), [first.posed]
-        share = self.torque_limit.rate * self.period
-        given = activations, references.weights
-        read_only = tuple(each if isinstance(each, MappingProxyType) else None for each in given)
-        weighed = dict(activations), dict(references.weights)
-        return _Ready(read_only, *weighed, limits, changes, layout, rows, motion, tables, squares, share, falling)
+    def add_effort_errors(self, x: Array) -> None:
+        """Complete `task_errors` by those of the tasks on torques and contact forces at a solution, (n,)."""
+        costs = [] if self.structure is None else self.structure.costs
+        for cost, (_, errors) in zip(costs, self.task_errors, strict=True):
+            for rows, place in cost.effort_rows:
+                errors[place] = rows[:, :-1] @ x - rows[:, -1]
 
-    def _complete(self, layout: Layout, references: References, rest: float, errors: Array) -> None:
-        """Fill what compiled code does not know of the tasks, and the levels below the first."""
-        dynamics, levels, found = self.dynamics, [], []
-        for cost in self._costs:
-            if cost is not self._costs[0]:
-                rows = cost.rows_of
-                errors = rows.follow(references.tasks)
-                rest = fill_rows(rows.bound.table, dynamics.q, dynamics.v, errors)
-            found.append(cost.complete(dynamics, references, rest, errors))
-            levels.append(cost.level_of(layout, dynamics, references, found[-1]))
-        layout.levels, self.task_errors = levels, tuple(found)
+    def _current_structure(self, references: References) -> Structure:
+        """Return the structure of this cycle, with its parameters written."""
+        owners = *self._owners, self.motion_limit, self.torque_limit
+        changes = sum([owner.version for owner in owners])
+        parameters = Parameters(references.weights, references.contacts, self.motion_limit, self.torque_limit, changes)
+        known, structure = self.parameters, self.structure
+        if structure is not None and parameters == known:
+            return structure
+        parameters.weights, parameters.activations = dict(references.weights), dict(references.contacts)
+        parameters.version = 0 if known is None else known.version + 1
+        self.parameters = None  # until all are written
+        structure = self._structure_for(parameters)
+        self._write(parameters, structure)
+        self.parameters, self.structure = parameters, structure
+        return structure
+
+    def _structure_for(self, parameters: Parameters) -> Structure:
+        """Return the structure of the contacts with a positive activation and the tasks with a positive weight."""
+        weights, activations, last = parameters.weights, parameters.activations, self.structure
+        # Tasks with a NaN weight are active, so that the check for finite values finds it.
+        tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
+        contacts = tuple(name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0)
+        if (contacts, tasks) not in self._costs:
+            self._costs[contacts, tasks] = [
+                LevelCost(
+                    [self.tasks[name] for name in tasks if self.tasks[name].level == level],
+                    self.layout(contacts),
+                    self.dynamics,
+                    self.regularization,
+                    first=level == self._levels[0],
+                    last=level == self._levels[-1],
+                )
+                for level in self._levels
+            ]
+        costs = self._costs[contacts, tasks]
+        if last is not None and last.costs is costs:
+            return last
+        layout = self.layout(contacts)
+        layout.levels = [cost.level for cost in costs]
+        layout.problem.memory[: layout.problem.room] = 0.0  # rows of other tasks
+        return Structure(0 if last is None else last.version + 1, layout, costs)
+
+    def _write(self, parameters: Parameters, structure: Structure) -> None:
+        """Write weights, gains, force bounds, effort limits and limits of joint motion into the arrays."""
+        layout, nv = structure.layout, self.model.nv
+        for place in layout.places:
+            self._bound_force(place, parameters.activations)
+        most = self.torque_limit.effort_limits
+        layout.available[:] = -most, most, most
+        for cost in structure.costs:
+            cost.set_parameters(parameters.weights)
+        lower, upper = layout.problem.x_lower[:nv], layout.problem.x_upper[:nv]
+        self._motion = self.motion_limit.bind(self._q_index, self._v_index, self.period, lower, upper)
 
     def _tune(self, tuning: Tuning) -> None:
         """Apply new gains and limits."""
@@ -251,40 +215,21 @@ class Formulation:
         torque = self.torque_limit
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
-    def bias(self, references: References) -> Array:
-        """Bias forces h less the generalized forces of what is known beside the model (equation (22); S4), (nv,)."""
-        disturbance = references.disturbance
-        if not references.external_wrenches and disturbance is None:
-            return self.dynamics.h
-        h = np.array(self.dynamics.h) if disturbance is None else self.dynamics.h - disturbance.forces
-        for frame, wrench in references.external_wrenches.items():
-            h -= self.dynamics.external_force(frame, wrench)
-        return h
-
     def _bound_force(self, place: ContactPlace, activations: Mapping[str, float]) -> None:
         """Fill the bounds of a contact's force."""
         contact = place.contact
         bounds = call(contact, "bounds", 1.0 if contact.permanent else activations[contact.name])
-        if bounds is not place.bounds:
-            bounds = bounds_of(contact, "bounds", bounds, contact.size)
-            np.divide(bounds[0], FORCE_UNIT, out=place.lower)
-            np.divide(bounds[1], FORCE_UNIT, out=place.upper)
-            place.bounds = bounds
+        lower, upper = bounds_of(contact, "bounds", bounds, contact.size)
+        np.divide(lower, FORCE_UNIT, out=place.lower)
+        np.divide(upper, FORCE_UNIT, out=place.upper)
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        """Fill what compiled code does not know of contacts: some know alone what they depend on."""
-        for place in layout.by_themselves:
-            contact = place.contact
-            try:
-                contact.fill(self.dynamics, place.J, place.acceleration)
-            except Exception as error:
-                evaluate(contact, self.dynamics)  # names the method, if it fails by itself
-                raise error if isinstance(error, MethodError) else raised(contact, "fill", error) from error
-            if not (is_finite(place.J) and is_finite(place.acceleration)):
-                evaluate(contact, self.dynamics)
+        """Fill the contacts that are evaluated in Python, whose bounds may depend on anything, and the anchors."""
+        for place in layout.python_contacts:
+            place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)
         if layout.anchored:
-            layout.contact_motion += pull(layout, self.dynamics, references.anchors)
+            layout.contact_motion += pull(layout.J, layout.anchored, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
@@ -314,8 +259,8 @@ class Formulation:
                     require_finite(limit, "fill", name, bounds)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Bounds of the problem's torque rows from the available torques alone, without the torque rate limit."""
+        """Return the bounds of the problem's torque rows from the available torques alone, without the torque rate limit."""
         actuation = self.model.actuation
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
-        h = actuation.torques(self.bias(references))
+        h = actuation.torques(bias_forces(self.dynamics, references))
         return lower - h, upper - h

@@ -37,7 +37,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from wbc_controller.inverse_dynamics.contacts import Contact
-from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT, Layout
+from wbc_controller.inverse_dynamics.formulation.layout import Layout
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Infeasibility, frozen_mapping
 

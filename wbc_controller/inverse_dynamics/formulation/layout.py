@@ -12,17 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.compiled import Bound
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
-from wbc_controller.inverse_dynamics.formulation.problem import Level, QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level, QuadraticProgram
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-
-#: Forces in the problem are in units of 100 N (and 100 N·m), so that all decision variables have similar magnitudes.
-#: Without this scaling the first-order solvers lose two digits, and ProxQP reports feasible problems as infeasible.
-FORCE_UNIT = 100.0
 
 
 @dataclass(slots=True)
@@ -38,7 +34,6 @@ class ContactPlace:
         columns: columns of its force in x.
         lower: lower bounds of its force, in units of `FORCE_UNIT`, (k,).
         upper: upper bounds of its force, in units of `FORCE_UNIT`, (k,).
-        bounds: the arrays from which `lower` and `upper` were last filled; None before.
     """
 
     contact: Contact
@@ -49,7 +44,6 @@ class ContactPlace:
     columns: slice
     lower: Array
     upper: Array
-    bounds: tuple[Array, Array] | None = None
 
 
 class Layout:
@@ -64,6 +58,7 @@ class Layout:
         contact_motion: the required J v̇, (nf,).
         damping: D of each row of J, 1/s, (nf,).
         metric: diagonal of W in the regularization ½ ε_f fᵀ W f of the forces, (nf,).
+        dynamics_rows: the equations of motion and torque bounds, for the kernel that fills them.
         mechanism: rows of A that are never relaxed: joints that follow others, and the unactuated rows of the equations
             of motion.
         torque: rows of C of the torque bounds.
@@ -85,8 +80,17 @@ class Layout:
     """
 
     def __init__(
-        self, model: RobotModel, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
+        self, dynamics: Dynamics, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
     ) -> None:
+        """Lay out the problem.
+
+        Args:
+            dynamics: the snapshot, from whose arrays kernels fill the equations of motion.
+            contacts: the active contacts.
+            limits: the limits on combinations of v̇.
+            cost_rows: largest number of rows of the cost.
+        """
+        model = dynamics.model
         nv, na, free = model.nv, model.na, model.actuation.free
         coupling = model.actuation.C
         self.actuation = model.actuation
@@ -122,13 +126,13 @@ class Layout:
             row, cone = motion.stop, rows.stop
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
-        #: How compiled code fills the rows of contacts, with their first rows; and the others, which fill their own.
+        #: The compiled rows of contacts, each with its first row; and the contacts that are evaluated in Python.
         self.instructions = [
             (instruction, place.motion.start)
             for place in self.places
             if (instruction := place.contact.instruction()) is not None
         ]
-        self.by_themselves = [place for place in self.places if place.contact.instruction() is None]
+        self.python_contacts = [place for place in self.places if place.contact.instruction() is None]
         #: The contacts with an anchor, and their rows of J.
         self.anchored = tuple(
             (place.contact, place.motion)
@@ -138,23 +142,24 @@ class Layout:
         self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
         self.torque_bias = problem.offset
         self.available = np.zeros((3, na))
-        #: Whether compiled code knows all of the contacts' motion.
-        self.compiled = not self.by_themselves and not self.anchored
-        self.bound: Bound
+        starts, nonzero_columns, values = self.actuation.projection
+        self.dynamics_rows = DynamicsRows(
+            starts=starts,
+            columns=nonzero_columns,
+            values=values,
+            damping=self.damping,
+            rows=problem.constraints.rows,
+            first=self.mechanism.stop - free,
+            lower=self.torque_lower,
+            upper=self.torque_upper,
+            M=dynamics.M_rows,
+            unit=FORCE_UNIT,
+            available=self.available,
+            bias=self.torque_bias,
+        )
         self.levels: list[Level] = []
         self.labels = self._labels(model)
         self._named: dict[int, Sequence[str]] = {limit.start: () for limit in self.limits}
-
-    def bind(self, dynamics: Dynamics) -> None:
-        """Tell compiled code where the rows of the equations of motion are, and of what they are made."""
-        projection, rows = self.actuation.projection, self.problem.constraints
-        free, na = self.actuation.free, len(self.torque_lower)
-        sizes = len(projection[2]), free, na, len(self.damping), len(rows), self.mechanism.stop - free
-        bounds = self.torque_lower, self.torque_upper
-        self.bound = Bound(
-            *sizes, *projection, self.damping, rows, *bounds, dynamics.M_rows, np.array([FORCE_UNIT]),
-            self.available, self.torque_bias,
-        )  # fmt: skip
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
         n = self.problem.n

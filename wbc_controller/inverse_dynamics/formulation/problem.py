@@ -8,104 +8,73 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wbc_controller.inverse_dynamics.arrays import sum_of_squares
-from wbc_controller.inverse_dynamics.formulation.residual_kernels import residuals
+from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, residuals
 from wbc_controller.records import Array
 
-
-@dataclass(slots=True)
-class Squares:
-    """A cost as a sum of squares, ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² + constant.
-
-    So H = Rᵀ w R + diag(d), and g = -Rᵀ w r - d t.
-
-    Attributes:
-        stack: [R, r], and below it, for the first level, the equality constraints [A, b], (k + m_eq, n + 1).
-        slack: 1 / w, (k,).
-        first: number of leading columns without d and t (those of a floating base). As many of the last equality
-            constraints determine these variables: that block is invertible.
-        diagonal: d of the other columns, (n - first,), positive.
-        inverse: 1 / d, and 0 in the leading columns and that of the right-hand sides, (n + 1,).
-        minus_target: -t, 0 in the leading columns, and 1 in that of the right-hand sides, (n + 1,).
-        constant: the cost that remains when all squares are zero.
-    """
-
-    stack: Array
-    slack: Array
-    first: int
-    diagonal: Array
-    inverse: Array
-    minus_target: Array
-    constant: float = 0.0
+#: Unit of the contact forces in x, N and N·m, so that all decision variables have similar magnitudes. Without this
+#: scaling the first-order solvers lose two digits, and ProxQP reports feasible problems as infeasible.
+FORCE_UNIT = 100.0
 
 
-class Quadratic:
-    """A cost ½ xᵀHx + gᵀx + constant, whose H and g are computed on first access.
+class QuadraticCost:
+    """A cost ½ xᵀHx + gᵀx + constant, given as such or as a sum of squares.
 
-    For most cycles the squares are enough, and H and g are never needed.
+    Most cycles need the squares alone, so their H and g are computed on first access:
+
+        H = Rᵀ w R + diag(d),    g = -Rᵀ w r - d t,    constant + ½ rᵀ w r + ½ tᵀ d t
 
     Attributes:
-        squares: the squares that define the cost; None where H and g define it directly.
-        formed: whether H and g have been computed.
+        squares: the sum of squares; None for a cost that is given by H and g.
+        squares_constant: cost that is added to the sum of squares.
+        computed: whether H and g belong to the squares.
     """
 
-    __slots__ = ("_H", "_constant", "_g", "formed", "squares")
+    __slots__ = ("_H", "_constant", "_g", "computed", "squares", "squares_constant")
 
     def __init__(self, H: Array, g: Array, constant: float = 0.0) -> None:
-        self._H = H
-        self._g = g
-        self._constant = constant
-        self.squares: Squares | None = None
-        self.formed = True
+        self._H, self._g, self._constant = H, g, constant
+        self.computed = True
+        self.squares: LeastSquares | None = None
+        self.squares_constant = 0.0
 
-    def pose(self, squares: Squares) -> None:
-        """Replace the cost by a sum of squares."""
-        self.squares = squares
-        self.formed = False
+    def update(self, squares: LeastSquares, constant: float) -> None:
+        """Make the cost a sum of squares, whose arrays have new values, plus a constant."""
+        self.squares, self.squares_constant = squares, constant
+        self.computed = False
 
-    def _form(self) -> None:
+    def _compute(self) -> None:
         squares = self.squares
-        if self.formed or squares is None:
+        if self.computed or squares is None:
             return
-        first, target = squares.first, -squares.minus_target[squares.first : -1]
-        rows = squares.stack[: len(squares.slack)]
-        R, r = rows[:, :-1], rows[:, -1]
-        weighted = R.T / squares.slack
+        count, d, t = len(squares.weights), squares.diagonal, squares.target
+        R, r = squares.rows[:count, :-1], squares.rows[:count, -1]
+        weighted = R.T * squares.weights
         np.matmul(weighted, R, out=self._H)
-        self._H.reshape(-1)[first * (len(self._g) + 1) :: len(self._g) + 1] += squares.diagonal
-        np.negative(weighted.dot(r), out=self._g)
-        self._g[first:] -= squares.diagonal * target
-        squared = float((r / squares.slack).dot(r) + (squares.diagonal * target).dot(target))
-        self._constant = squares.constant + 0.5 * squared
-        self.formed = True
+        self._H.reshape(-1)[:: len(d) + 1] += d
+        self._g[:] = -weighted.dot(r) - d * t
+        self._constant = self.squares_constant + 0.5 * float((r * squares.weights).dot(r) + (d * t).dot(t))
+        self.computed = True
 
     @property
     def H(self) -> Array:
         """(n, n), symmetric positive definite."""
-        self._form()
+        self._compute()
         return self._H
 
     @property
     def g(self) -> Array:
         """(n,)."""
-        self._form()
+        self._compute()
         return self._g
 
     @property
     def constant(self) -> float:
-        """The constant term, with which the cost equals the sum of squares."""
-        self._form()
+        """The constant term."""
+        self._compute()
         return self._constant
 
-    def add(self, rows: Array, right: Array) -> None:
-        """Add ½ ‖rows x - right‖², in place: rows (k, n), right (k,)."""
-        self._form()
-        self.squares = None
-        self._H += rows.T @ rows
-        self._g -= rows.T @ right
-        self._constant += 0.5 * float(right @ right)
-
     def value(self, x: Array) -> float:
-        """The cost of x, (n,)."""
+        """Cost of x, (n,)."""
         return float(0.5 * x @ self.H @ x + self.g @ x) + self.constant
 
 
@@ -120,7 +89,7 @@ class QuadraticProgram:
         bounds: lower and upper bounds of x, then of C x, (2, n + m_in); -inf and inf where there is none.
         memory: rows of the cost, then [A, b], then C, in one block, as they are used together,
             (room + m_eq + m_in, n + 1).
-        room: number of rows for the cost.
+        room: number of rows for the cost, directly above the equality constraints: one kernel fills both.
         offset: r of the outputs C x + r that are wanted of the first rows of C, (k,).
         n: number of decision variables.
         A: equality constraints, view of `memory`, (m_eq, n).
@@ -130,10 +99,10 @@ class QuadraticProgram:
         upper: upper bounds of C x, view of `bounds`, (m_in,).
         x_lower: lower bounds of x, view of `bounds`, (n,).
         x_upper: upper bounds of x, view of `bounds`, (n,).
-        constraints: [A, b] and below it [C, 0], view of `memory`, (m_eq + m_in, n + 1).
+        constraints: the same arrays for kernels.
     """
 
-    cost: Quadratic
+    cost: QuadraticCost
     bounds: Array
     memory: Array
     room: int
@@ -146,7 +115,7 @@ class QuadraticProgram:
     upper: Array = field(init=False)
     x_lower: Array = field(init=False)
     x_upper: Array = field(init=False)
-    constraints: Array = field(init=False)
+    constraints: Constraints = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.n = int(self.memory.shape[1]) - 1
@@ -156,13 +125,13 @@ class QuadraticProgram:
         equalities = len(rows) - len(self.lower)
         self.A, self.b = rows[:equalities, :n], rows[:equalities, n]
         self.C = rows[equalities:, :n]
-        self.constraints = rows
+        self.constraints = Constraints(rows=rows, bounds=self.bounds, offset=self.offset)
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> QuadraticProgram:
         """Allocate a problem with infinite bounds, room for some rows of the cost, and some outputs."""
         return cls(
-            Quadratic(np.zeros((n, n)), np.zeros(n)),
+            QuadraticCost(np.zeros((n, n)), np.zeros(n)),
             np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
             np.zeros((room + equalities + inequalities, n + 1)),
             room,
@@ -171,7 +140,7 @@ class QuadraticProgram:
 
     def copy(self) -> QuadraticProgram:
         """A copy that the next cycle does not overwrite."""
-        cost = Quadratic(self.H.copy(), self.g.copy(), self.cost.constant)
+        cost = QuadraticCost(self.H.copy(), self.g.copy(), self.cost.constant)
         return QuadraticProgram(cost, self.bounds.copy(), self.memory[self.room :].copy(), 0, self.offset.copy())
 
     @property
@@ -191,11 +160,13 @@ class QuadraticProgram:
         return math.isfinite(squares) and not np.isnan(self.bounds).any()
 
     def residuals(self, x: Array) -> Residuals:
-        """Residuals of the constraints at x."""
-        count, equalities = self.bounds.shape[1], len(self.b)
-        found = np.zeros(4 * count + equalities + len(self.offset))
-        found[: self.n] = x
-        return Residuals(found, count, equalities, *residuals(self.constraints, self.bounds, self.offset, found))
+        """Compute the residuals of the constraints at x."""
+        found = Residuals.empty(self)
+        found.value[: self.n] = x
+        found.least_room, found.largest_equality = residuals(
+            self.constraints, found.value, found.room, found.equalities, found.outputs
+        )
+        return found
 
     def rows(self, places: np.ndarray) -> Array:
         """Rows of [I; C], (k, n)."""
@@ -209,57 +180,39 @@ class QuadraticProgram:
         return self.residuals(x).violation
 
 
+@dataclass(slots=True)
 class Residuals:
     """Residuals of the constraints at a point x.
 
     Attributes:
-        found: x and C x; the multipliers of their bounds, where a solver has found them; the distances of x and C x
-            from their lower and upper bounds; |A x - b|; and the outputs, all one after the other,
-            (4 (n + m_in) + m_eq + k,).
-        least_room: the smallest value of `room`.
-        violation: largest violation of a constraint, 0 where all hold; NaN if x or the problem contains NaN.
+        value: x, then C x, (n + m_in,).
+        room: distances of x and C x from their lower and upper bounds, (2, n + m_in); negative for a violated bound.
+        equalities: |A x - b|, (m_eq,).
+        outputs: C x + r of the first rows, (k,).
+        least_room: smallest value of `room`.
+        largest_equality: largest value of `equalities`.
     """
 
-    __slots__ = ("_count", "_equalities", "found", "least_room", "violation")
+    value: Array
+    room: Array
+    equalities: Array
+    outputs: Array
+    least_room: float = math.nan
+    largest_equality: float = math.nan
 
-    def __init__(self, found: Array, count: int, equalities: int, least_room: float, violation: float) -> None:
-        """Store what was found.
-
-        Args:
-            found: as above.
-            count: n + m_in.
-            equalities: m_eq.
-            least_room: the smallest room.
-            violation: the largest violation.
-        """
-        self.found = found
-        self._count, self._equalities = count, equalities
-        self.least_room, self.violation = least_room, violation
+    @classmethod
+    def empty(cls, problem: QuadraticProgram) -> Residuals:
+        """Allocate the arrays for a problem."""
+        count = problem.bounds.shape[1]
+        arrays = np.empty(count), np.empty((2, count)), np.empty(len(problem.b)), np.empty(len(problem.offset))
+        return cls(*arrays)
 
     @property
-    def value(self) -> Array:
-        """x, then C x, (n + m_in,)."""
-        return self.found[: self._count]
-
-    @property
-    def multipliers(self) -> Array:
-        """Of the bounds of x and the rows of C, (n + m_in,)."""
-        return self.found[self._count : 2 * self._count]
-
-    @property
-    def room(self) -> Array:
-        """Distance of x and C x from their lower and upper bounds, (2, n + m_in); negative where violated."""
-        return self.found[2 * self._count : 4 * self._count].reshape(2, self._count)
-
-    @property
-    def equalities(self) -> Array:
-        """|A x - b|, (m_eq,)."""
-        return self.found[4 * self._count :][: self._equalities]
-
-    @property
-    def outputs(self) -> Array:
-        """C x + r for its first rows, (k,)."""
-        return self.found[4 * self._count + self._equalities :]
+    def violation(self) -> float:
+        """Largest violation of a constraint, 0 if all hold; NaN if x or the problem contains NaN."""
+        if math.isnan(self.least_room + self.largest_equality):
+            return math.nan
+        return max(0.0, -self.least_room, self.largest_equality)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,27 +246,15 @@ class Level:
         tasks: names of the tasks that take part in this cycle.
         cost: ½ xᵀHx + gᵀx + constant, the regularization included, so that H is positive definite.
         kept: rows of the tasks' least-squares problem, (r, n), whose values no lower level may change; if the cost is
-            squares, their first rows. Empty if there is no lower level.
+            a sum of squares, its first rows. Empty if there is no lower level.
         G: weighted rows of the tasks with a tolerance, (k, n).
         lower: lower bounds of G x + s, (k,).
         upper: upper bounds of G x + s, (k,).
     """
 
     tasks: tuple[str, ...]
-    cost: Quadratic
+    cost: QuadraticCost
     kept: Array
     G: Array
     lower: Array
     upper: Array
-
-    def add(self, rows: Array, right: Array, *, kept: bool) -> None:
-        """Add ½ ‖rows x - right‖² to the cost, in place: rows (k, n), right (k,).
-
-        Args:
-            rows: weighted rows.
-            right: weighted right-hand sides.
-            kept: whether there is a lower level, which may not change the values of the rows.
-        """
-        self.cost.add(rows, right)
-        if kept:
-            self.kept = np.vstack([self.kept, rows])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -13,9 +13,8 @@ import numpy as np
 from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.cost import Errors
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
-from wbc_controller.inverse_dynamics.formulation.layout import FORCE_UNIT, Layout
-from wbc_controller.inverse_dynamics.formulation.problem import Residuals
-from wbc_controller.inverse_dynamics.tasks.task import equation_of
+from wbc_controller.inverse_dynamics.formulation.layout import Layout
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
 #: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
@@ -25,10 +24,10 @@ _LARGEST = 1.0e9
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-class _Later:
-    """`records.Details` of an answer: most are never read, and would delay the torques.
+class _LazyDetails:
+    """`records.Details` of an answer, computed on first access: most are never read, and would delay the torques.
 
-    Of the layout it uses what no later cycle changes.
+    It uses only parts of the layout that later cycles do not change.
     """
 
     _forces: Mapping[str, Array] | None = None
@@ -46,9 +45,9 @@ class _Later:
 
     @property
     def forces(self) -> Mapping[str, Array]:
-        """The force of each contact, (k,) in N and N·m."""
-        if self._forces is None:  # in every cycle: what `cached_property` does takes as long as the rest
-            forces = FORCE_UNIT * self._residuals.found[self._layout.forces]
+        """Force of each contact, (k,) in N and N·m."""
+        if self._forces is None:  # read in every cycle, in which `cached_property` would double the time
+            forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
             forces.setflags(write=False)
             self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
         return self._forces
@@ -69,8 +68,8 @@ class _Later:
     def task_errors(self) -> Mapping[str, float]:
         """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
         errors: dict[str, Array] = {}
-        for places, values, others in self._errors:
-            errors |= {name: values[place] for name, place in places} | others
+        for places, values in self._errors:
+            errors |= {name: values[place] for name, place in places}
         return MappingProxyType({name: math.sqrt(error.dot(error)) for name, error in errors.items()})
 
     @cached_property
@@ -104,34 +103,25 @@ def unpack(
         stages: time spent in each stage, in s.
 
     Raises:
-        ValueError: where the answer has no residuals.
+        ValueError: if the answer has no residuals.
     """
     residuals, errors = answer.residuals, formulation.task_errors
     if residuals is None:
         raise ValueError(f"the answer {answer.status!r} has no residuals")
-    found = residuals.found
-    found.setflags(write=False)  # and so its parts
-    if formulation.effort_tasks:
-        errors += tuple(_effort_errors(formulation, layout, residuals.value[: layout.problem.n], references))
+    value = residuals.value
+    value.setflags(write=False)
+    residuals.outputs.setflags(write=False)
+    formulation.add_effort_errors(value[: layout.problem.n])
     return Solution(
-        found[: formulation.model.nv],
+        value[: formulation.model.nv],
         residuals.outputs,
-        _Later(layout, answer, residuals, errors, stages),
+        _LazyDetails(layout, answer, residuals, errors, stages),
         answer.relaxed,
         answer.iterations,
         MappingProxyType(stages),
         frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
         references.disturbance,
     )
-
-
-def _effort_errors(formulation: Formulation, layout: Layout, x: Array, references: References) -> Iterator[Errors]:
-    """The errors of tasks on contact forces or torques."""
-    for task in formulation.effort_tasks:
-        if references.weights.get(task.name, 0.0) > 0.0:
-            equation = equation_of(task, layout, references.tasks[task.name], len(x))
-            if equation is not None:
-                yield (), x, {task.name: equation[0] @ x - equation[1]}
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:

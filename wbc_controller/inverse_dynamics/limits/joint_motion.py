@@ -23,7 +23,7 @@ STOPPING = 0.0165
 _SIDES = np.array([[1.0], [-1.0]])
 
 
-class JointMotionLimit:
+class JointMotionLimit(Tunable):
     """Bounds of q̈ that keep every joint in viable states, from which all limits can be met for ever.
 
     After Del Prete, "Joint position and velocity bounds in discrete-time acceleration/torque control of robot arms"
@@ -60,9 +60,6 @@ class JointMotionLimit:
         horizon: lower bound of T, s. A T longer than the period is viable too, and less sensitive to noise in the
             measured position: near the limit the bound moves by 1 / T² per rad, and by 1 / T per rad/s.
     """
-
-    acceleration: Tunable[float] = Tunable()
-    horizon: Tunable[float] = Tunable()
 
     def __init__(
         self,

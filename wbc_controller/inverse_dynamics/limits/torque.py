@@ -37,7 +37,7 @@ class TorqueSpeedCurve:
         return np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)
 
 
-class TorqueLimit:
+class TorqueLimit(Tunable):
     """Keeps τ within the available torque, and |τ - τ_before| ≤ rate τ_max Δt if a torque before is given.
 
     The torque before may no longer be available, because the joint has become faster. It is then clipped to the
@@ -47,10 +47,6 @@ class TorqueLimit:
         rate: torque rate limit, in effort limits per second.
         curve: torque-speed curve; None for τ_max at every speed.
     """
-
-    rate: Tunable[float] = Tunable()
-    curve: Tunable[TorqueSpeedCurve | None] = Tunable()
-    effort_limits: Tunable[Array] = Tunable()
 
     def __init__(self, effort_limits: Array, rate: float, curve: TorqueSpeedCurve | None = None) -> None:
         self.effort_limits = effort_limits

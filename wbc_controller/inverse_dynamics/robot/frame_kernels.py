@@ -55,7 +55,7 @@ class FrameRows(Struct):
         numbers: constants, gains and references, as the functions below take them.
         motion: motion of the links.
         out: rows [J, …, b]; columns between J and b are not written.
-        minus_target: negative targets of single accelerations, by index in v, (columns of `out`,).
+        target: targets of single accelerations, by index in v, (≥ nv,).
     """
 
     instructions: IndexMatrix
@@ -63,7 +63,7 @@ class FrameRows(Struct):
     numbers: Vector
     motion: LinkMotion
     out: OutMatrix
-    minus_target: OutVector
+    target: OutVector
 
 
 @part
@@ -226,19 +226,17 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Array, out: Array, error
 
 
 @part
-def _joint_targets(
-    q: Array, v: Array, numbers: Array, places: Array, count: int, minus_target: Array, error: Array
-) -> float:
-    """Write targets of single accelerations of joints, from their positions (`tasks.posture`, `program.cost`).
+def _joint_targets(q: Array, v: Array, numbers: Array, places: Array, count: int, target: Array, error: Array) -> float:
+    """Write targets of single accelerations of joints, from their positions (`tasks.posture`, `formulation.cost`).
 
     Args:
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        numbers: (7, count): K, D, reference position, velocity and acceleration, then the negative factor from the
-            desired acceleration to the target, and from its square to twice the constant.
+        numbers: (7, count): K, D, reference position, velocity and acceleration, then the factor from the desired
+            acceleration to the target, and from its square to twice the constant.
         places: (2, count): index in q of each joint, and in v.
         count: number of joints.
-        minus_target: out: the negative targets, by index in v.
+        target: out: the targets, by index in v.
         error: out: the task error, (count,).
 
     Returns:
@@ -251,7 +249,7 @@ def _joint_targets(
             raise IndexError("the index of a joint is not below the size of q or v")
         error[i] = table[2, i] - q[row]
         asked = table[0, i] * error[i] + table[1, i] * (table[3, i] - v[column]) + table[4, i]
-        minus_target[column] = table[5, i] * asked
+        target[column] = table[5, i] * asked
         rest += 0.5 * table[6, i] * asked * asked
     return rest
 
@@ -310,7 +308,7 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
         elif kind == COM:
             _com_rows(motion, numbers, rows, out, error)
         elif kind == JOINTS:
-            rest += _joint_targets(q, v, numbers, table.places[step[PLACE] :], size, table.minus_target, error)
+            rest += _joint_targets(q, v, numbers, table.places[step[PLACE] :], size, table.target, error)
         elif kind == SURFACE:
             _contact_rows(motion, link, step[OTHER], numbers, rows, out)
         elif kind == BALL:

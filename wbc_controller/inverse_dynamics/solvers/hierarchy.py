@@ -9,10 +9,11 @@ import numpy as np
 from scipy.linalg import qr
 
 from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
-from wbc_controller.inverse_dynamics.formulation.problem import Level, QuadraticProgram, Residuals, Squares
+from wbc_controller.inverse_dynamics.formulation.problem import Level, QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSquares
 from wbc_controller.inverse_dynamics.solvers import Solver
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
-from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, work_memory
+from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelMemory
 from wbc_controller.records import Array, LevelReport
 
 #: Rows count as linearly dependent below this share of the largest.
@@ -111,7 +112,7 @@ class Hierarchy:
         if self._rest:
             self._rest -= 1
             return None
-        costs: list[Squares] = []
+        costs: list[LeastSquares] = []
         for level in levels:
             if level.cost.squares is None or len(level.G):
                 return None
@@ -120,32 +121,27 @@ class Hierarchy:
             return None
         if len(self._active_sets) != len(levels):
             self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
-        work = work_memory(problem, costs[0], sum(len(level.kept) for level in levels))
-        bounds = problem.bounds.shape[1]
-        equalities = len(problem.b)
-        found = np.empty(4 * bounds + equalities + len(problem.offset))
-        count, iterations, reports = 0, 0, []
+        kept = sum(len(level.kept) for level in levels)
+        memory, iterations, reports = LevelMemory.empty(problem, costs[0].base, kept), 0, []
         for level, squares, active_set in zip(levels, costs, self._active_sets, strict=True):
             if not level.tasks and level is not levels[-1]:
                 continue
             started = self._timer()
-            outcome, number, cost, least, violation = active_set.condensed(
-                problem, squares, work, count, len(level.kept), found, _TRIES
-            )
+            outcome, number, cost = active_set.solve_level(problem, squares, memory, len(level.kept), _TRIES)
             if outcome == kernel.NOTHING_FREE:
                 break
             if outcome != kernel.SOLVED:
                 self._misses += 1
                 self._rest = min(2 ** (self._misses - 1) - 1, _LONGEST_REST)
                 return None
-            residuals = Residuals(found, bounds, equalities, least, violation)
-            count = (count or equalities - squares.first) + len(level.kept)
             iterations += number
+            cost += level.cost.squares_constant
             reports.append(LevelReport(level.tasks, cost, number, self._timer() - started))
         self._misses = 0
-        answer = Answer(found[: problem.n], "optimal", iterations, None, residuals)
-        answer.levels = tuple(reports)
-        return answer
+        residuals = memory.residuals
+        return Answer(
+            residuals.value[: problem.n], "optimal", iterations, memory.multipliers, residuals, levels=tuple(reports)
+        )
 
     def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
         """Solve each level in the null space of those above, and learn the active sets."""

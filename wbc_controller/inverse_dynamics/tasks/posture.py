@@ -19,7 +19,6 @@ class PostureTask(MotionTask):
     """Task on the positions of some joints, (k,) in rad."""
 
     unit = "rad"
-    has_drift = False
 
     def __init__(
         self,

@@ -16,7 +16,7 @@ from wbc_controller.inverse_dynamics.method_calls import (
     call,
     checked,
     is_finite,
-    require_finite,
+    raised,
     require_finite_result,
 )
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -51,7 +51,7 @@ def gains(values: Gains, size: int, key: str) -> Array:
     return array
 
 
-class Task(ABC):
+class Task(Tunable, ABC):
     """A control objective: rows of a least-squares problem in the decision variables, with a weight and a level.
 
     There are two kinds: an `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques.
@@ -151,14 +151,7 @@ class AccelerationTask(Task):
     in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
     quantities x(q, v).
 
-    Attributes:
-        columns: for a task on single components of v̇, with J = I[columns], the indices of these components; None for
-            other tasks.
-        has_drift: whether δ can be non-zero.
     """
-
-    columns: np.ndarray | slice | None = None
-    has_drift = True
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
@@ -191,23 +184,6 @@ class AccelerationTask(Task):
         """Reference that holds the present value."""
         still = frozen(np.zeros(self.size))
         return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
-
-    def fill(self, dynamics: Dynamics, reference: Reference, rows: Array, right: Array) -> Array:
-        """Write the rows of the least-squares problem J v̇ = b in place.
-
-        Args:
-            dynamics: the snapshot.
-            reference: the task reference.
-            rows: for J, (k, nv).
-            right: for b, (k,).
-
-        Returns:
-            The task error, (k,).
-        """
-        J, b, error = self.equation(dynamics, reference)
-        rows[...] = checked(self, "equation", J, rows.shape)
-        right[...] = checked(self, "equation", b, right.shape)
-        return error
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
         """Rows of the least-squares problem J v̇ = b, as new arrays.
@@ -246,10 +222,28 @@ def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -
         array_from(task, "velocity", size, dynamics)
     arrays_from(task, "right", (size, size), dynamics, reference)
     arrays_from(task, "equation", ((*k, nv), k, k), dynamics, reference)
-    rows, right = np.full((*k, nv), np.nan), np.full(k, np.nan)
-    array_from(task, "fill", k, dynamics, reference, rows, right)
-    require_finite(task, "fill", "rows", rows)
-    require_finite(task, "fill", "right", right)
+
+
+def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
+    """Evaluate `AccelerationTask.equation` and check its J (k, nv), b (k,) and task error (k,).
+
+    Raises:
+        MethodError: as `evaluate`, with the name of the method that failed.
+    """
+    k = (task.dimension,)
+    try:
+        equation = task.equation(dynamics, reference)
+        J, right, error = arrays_of(task, "equation", equation, ((*k, dynamics.model.nv), k, k))
+    except Exception as failure:
+        evaluate(task, dynamics, reference)
+        raise failure if isinstance(failure, MethodError) else raised(task, "equation", failure) from failure
+    if not (is_finite(J) and is_finite(right)) and _is_finite(reference):
+        evaluate(task, dynamics, reference)
+    return J, right, error
+
+
+def _is_finite(reference: Reference) -> bool:
+    return all(is_finite(part) for part in (reference.position, reference.velocity, reference.acceleration))
 
 
 class Efforts(Protocol):
@@ -334,8 +328,8 @@ class MotionTask(AccelerationTask):
     """
 
     gain_names = ("stiffness", "damping")
-    stiffness: Tunable[Array] = Tunable()
-    damping: Tunable[Array] = Tunable()
+    stiffness: Array
+    damping: Array
 
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
@@ -356,16 +350,6 @@ class MotionTask(AccelerationTask):
         self.damping = (
             2.0 * np.sqrt(self.stiffness) if damping is None else gains(damping, len(mask), f"tasks.{name}.damping")
         )
-        self._gains_of: tuple[Array, Array] | None = None
-
-    @property
-    def gain_rows(self) -> Array:
-        """K and D of each axis, (2, size)."""
-        if self._gains_of is None or self._gains_of[0] is not self.stiffness or self._gains_of[1] is not self.damping:
-            self._gains_of = self.stiffness, self.damping
-            self._gain_rows = np.empty((2, self.size))
-            self._gain_rows[0], self._gain_rows[1] = self._gains_of
-        return self._gain_rows
 
     def _stiffness_of_rows(self) -> Array:
         return self.stiffness
@@ -375,14 +359,12 @@ class MotionTask(AccelerationTask):
         """Present velocity ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """Return ẍ* - J̇v and the task error, both (size,)."""
-        shape, (K, D) = (self.size,), self.gain_rows
+        """ẍ* - J̇v and the task error, both (size,)."""
+        shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         velocity = checked(self, "velocity", self.velocity(dynamics), shape)
-        right = K * error + D * (reference.velocity - velocity) + reference.acceleration
-        if self.has_drift:
-            right -= checked(self, "drift", self.drift(dynamics), shape)
-        return right, error
+        wanted = reference.acceleration + self.damping * (reference.velocity - velocity) + self.stiffness * error
+        return wanted - checked(self, "drift", self.drift(dynamics), shape), error
 
 
 class RateTask(AccelerationTask):

@@ -1,0 +1,228 @@
+"""The fast path has the numbers of the plain quadratic program, on random problems of five robots.
+
+``PLAIN_QP_PROBLEMS=10000 pytest test/inverse_dynamics/formulation/test_plain_qp.py`` runs more problems.
+"""
+
+import os
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from chains import MENAGERIE, menagerie
+
+import wbc_controller as wbc
+from wbc_controller.apps.new.draft import new_configuration
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.contacts import AnchoredContact
+from wbc_controller.inverse_dynamics.formulation.plain_qp import plain_qp, task_rows
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import AngularMomentumTask, ContactWrenchTask, PostureTask, TorqueTask
+from wbc_controller.records import Disturbance, Reference, References, RobotState
+from wbc_controller.settings.files import find_configuration, load_settings
+
+PROBLEMS = int(os.environ.get("PLAIN_QP_PROBLEMS", "300"))
+PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
+AXES = pin.LOCAL_WORLD_ALIGNED
+
+
+class Height(wbc.MotionTask):
+    """Height of the centre of mass: a user's own task."""
+
+    size = 1
+
+    def __init__(self, model, name="height", level=0, tolerance=None):
+        super().__init__(name, [True])
+        self.level, self.tolerance = level, tolerance
+
+    def position(self, dynamics):
+        return np.array(dynamics.com[2:])
+
+    def velocity(self, dynamics):
+        return dynamics.com_velocity[2:]
+
+    def error(self, dynamics, position):
+        return position - dynamics.com[2:]
+
+    def jacobian(self, dynamics):
+        return dynamics.com_jacobian[2:]
+
+    def drift(self, dynamics):
+        return dynamics.com_drift[2:]
+
+
+class OwnPosture(PostureTask):
+    """A posture task whose rows are evaluated in Python."""
+
+
+class Grip(wbc.AnchoredContact):
+    """A held point of the last link: a user's own contact."""
+
+    def __init__(self, model):
+        # The menagerie has too few joints for it: the projection of K e amplifies rounding if J has no full rank.
+        stiffness = 3.0 if model.nv > 8 else 0.0
+        cone = np.array([[1.0, 0.5, -1.0]])
+        super().__init__("grip", np.eye(6)[:, :3], cone, "world", stiffness=stiffness, damping=20.0, internal=False)
+        self._frame = len(model.pinocchio.frames) - 1
+
+    def jacobian(self, dynamics):
+        return dynamics.jacobian(self._frame, AXES)[:3]
+
+    def drift(self, dynamics):
+        return dynamics.drift_world(self._frame)[:3]
+
+    def points(self, dynamics):
+        return dynamics.placement(self._frame).translation[None]
+
+    def wrench_in_world(self, dynamics, force):
+        return np.concatenate([force, np.cross(self.points(dynamics)[0], force)])
+
+    def bounds(self, activation):
+        return np.full(3, -50.0 * activation), np.full(3, 50.0 * activation)
+
+    def pose(self, dynamics):
+        return dynamics.placement(self._frame)
+
+    def displacement(self, dynamics, anchor):
+        return anchor[:3] - self.points(dynamics)[0]
+
+
+class Ceiling(wbc.RowLimit):
+    """Bounds of the acceleration of the centre of mass: a user's own limit."""
+
+    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
+
+    def __init__(self, model):
+        pass
+
+    def fill(self, dynamics, period, rows, lower, upper):
+        rows[:] = dynamics.com_jacobian[2]
+        lower[:], upper[:] = -np.inf, 5.0
+
+
+@cache
+def settings_of(robot):
+    if robot == "menagerie":
+        return menagerie()
+    return new_configuration(PANDA).settings if robot == "panda" else load_settings(find_configuration(robot))
+
+
+def build(robot, *, levels):
+    """Return a quadratic program with compiled tasks and contacts, and with others that are evaluated in Python."""
+    settings = settings_of(robot)
+    model = make_model(settings, MENAGERIE if robot == "menagerie" else None)
+    joints = model.driven_joints[:2]
+    tasks = [
+        Height,
+        lambda model: Height(model, "lower", level=1 if levels else 0),
+        lambda model: PostureTask("same joints", model, joints),
+        lambda model: OwnPosture("own posture", model, joints),
+        lambda model: AngularMomentumTask("momentum", [True] * 3, damping=5.0),
+        lambda model: TorqueTask("torque", model, joints, (1.0, 2.0)),
+    ]
+    if levels:
+        tasks.append(lambda model: Height(model, "band", level=1, tolerance=np.array([0.02])))
+    feet = make_qp(settings, model).contacts
+    if feet:
+        foot = next(iter(feet.values()))
+        tasks.append(lambda model: ContactWrenchTask("wrench", foot, [True] * 6, np.full(6, 3.0)))
+    return make_qp(settings, model, tasks=tasks, contacts=[Grip], limits=[Ceiling])
+
+
+def random_state(model, rng):
+    joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
+    base = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3)) if model.floating_base else None
+    return RobotState(0, model.configuration(joints, base), 10.0 ** rng.uniform(-2, 0.5) * rng.normal(size=model.nv))
+
+
+def random_references(qp, rng):
+    """Draw references, weights, activations, anchors, external forces; and new gains and limits."""
+    there = Dynamics(qp.model)
+    elsewhere = random_state(qp.model, rng)
+    there.update(elsewhere.q, elsewhere.v)
+    tasks = {}
+    for name, task in qp.tasks.items():
+        rest = task.rest(there)
+        tasks[name] = Reference(rest.position, rng.normal(size=len(rest.velocity)), rng.normal(size=len(rest.velocity)))
+        if rng.random() < 0.2:
+            for gain in task.gain_names:
+                setattr(task, gain, rng.uniform(1.0, 100.0, task.size))
+    formulation = qp.formulation
+    if rng.random() < 0.2:
+        formulation.motion_limit.acceleration = rng.uniform(20.0, 200.0)
+        formulation.torque_limit.rate = rng.uniform(1.0, 100.0)
+        for contact in qp.contacts.values():
+            contact.max_normal_force = rng.uniform(100.0, 900.0)
+    sometimes = {
+        "external_wrenches": {"universe": rng.normal(size=6), qp.model.pinocchio.frames[-1].name: rng.normal(size=6)},
+        "disturbance": Disturbance(*rng.normal(size=(2, qp.model.nv))),
+    }
+    return References(
+        tasks=tasks,
+        weights={name: 10.0 ** rng.uniform(-2, 3) if rng.random() < 0.8 else 0.0 for name in qp.tasks},
+        contacts={name: float(rng.choice([0.0, 1.0, rng.random()])) for name in qp.contacts},
+        anchors={
+            name: contact.anchor(there) for name, contact in qp.contacts.items() if isinstance(contact, AnchoredContact)
+        },
+        **{key: value for key, value in sometimes.items() if rng.random() < 0.3},
+    )
+
+
+def near(name, found, expected):
+    size = max(1.0, np.abs(expected[np.isfinite(expected)]).max(initial=0.0))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * size, err_msg=name)
+
+
+@pytest.mark.parametrize("levels", [False, True], ids=["one level", "levels"])
+@pytest.mark.parametrize("robot", ["g1", "go2", "talos", "panda", "menagerie"])
+def test_the_fast_path_has_the_numbers_of_the_plain_qp(robot, levels):
+    qp = build(robot, levels=levels)
+    formulation, rng = qp.formulation, np.random.default_rng(7)
+    seen = Dynamics(qp.model)
+    for _ in range(PROBLEMS // 10):
+        state, references = random_state(qp.model, rng), random_references(qp, rng)
+        before = qp.model.effort_limits * rng.uniform(-0.5, 0.5, qp.model.na) if rng.random() < 0.5 else None
+        layout = formulation.build(state, references, before)
+        seen.update(state.q, state.v)
+        for number, level in enumerate(layout.levels):
+            tasks = [task for task in qp.tasks.values() if task.level == number]
+            exact = [task for task in tasks if task.tolerance is None]
+            contacts = list(qp.contacts.values())
+            expected = plain_qp(
+                seen, exact, contacts, formulation.limits, references, before, formulation.regularization
+            )
+            near("H", level.cost.H, expected.H)
+            near("g", level.cost.g, expected.g)
+            for task in tasks:
+                weight = references.weights[task.name]
+                if task.tolerance is not None and weight > 0.0:
+                    G, middle, _ = task_rows(task, seen, expected, references.tasks[task.name], len(expected.g))
+                    near("G", level.G, weight**0.5 * G)
+                    near("G x", level.upper + level.lower, 2.0 * weight**0.5 * middle)
+        problem = layout.problem
+        for name in ("A", "b", "C", "lower", "upper", "x_lower", "x_upper"):
+            near(name, getattr(problem, name), getattr(expected, name))
+        near("torque offset", layout.torque_bias, expected.torque_map[1])
+
+
+def test_versions_count_the_changes_of_structure_and_parameters():
+    qp = build("go2", levels=False)
+    formulation, rng = qp.formulation, np.random.default_rng(1)
+    state, references = random_state(qp.model, rng), random_references(qp, rng)
+
+    def versions():
+        formulation.build(state, references)
+        return formulation.structure.version, formulation.parameters.version
+
+    first = versions()
+    assert versions() == first
+    references.weights["com"] = 7.0
+    heavier = versions()
+    assert heavier[1] == first[1] + 1
+    qp.tasks["com"].stiffness = np.full(3, 4.0)
+    assert versions() == (heavier[0], heavier[1] + 1)
+    references.weights["com"] = 0.0
+    assert versions() == (heavier[0] + 1, heavier[1] + 2)
+    build("go2", levels=False).tasks["com"].stiffness = np.full(3, 5.0)  # of another controller
+    assert versions() == (heavier[0] + 1, heavier[1] + 2)

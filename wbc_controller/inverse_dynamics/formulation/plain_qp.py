@@ -1,0 +1,245 @@
+"""The quadratic program of one cycle in plain NumPy, without caches: the definition of H, g, A, b, C and the bounds.
+
+`Formulation` computes the same numbers faster, and tests compare both. It evaluates tasks and contacts without compiled
+rows, such as a user's own, with `task_rows` and `contacts.contact.motion_of`, like this file.
+
+The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]: accelerations, and the forces of the active contacts. The
+torques τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so bounds of τ become rows of C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
+from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
+from wbc_controller.inverse_dynamics.formulation.anchors import pull
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
+from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
+from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
+from wbc_controller.records import Array, Reference, References
+
+#: Length that scales rates of angular momentum to rates of linear momentum in the regularization, m.
+ROTATION_LENGTH = 0.1
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The limits of a robot.
+
+    Attributes:
+        torque: bounds of the torques.
+        motion: bounds of the joint accelerations.
+        rows: bounds of other combinations of v̇.
+        period: time between cycles, s.
+    """
+
+    torque: TorqueLimit
+    motion: JointMotionLimit
+    rows: Sequence[RowLimit]
+    period: float
+
+
+@dataclass(frozen=True)
+class Regularization:
+    """The regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f.
+
+    Attributes:
+        acceleration: ε_a.
+        force: ε_f.
+    """
+
+    acceleration: float = 1.0e-5
+    force: float = 1.0e-6
+
+
+@dataclass
+class PlainQP:
+    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
+
+    Attributes:
+        torque_map: R (na, n) and r (na,) of τ = R x + r.
+        columns: columns of x of each active contact's force.
+    """
+
+    H: Array  # (n, n)
+    g: Array  # (n,)
+    A: Array  # (m_eq, n)
+    b: Array  # (m_eq,)
+    C: Array  # (m_in, n)
+    lower: Array  # (m_in,)
+    upper: Array  # (m_in,)
+    x_lower: Array  # (n,)
+    x_upper: Array  # (n,)
+    torque_map: tuple[Array, Array]
+    columns: dict[str, slice]
+
+    def force_map(self, contact: str) -> Array | None:
+        """Return R (k, n) of f = R x for a contact; None while it is not active."""
+        return FORCE_UNIT * np.eye(len(self.g))[self.columns[contact]] if contact in self.columns else None
+
+
+def task_rows(
+    task: Task, dynamics: Dynamics, efforts: Efforts, reference: Reference, n: int
+) -> tuple[Array, Array, Array] | None:
+    """Evaluate one task: rows R x = r of its least-squares problem.
+
+    A task on accelerations gives J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`), one on torques or forces its
+    own rows in x.
+
+    Args:
+        task: the task.
+        dynamics: the snapshot.
+        efforts: torques and contact forces as functions of x.
+        reference: the task reference.
+        n: number of decision variables.
+
+    Returns:
+        R (k, n), r (k,), and the task error (k,), which is NaN for tasks on torques and forces, whose error depends on
+        the solution. None if the quantity does not exist, such as the force of an inactive contact.
+
+    Raises:
+        MethodError: if a method of the task fails.
+    """
+    if isinstance(task, EffortTask):
+        equation = equation_of(task, efforts, reference, n)
+        return None if equation is None else (*equation, np.full(task.dimension, np.nan))
+    if not isinstance(task, AccelerationTask):
+        return None
+    J, right, error = task_motion(task, dynamics, reference)
+    return np.hstack([J, np.zeros((len(J), n - J.shape[1]))]), right, error
+
+
+def bias_forces(dynamics: Dynamics, references: References) -> Array:
+    """Return h less the known generalized forces: external wrenches Σ Jₖᵀwₖ (equation (22); S4) and the disturbance."""
+    disturbance = references.disturbance
+    if not references.external_wrenches and disturbance is None:
+        return dynamics.h
+    h = np.array(dynamics.h) if disturbance is None else dynamics.h - disturbance.forces
+    for frame, wrench in references.external_wrenches.items():
+        h -= dynamics.external_force(frame, wrench)
+    return h
+
+
+def plain_qp(
+    dynamics: Dynamics,
+    tasks: Sequence[Task],
+    contacts: Sequence[Contact],
+    limits: Limits,
+    references: References,
+    tau_before: Array | None = None,
+    regularization: Regularization = Regularization(),
+) -> PlainQP:
+    """Build the quadratic program at one state.
+
+    Args:
+        dynamics: the snapshot.
+        tasks: the tasks of one priority level, without those with a tolerance.
+        contacts: the contacts, active or not.
+        limits: the limits.
+        references: task references and weights, contact activations, external wrenches, disturbance.
+        tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
+        regularization: the weights of the regularization.
+    """
+    model, actuation, q, v = dynamics.model, dynamics.model.actuation, dynamics.q, dynamics.v
+    nv, free = model.nv, actuation.free
+    activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
+    active = [contact for contact in contacts if activations[contact.name] > 0.0]
+    ends = np.cumsum([nv, *(contact.size for contact in active)]).tolist()
+    columns = {contact.name: slice(*ends[i : i + 2]) for i, contact in enumerate(active)}
+    n, nf = ends[-1], ends[-1] - nv
+
+    # Motion of the active contacts: J v̇ = -J̇v - D J v + K e.
+    motions = [contact_motion(contact, dynamics) for contact in active]
+    J = np.vstack([np.zeros((0, nv)), *(J for J, _ in motions)])  # (nf, nv)
+    D = np.concatenate([np.zeros(0), *(np.full(contact.size, contact.damping) for contact in active)])
+    at_rest = np.concatenate([np.zeros(0), *(acceleration for _, acceleration in motions)])
+    anchored = [
+        (contact, slice(columns[contact.name].start - nv, columns[contact.name].stop - nv))
+        for contact in active
+        if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0
+    ]
+    contact_acceleration = at_rest - D * (J @ v) + pull(J, anchored, dynamics, references.anchors)
+
+    # Equations of motion: N (M v̇ + h - Jᵀf) = 0 and τ = T (M v̇ + h - Jᵀf); joints that follow others: C v̇ = 0.
+    h = bias_forces(dynamics, references)
+    projected = actuation.split(np.hstack([dynamics.M, -FORCE_UNIT * J.T]))  # [N; T] [M, -Jᵀ]
+    projected_h = actuation.split(h)
+    coupling = np.hstack([actuation.C, np.zeros((len(actuation.C), nf))])
+    A = np.vstack([np.hstack([J, np.zeros((nf, nf))]), coupling, projected[:free]])
+    b = np.concatenate([contact_acceleration, np.zeros(len(coupling)), -projected_h[:free]])
+    torque_map = projected[free:], projected_h[free:]
+
+    # Forces of the contacts: within bounds, and in the cone C f ≤ 0.
+    x_lower, x_upper = np.full(n, -np.inf), np.full(n, np.inf)
+    cones = [np.zeros((0, n))]
+    for contact in active:
+        own = columns[contact.name]
+        bounds = contact.bounds(activations[contact.name])
+        x_lower[own], x_upper[own] = bounds[0] / FORCE_UNIT, bounds[1] / FORCE_UNIT
+        cones.append(
+            np.hstack(
+                [np.zeros((len(contact.cone), own.start)), contact.cone, np.zeros((len(contact.cone), n - own.stop))]
+            )
+        )
+    cone = np.vstack(cones)
+
+    # Limits: of joint motion, of τ (within the available torques, and |τ - τ_before| ≤ rate τ_max Δt), and of G v̇.
+    x_lower[model.v_index], x_upper[model.v_index] = limits.motion.bounds(
+        q[model.q_index], v[model.v_index], limits.period
+    )
+    tau_lower, tau_upper = limits.torque.available(actuation.speeds(v))
+    if tau_before is not None:
+        held, step = (
+            np.clip(tau_before, tau_lower, tau_upper),
+            limits.torque.rate * limits.period * limits.torque.effort_limits,
+        )
+        tau_lower, tau_upper = np.maximum(tau_lower, held - step), np.minimum(tau_upper, held + step)
+    rows, lower, upper = (
+        [torque_map[0], cone],
+        [tau_lower - torque_map[1], np.full(len(cone), -np.inf)],
+        [tau_upper - torque_map[1], np.zeros(len(cone))],
+    )
+    for limit in limits.rows:
+        count = len(limit.names)
+        G, least, most = np.zeros((count, nv)), np.zeros(count), np.zeros(count)
+        limit.fill(dynamics, limits.period, G, least, most)
+        rows.append(np.hstack([G, np.zeros((count, nf))]))
+        lower.append(least)
+        upper.append(most)
+    qp = PlainQP(
+        H=np.zeros((n, n)), g=np.zeros(n), A=A, b=b,
+        C=np.vstack(rows), lower=np.concatenate(lower), upper=np.concatenate(upper), x_lower=x_lower, x_upper=x_upper,
+        torque_map=torque_map, columns=columns,
+    )  # fmt: skip
+
+    # Regularization: of the joint accelerations, the forces, and the rate of the momentum ḣ_G = A_G v̇ + Ȧ_G v.
+    joints = np.arange(6 if model.floating_base else 0, nv)
+    qp.H[joints, joints] = regularization.acceleration
+    forces = np.arange(nv, n)
+    qp.H[forces, forces] = (
+        regularization.force * FORCE_UNIT**2 * np.concatenate([np.zeros(0), *(c.metric for c in active)])
+    )
+    if model.floating_base:
+        scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3) / model.mass
+        momentum = np.hstack([dynamics.centroidal_matrix, np.zeros((6, nf))]) * scale[:, None]
+        add_squares(qp, regularization.acceleration, momentum, -scale * dynamics.centroidal_drift)
+
+    # Tasks: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖².
+    for task in tasks:
+        weight = references.weights.get(task.name, 0.0)
+        if weight > 0.0 and (found := task_rows(task, dynamics, qp, references.tasks[task.name], n)) is not None:
+            add_squares(qp, weight, found[0], found[1])
+    return qp
+
+
+def add_squares(qp: PlainQP, weight: float, R: Array, r: Array) -> None:
+    """Add ½ w ‖R x - r‖² to the cost: H += w RᵀR, g -= w Rᵀr."""
+    qp.H += weight * R.T @ R
+    qp.g -= weight * R.T @ r
