@@ -164,7 +164,7 @@ def propagate(
 
 @part
 def _innovation(
-    R: Array, columns: Array, P: Array, points: Array, places: Array, covariance: Array, z: Array, S: Array
+    R: Array, columns: Array, P: Array, points: Indices, places: Array, covariance: Array, z: Array, S: Array
 ) -> None:
     """Write z = R y + p - d of points in contact, and S = H P Hᵀ + R C Rᵀ with H = [0 0 -1 … 1 …]."""
     for a in range(len(points)):

@@ -58,7 +58,7 @@ def _same(a: float, b: float) -> bool:
 
 
 @part
-def _repeats(before: Array, now: Array, index: Array) -> bool:
+def _repeats(before: Array, now: Array, index: Indices) -> bool:
     """Return True if some values repeat bit for bit."""
     for i in index:
         if not _same(before[i], now[i]):
@@ -67,7 +67,7 @@ def _repeats(before: Array, now: Array, index: Array) -> bool:
 
 
 @part
-def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Array, v_index: Array) -> bool:
+def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices, v_index: Indices) -> bool:
     """Return True if some positions and velocities repeat, and not all of these velocities are zero."""
     moves = False
     for i in v_index:
