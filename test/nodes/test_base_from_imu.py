@@ -87,7 +87,7 @@ def test_odometry_is_not_used(robot):
     robot.activate()
     robot.bench.base(pose=[5.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
     report = robot.cycle()
-    assert set(report.ages) == {"joint_states", "imu", "base estimate"}
+    assert set(report.inputs.ages) == {"joint_states", "imu", "base estimate"}
     assert robot.bench.loop._inputs.latch().state.q[0] == pytest.approx(0.0, abs=1e-6)
 
 
