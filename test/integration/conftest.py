@@ -25,8 +25,9 @@ from participants import is_omitted
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.states import JointStateReader, OdometryReader
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock

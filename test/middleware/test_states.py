@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode, header, message
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.odometry import pose_with_covariance
 from wbc_controller.middleware.setpoints import wrench_stamped
-from wbc_controller.middleware.states import ContactForceReader, ImuReader, JointStateReader, OdometryReader, PoseReader
+from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader, PoseReader
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("hip", "knee", "ankle")
@@ -165,7 +166,9 @@ def test_the_normal_force_follows_the_frame_of_each_message():
 
 def test_equal_layouts_pass_the_codec_once(make, monkeypatch):
     joints, odometry, asked = JointStateReader(JOINTS), OdometryReader("pelvis"), []
-    monkeypatch.setattr("wbc_controller.middleware.states.decode", lambda *what: asked.append(what) or decode(*what))
+    monkeypatch.setattr(
+        "wbc_controller.middleware.joint_states.decode", lambda *what: asked.append(what) or decode(*what)
+    )
     for time in range(1, 6):
         read = joints.read(encode(joint_state(JOINTS, [time] * 3, [0] * 3, time=time)))
         assert (read.stamp, read.position[0]) == (time, time)

@@ -246,7 +246,7 @@ def states(controller, latency, count=100):
 
 def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
     controller = bench(changes=SYNCHRONIZED)
-    assert states(controller, 1.0).ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
+    assert states(controller, 1.0).inputs.ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
     controller.command("activate")
     (sentence,) = states(controller, 1.0, 1).refused
     assert sentence == (

@@ -25,7 +25,12 @@ _FILLINGS = (0x11, 0x22)
 
 
 class MessageLayout:
-    """Positions of the numbers in the serialized messages that have equal text and array sizes."""
+    """Positions of the numbers in the serialized messages that have equal text and array sizes.
+
+    Attributes:
+        start: offset of the first number, bytes.
+        count: number of groups of eight bytes after it.
+    """
 
     def __init__(self, content: Any) -> None:
         """Find the numbers.
@@ -44,7 +49,7 @@ class MessageLayout:
                 self._slices[path] = slice(start, start + count)
                 seen += 8 * count
         edges = np.flatnonzero(np.diff(np.concatenate([[True], differs, [True]]))).reshape(-1, 2).tolist()
-        self._size = len(first)
+        self._size, self.start, self.count = len(first), _START, (len(first) - _START) // 8
         self._pieces = [slice(start, stop) for start, stop in edges]  # the bytes that belong to no number
         self._constant = [first[piece].tobytes() for piece in self._pieces]
 
@@ -53,7 +58,7 @@ class MessageLayout:
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
     def slice_of(self, *paths: str) -> slice:
-        """Return the slice of `numbers_in` that contains consecutive fields.
+        """Return the slice of consecutive fields in the message, read as floating-point numbers from `start` on.
 
         Args:
             paths: such as ``position`` or ``pose.pose.position.x``. A timestamp counts as one number.
@@ -68,11 +73,6 @@ class MessageLayout:
         return slice(slices[0].start, slices[-1].stop)
 
 
-def numbers_in(payload: bytes | bytearray) -> Array:
-    """Return a view of a serialized message as floating-point numbers, (n,), for the slices of a `MessageLayout`."""
-    return np.frombuffer(payload, dtype=np.float64, count=(len(payload) - _START) // 8, offset=_START)
-
-
 class Template:
     """Serializes messages that differ only in their timestamp and some numbers."""
 
@@ -85,7 +85,7 @@ class Template:
         """
         layout = MessageLayout(content)
         self._payload = bytearray(encode(content))
-        self._numbers = numbers_in(self._payload)
+        self._numbers = np.frombuffer(self._payload, offset=layout.start, count=layout.count)
         self._stamp = _START + 8 * layout.slice_of("header.stamp").start if hasattr(content, "header") else None
         self._fields = [layout.slice_of(*paths) for paths in fields]
 

@@ -21,7 +21,7 @@ from wbc_controller.controller.build.robot_description import Description, descr
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
-from wbc_controller.middleware.states import JointStateReader
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock

@@ -25,22 +25,15 @@ from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
+from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
 from wbc_controller.middleware.stamps import StampTracker
-from wbc_controller.middleware.states import (
-    BaseState,
-    ImuReader,
-    JointStateReader,
-    JointStates,
-    OdometryReader,
-    PoseReader,
-    StateReader,
-)
+from wbc_controller.middleware.states import ImuReader, OdometryReader, PoseReader
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
 from wbc_controller.nodes.requests import Requests, refusal
-from wbc_controller.records import Array, Fault, RobotState, freeze
+from wbc_controller.records import Array, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
 
 #: Largest message of a state, in bytes, by row of the topic table.
@@ -243,8 +236,14 @@ class Inputs:
         if self.estimator is not None:
             refused += self._estimate(self.estimator, holding, held=held)
         joints: JointStates | None = self._sources["joint_states"].newest
+        base, state = self._newest_base(), None
+        if joints is not None and base is not None:
+            q, v = self._model.state(joints.position, joints.velocity, *base)
+            q.setflags(write=False)
+            v.setflags(write=False)
+            state = RobotState(joints.stamp, q, v)
         return LatchedInputs(
-            state=self._assemble(joints),
+            state=state,
             joint_velocity=None if joints is None else joints.velocity,
             ages=self.ages(),
             clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
@@ -278,20 +277,14 @@ class Inputs:
         elif key == "pose":
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
 
-    def _assemble(self, joints: JointStates | None) -> RobotState | None:
-        """Return the state of the newest joint states and the measured or estimated base; None if a part is missing."""
-        if joints is None:
-            return None
-        base: tuple[Array, Array] | None = None
-        if "odom" in self._parts:
-            odometry: BaseState | None = self._sources["odom"].newest
-            base = None if odometry is None else (odometry.pose, odometry.twist)
-        elif self.estimator is not None:
-            base = self._base
-        if base is None and len(self._parts) > 1:
-            return None
-        q, v = self._model.state(joints.position, joints.velocity, *(base or ()))
-        return RobotState(joints.stamp, freeze(q), freeze(v))
+    def _newest_base(self) -> tuple[()] | tuple[Array, Array] | None:
+        """Return pose, (7,), and twist, (6,), of a floating base, nothing for a fixed base; None if not known yet."""
+        if self.estimator is not None:
+            return self._base
+        if not self._model.floating_base:
+            return ()
+        odometry = self._sources["odom"].newest
+        return None if odometry is None else (odometry.pose, odometry.twist)
 
     def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
         """Update the estimate of the base; return a sentence for each newly silent sensor, left-out contact and pose.

@@ -17,9 +17,10 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajec
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.setpoints import setpoint_message, vector, wrench_stamped
 from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.states import JointStateReader, OdometryReader
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.recording.report.run_record import Event

@@ -13,8 +13,9 @@ from wbc_controller.apps.demo.director import Director, Log, Window
 from wbc_controller.apps.demo.scenario import Scenario
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.states import JointStateReader, OdometryReader
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.recording.columns import AUDIT_COLUMNS
 from wbc_controller.recording.report.run_record import Recording, Result, supports_of, vertical_on_base
 from wbc_controller.records import Array

@@ -17,7 +17,8 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
-from wbc_controller.middleware.states import JointStateReader, OdometryReader
+from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
