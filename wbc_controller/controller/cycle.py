@@ -18,7 +18,8 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check_qp
 from wbc_controller.controller.live_settings import LiveSettings, live_part
-from wbc_controller.controller.memory import Taped, give_back, taken
+from wbc_controller.controller.memory import CycleRecord, give_back, taken
+from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import ConfigurationError, InputRefused, MethodError, NoSolution
 from wbc_controller.inverse_dynamics.contacts import Contact
@@ -29,7 +30,6 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import (
-    Array,
     ChangeSettings,
     Fault,
     Mode,
@@ -116,7 +116,7 @@ class ControlCycle:
         self._explained = -np.inf
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # of what stands around the cycle
-        self.tape: list[Taped] | None = None
+        self.tape: list[CycleRecord] | None = None
         self._held: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
         self._apart = False  # True if something has changed between the last cycle and the next
 
@@ -168,36 +168,18 @@ class ControlCycle:
         """Oldest state that torques may be computed from, s."""
         return self._parts.state_timeout
 
-    def cycle(
-        self,
-        now: float,
-        state: RobotState | None,
-        joint_velocity: Array | None,
-        *,
-        problem: Fault | None = None,
-        requests: Sequence[str] = (),
-        changes: Iterable[Sequence[Change | ChangeSettings]] = (),
-    ) -> CycleResult:
-        """Run one cycle: requests, changes, quadratic program, supervisor.
-
-        Args:
-            now: s, on the clock of the loop.
-            state: the latched state, where there is one.
-            joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
-            problem: what is wrong with the inputs, if anything.
-            requests: words for the supervisor, in order.
-            changes: sets of changes, in order; each is applied whole or not at all.
-        """
+    def cycle(self, inputs: CycleInputs) -> CycleResult:
+        """Run one cycle: requests, changes, quadratic program, supervisor."""
         started = self._timer()
-        problem, self._defect = problem or self._defect, None
-        changes = tuple(changes)
+        now, state, problem = inputs.now, inputs.state, inputs.problem or self._defect
+        self._defect = None
         refused: list[str] = []
-        starts = self._take_requests(requests, now, problem, refused) if requests else False
+        starts = self._take_requests(inputs.requests, now, problem, refused) if inputs.requests else False
         left: list[tuple[Change, ...]] = []
         supervisor = self.supervisor
-        if changes or self.live.newest is not self._parts:
+        if inputs.changes or self.live.newest is not self._parts:
             try:
-                left = self._take_changes(changes, state, refused)
+                left = self._take_changes(inputs.changes, state, refused)
             except Exception as error:
                 problem = _defect(error)
         outcome: Solution | NoSolution | Fault | None = None
@@ -206,7 +188,7 @@ class ControlCycle:
             outcome, references = self._compute(state, left, now, starts, refused)
         computed = self._timer()
         was_active = supervisor.mode is Mode.ACTIVE
-        command = supervisor.step(now, state, joint_velocity, problem, outcome)
+        command = supervisor.step(now, state, inputs.joint_velocity, problem, outcome)
         solution = outcome if isinstance(outcome, Solution) else None
         if state is not None and not self.model_error.is_idle:
             whole = command is not None and supervisor.torques_before(now) is not None
@@ -237,20 +219,20 @@ class ControlCycle:
                 "compute/unpack": of_it["unpack"],
             }
         result = CycleResult(
-            self.qp,
-            now,
-            supervisor.mode,
-            supervisor.fault,
-            command,
-            solution,
-            state,
-            references,
-            tuple(refused),
-            stages,
+            qp=self.qp,
+            time=now,
+            mode=supervisor.mode,
+            fault=supervisor.fault,
+            command=command,
+            solution=solution,
+            state=state,
+            references=references,
+            refused=tuple(refused),
+            stage_seconds=stages,
         )
         if self.tape is not None:
-            given = now, state, joint_velocity, problem, tuple(requests), changes
-            self.tape.append(Taped(*given, self._parts, result, self._apart))
+            given = inputs if problem is inputs.problem else inputs._replace(problem=problem)
+            self.tape.append(CycleRecord(inputs=given, live=self._parts, result=result, apart=self._apart))
             self._apart = False
         return result
 
@@ -306,7 +288,7 @@ class ControlCycle:
         """
         self._apart = True
         command = self.supervisor.shut_down(now)
-        return CycleResult(self.qp, now, self.mode, self.fault, command, None, None, None, (), {})
+        return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
     def explain_failure(self, now: float) -> None:
         """Begin to find out which constraints conflict, where the last cycle had no solution: the torques are out.

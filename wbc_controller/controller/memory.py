@@ -6,41 +6,30 @@ A class lists the attributes that outlive a cycle in ``STATE_FIELDS``; values wi
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from wbc_controller.controller.live_settings import LivePart
+from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.inverse_dynamics.references.changes import Change
-from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 
 
 @dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
-class Taped:
-    """What one cycle was given, and what it gave.
+class CycleRecord:
+    """Inputs and result of one cycle, for a recording.
 
     Attributes:
-        now: s, on the clock of the loop.
-        state: the latched state, where there is one.
-        joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
-        problem: what was wrong with the inputs, or around the cycle.
-        requests: words for the supervisor.
-        changes: sets of changes.
+        inputs: the inputs of the controller.
         live: the part of the settings that was in force.
-        result: what the cycle gave.
-        apart: whether something has changed beside the cycles since the last one: a cycle that failed, or the end of
-            the loop, which may have begun anew.
+        result: the result of the cycle.
+        apart: whether the state of the controller changed outside of its cycles since the last one: a cycle failed, or
+            the loop ended, and may have started again.
     """
 
-    now: float
-    state: RobotState | None
-    joint_velocity: Array | None
-    problem: Fault | None
-    requests: tuple[str, ...]
-    changes: tuple[Sequence[Change | ChangeSettings], ...]
+    inputs: CycleInputs
     live: LivePart
     result: CycleResult
     apart: bool

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
+from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.contact_detection import ContactDetector, ContactSensing
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.stamps import StampTracker
@@ -30,31 +31,28 @@ class ContactSensors:
         self._stamps: dict[str, StampTracker] = {}
         self._topics: dict[str, str] = {}
 
-    def read(self, endpoint: Endpoint, received: float, payload: bytes) -> str | None:
-        """Read a message.
+    def read(self, endpoint: Endpoint, arrival: float, payload: bytes) -> None:
+        """Decode and keep a message.
 
         Args:
             endpoint: its topic.
-            received: its time of arrival, s.
+            arrival: its time of arrival, s.
             payload: the serialized message.
 
-        Returns:
-            Why its stamp is refused, where it is.
-
         Raises:
-            InputRefused: where it cannot be read.
+            InputRefused: if the message or its timestamp is invalid.
         """
         contact = endpoint.subject
         if endpoint.key == "holds":
             self._detector.update_switch(contact, bool(decode(payload, endpoint.type).data))
-            return None
-        stamp, normal, _ = self._readers[contact].read(payload)
+            return
+        measured = self._readers[contact].read(payload)
         if contact not in self._stamps:
             self._stamps[contact], self._topics[contact] = self._tracker(), endpoint.name
-        reason = self._stamps[contact].judge(stamp, received)
-        if reason is None:
-            self._detector.update_force(contact, normal.item())
-        return reason
+        reason = self._stamps[contact].judge(measured.stamp, arrival)
+        if reason is not None:
+            raise InputRefused(reason)
+        self._detector.update_force(contact, measured.normal)
 
     def restart(self) -> None:
         """Take the next stamps as those of a new time."""
