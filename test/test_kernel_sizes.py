@@ -20,7 +20,6 @@ from wbc_controller.inverse_dynamics.limits import self_collision_kernels as sel
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.robot import frame_kernels as frames
-from wbc_controller.middleware import message_kernels as messages
 from wbc_controller.records import Reference, RobotState
 from wbc_controller.safety import model_audit_kernels as audit
 from wbc_controller.safety import supervisor_kernels as supervision
@@ -105,7 +104,6 @@ CALLS = {
         (N, N, N),
         [(N, 1, N), (N, N, 1)],
     ),
-    "normalize": (lambda n, start: messages.normalize(np.ones(n), start), (7, 3), [(6, 3), (7, 4), (7, -1)]),
     "residuals": (
         lambda rows, bounds, offset, found: residual_kernels.residuals(
             of(rows, N + 1), of(2, bounds), of(offset), of(found)

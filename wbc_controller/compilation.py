@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     OutStridedMatrix: TypeAlias = Vector
     Indices: TypeAlias = npt.NDArray[np.int64]
     IndexMatrix: TypeAlias = Indices
+    OutIndices: TypeAlias = Indices
     Signs: TypeAlias = npt.NDArray[np.int8]
     _Proxy = object
 else:
@@ -60,6 +61,7 @@ else:
     Indices = types.Array(types.int64, 1, "C", readonly=True)
     IndexMatrix = types.Array(types.int64, 2, "C", readonly=True)
     #: Arrays that a kernel writes.
+    OutIndices = types.Array(types.int64, 1, "C")
     OutVector = types.Array(types.float64, 1, "C")
     OutMatrix = types.Array(types.float64, 2, "C")
     OutStridedMatrix = types.Array(types.float64, 2, "A")

@@ -22,12 +22,12 @@ from domains import own_domain
 from launching import patient
 from participants import is_omitted
 
-from wbc_controller.apps.demo.director import header_time
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
-from wbc_controller.middleware.decoding import read_odometry
-from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.stamps import header_time
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
@@ -59,7 +59,7 @@ class User:
         self._types: dict[tuple[str, str, str], str] = {}
         self._publish: dict[tuple[str, str, str], Any] = {}
         self._writable: dict[tuple[str, str, str], Any] = {}
-        self._order = JointOrder(self.model.joints)
+        self._joints, self._base = JointStateReader(self.model.joints), OdometryReader(self.model.base_link)
         self._data = self.model.pinocchio.createData()
         self.state_came = threading.Event()
         mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
@@ -159,8 +159,8 @@ class User:
 
     def com(self) -> np.ndarray:
         q = np.zeros(self.model.nq)
-        q[self.model.q_index], _ = self._order.read(self.last("mock", "joint_states"))
-        q[:7], _ = read_odometry(self.last("mock", "odom"), self.model.base_link)
+        q[self.model.q_index] = self._joints.read(self.arrivals["mock", "joint_states", ""][-1][1]).position
+        q[:7] = self._base.read(self.arrivals["mock", "odom", ""][-1][1]).pose
         return np.array(pin.centerOfMass(self.model.pinocchio, self._data, q))
 
     def vertical_force(self, owner: str, duration: float) -> np.ndarray:

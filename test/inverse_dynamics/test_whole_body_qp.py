@@ -7,8 +7,7 @@ import pytest
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics import whole_body_qp
 from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, QuadraticProgram
 from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.solvers import make_solver

@@ -19,8 +19,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetWeight,
 )
 from wbc_controller.middleware.codec import decode, encode
-from wbc_controller.middleware.decoding import READERS, Vocabulary, read_odometry
-from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.decoding import READERS, Vocabulary
 
 JOINTS = ("hip", "knee", "ankle")
 WORDS = Vocabulary(
@@ -54,93 +53,6 @@ def refused(said):
 def read(key, subject, content):
     """As it comes from the wire."""
     return READERS[key](WORDS, subject, decode(encode(content), content.__msgtype__))
-
-
-class TestJointStates:
-    def order(self):
-        return JointOrder(JOINTS)
-
-    def test_values_are_matched_by_name_and_others_are_ignored(self, make):
-        q, v = self.order().read(make.joint_state(["ankle", "x", "hip", "knee"], [3, NAN, 1, 2], [30, NAN, 10, 20]))
-        np.testing.assert_array_equal(q, [1, 2, 3])
-        np.testing.assert_array_equal(v, [10, 20, 30])
-
-    def test_the_order_may_change_from_message_to_message(self, make):
-        order = self.order()
-        order.read(make.joint_state(JOINTS, [1, 2, 3], [1, 2, 3]))
-        q, _ = order.read(make.joint_state(JOINTS[::-1], [3, 2, 1], [3, 2, 1]))
-        np.testing.assert_array_equal(q, [1, 2, 3])
-
-    @pytest.mark.parametrize("bad", [NAN, INF, -INF])
-    @pytest.mark.parametrize(("what", "unit"), [("position", "rad"), ("velocity", "rad/s")])
-    def test_a_value_that_is_not_finite_is_named(self, make, bad, what, unit):
-        arrays = {"position": [0.0, 0.0, 0.0], "velocity": [0.0, 0.0, 0.0]}
-        arrays[what][1] = bad
-        with refused(f"{what} of 'knee' is {bad} {unit}; every value must be finite"):
-            self.order().read(make.joint_state(JOINTS, **arrays))
-
-    def test_missing_joints_are_named_and_strange_names_too(self, make):
-        with refused(
-            "2 of 3 joints are missing: knee, ankle; names that are none of the controller's joints: nee, ancle"
-        ):
-            self.order().read(make.joint_state(["hip", "nee", "ancle"], [0] * 3, [0] * 3))
-        with refused("1 of 3 joints are missing: ankle"):
-            self.order().read(make.joint_state(["hip", "knee"], [0] * 2, [0] * 2))
-        with refused("3 of 3 joints are missing: hip, knee, ankle"):
-            self.order().read(make.joint_state([], []))
-
-    def test_a_joint_that_stands_twice_is_named(self, make):
-        with refused("joint 'knee' stands more than once"):
-            self.order().read(make.joint_state(["hip", "knee", "ankle", "knee"], [0] * 4, [0] * 4))
-
-    @pytest.mark.parametrize(
-        ("position", "velocity", "said"),
-        [
-            ([0, 0], [0, 0, 0], "position has 2 values for 3 names"),
-            ([0] * 4, [0, 0, 0], "position has 4 values for 3 names"),
-            ([], [0, 0, 0], "position has 0 values for 3 names"),
-            ([0, 0, 0], [], "velocity has 0 values for 3 names"),
-        ],
-    )
-    def test_arrays_of_a_wrong_size(self, make, position, velocity, said):
-        with refused(said):
-            self.order().read(make.joint_state(JOINTS, position, velocity))
-
-    def test_a_refused_message_changes_nothing_for_the_next(self, make):
-        order = self.order()
-        good = make.joint_state(JOINTS[::-1], [3, 2, 1], [0, 0, 0])
-        order.read(good)
-        with pytest.raises(InputRefused):
-            order.read(make.joint_state(["hip"], [0], [0]))
-        np.testing.assert_array_equal(order.read(good)[0], [1, 2, 3])
-
-
-class TestOdometry:
-    def test_pose_and_twist(self, make):
-        q, v = read_odometry(make.odom([1, 2, 3, 0, 0, HALF, HALF], [4, 5, 6, 7, 8, 9], "pelvis"), "pelvis")
-        np.testing.assert_allclose(q, [1, 2, 3, 0, 0, HALF, HALF])
-        np.testing.assert_array_equal(v, [4, 5, 6, 7, 8, 9])
-
-    def test_a_quaternion_that_is_nearly_one_is_made_one(self, make):
-        q, _ = read_odometry(make.odom([0, 0, 0, 0, 0, 0, 1.009]), "pelvis")
-        np.testing.assert_array_equal(q[3:], [0, 0, 0, 1])
-
-    def test_another_child_frame_is_refused(self, make):
-        with refused("child_frame_id is 'torso'; the robot's base link is 'pelvis'"):
-            read_odometry(make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"), "pelvis")
-
-    @pytest.mark.parametrize(("quaternion", "norm"), [((0, 0, 0, 0), "0"), ((0, 0, 0, 2), "2"), ((1, 1, 0, 0), "1.41")])
-    def test_a_quaternion_that_is_none_is_refused(self, make, quaternion, norm):
-        with refused(f"is not a unit quaternion (norm {norm})"):
-            read_odometry(make.odom([0, 0, 0, *quaternion]), "pelvis")
-
-    @pytest.mark.parametrize("bad", [NAN, INF])
-    @pytest.mark.parametrize("place", range(13))
-    def test_a_value_that_is_not_finite_is_refused(self, make, bad, place):
-        values = np.array([0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], dtype=float)
-        values[place] = bad
-        with pytest.raises(InputRefused, match=rf"the (pose|orientation|twist) holds .* not finite: .*{bad}"):
-            read_odometry(make.odom(values[:7], values[7:]), "pelvis")
 
 
 class TestSetpoints:

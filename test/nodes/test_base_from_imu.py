@@ -87,7 +87,7 @@ def test_odometry_is_not_used(robot):
     robot.activate()
     robot.bench.base(pose=[5.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
     report = robot.cycle()
-    assert set(report.ages) == {"joint_states", "imu", "base estimate"}
+    assert set(report.inputs.ages) == {"joint_states", "imu", "base estimate"}
     assert robot.bench.loop._inputs.latch().state.q[0] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -157,7 +157,7 @@ def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):
     robot.activate()
     robot.bench.send("contact_enable", message("std_msgs/msg/Bool", data=False), "front_left_foot")
     robot.cycle(150)
-    estimator = robot.bench.loop._inputs._estimator
+    estimator = robot.bench.loop._inputs.estimator
     assert {name.partition("/")[0] for name in estimator.filter.names} == {
         "front_right_foot", "rear_left_foot", "rear_right_foot",
     }  # fmt: skip
@@ -193,13 +193,13 @@ def test_imu_data_without_joint_states_are_not_kept(robot):
         robot.bench.clock.time += robot.bench.period
         robot.imu()
         robot.bench.loop.cycle()
-    assert robot.bench.loop._inputs._samples == []
+    assert robot.bench.loop._inputs._imu == []
 
 
 def test_an_estimate_that_is_lost_begins_anew(robot):
     """No measurement within the ranges of the messages was found that does it: the filter is spoilt by hand."""
     robot.activate()
-    robot.bench.loop._inputs._estimator._running.filter.P[:] = np.nan
+    robot.bench.loop._inputs.estimator._running.filter.P[:] = np.nan
     fault = robot.cycle().fault
     assert (fault.code, fault.sentence) == (
         "ESTIMATE_LOST",
@@ -314,7 +314,7 @@ def force(robot, newtons, foot=FEET[0], frame="", time=None):
 
 
 def holding(robot):
-    filter = robot.bench.loop._inputs._estimator.filter
+    filter = robot.bench.loop._inputs.estimator.filter
     return {name.partition("/")[0] for name in filter.names}
 
 

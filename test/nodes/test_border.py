@@ -134,7 +134,7 @@ def test_a_state_that_waited_in_a_queue_is_stale(bench):
     robot.joints(time=behind + 2_000_000)
     report = robot.loop.cycle()
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
-    assert report.ages["joint_states"] == pytest.approx(3.0, abs=0.01)
+    assert report.inputs.ages["joint_states"] == pytest.approx(3.0, abs=0.01)
 
 
 def test_a_state_that_grows_old_while_the_cycle_runs_is_not_answered(bench, monkeypatch):

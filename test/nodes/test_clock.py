@@ -181,7 +181,7 @@ def test_ages_ramps_and_stamps_go_by_simulated_time(simulated):
     time.sleep(0.1)  # twice what a state may be old
     assert cycle(1.002, state=False).mode is Mode.ACTIVE
     report = cycle(1.02, state=False)
-    assert report.ages["joint_states"] == pytest.approx(0.02)
+    assert report.inputs.ages["joint_states"] == pytest.approx(0.02)
     share = controller.settings.safety.activation_ramp
     assert controller.loop.controller.supervisor._share.sample(1.0 + 0.5 * share) == pytest.approx(0.5)
     assert controller.received("diagnostics")[-1].header.stamp.sec == 1
@@ -246,7 +246,7 @@ def states(controller, latency, count=100):
 
 def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
     controller = bench(changes=SYNCHRONIZED)
-    assert states(controller, 1.0).ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
+    assert states(controller, 1.0).inputs.ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
     controller.command("activate")
     (sentence,) = states(controller, 1.0, 1).refused
     assert sentence == (
@@ -362,7 +362,7 @@ def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
         starved.base()
         starved.joints()
         report = starved.loop.cycle()
-        ages.append(max(report.ages.values()))
+        ages.append(max(report.inputs.ages.values()))
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
     assert max(ages) == pytest.approx(0.0, abs=1e-9)
 
@@ -377,7 +377,7 @@ def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
             starved.joints()
         report = starved.loop.cycle()
         assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-        assert max(report.ages.values()) == pytest.approx(0.0, abs=1e-9)
+        assert max(report.inputs.ages.values()) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("late", [1, 10, 20])
@@ -392,7 +392,7 @@ def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_t
             starved.send("clock", time_message(round((now - late * starved.period) * 1e9)))
         report = starved.loop.cycle()
         assert (report.mode, report.fault) == (Mode.ACTIVE, None), count
-        assert max(report.ages.values()) <= 2.0 * late * starved.period + 1e-9
+        assert max(report.inputs.ages.values()) <= 2.0 * late * starved.period + 1e-9
 
 
 def test_the_simulator_may_pause(starved):
@@ -419,7 +419,7 @@ def states_with_time(controller, count, every=1):
 def test_a_clock_at_100_hz_is_fine_enough(starved):
     report = states_with_time(starved, 1000, every=5)
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-    assert max(report.ages.values()) <= 0.01
+    assert max(report.inputs.ages.values()) <= 0.01
 
 
 @pytest.mark.parametrize(("rate", "said"), [(10, "in steps of 100 ms"), (15, "in steps of 66 ms")])
@@ -444,9 +444,9 @@ def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_comp
     """The simulator went on while the process stood still in mid-cycle."""
     computed = starved.loop.controller.cycle
 
-    def slow(now, *arguments, **keywords):
-        result = computed(now, *arguments, **keywords)
-        if keywords["problem"] is None:
+    def slow(inputs):
+        result = computed(inputs)
+        if inputs.problem is None:
             starved.send("clock", time_message(starved.time + 60_000_000))
         return result
 
@@ -479,10 +479,10 @@ def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(s
     controller, cycle = simulated
     loop, computed = controller.loop, controller.loop.controller.cycle
 
-    def slow(now, *arguments, **keywords):
-        result = computed(now, *arguments, **keywords)
+    def slow(inputs):
+        result = computed(inputs)
         if result.mode is Mode.ACTIVE:
-            controller.send("clock", time_message(round(now * 1e9) + 60_000_000))
+            controller.send("clock", time_message(round(inputs.now * 1e9) + 60_000_000))
         return result
 
     cycle(1.0)
@@ -520,4 +520,4 @@ def test_a_loop_that_loses_the_processor_after_it_has_taken_a_state_takes_the_ne
         controller.joints()
     report = controller.loop.cycle()
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-    assert max(report.ages.values()) == pytest.approx(0.0, abs=1e-9)
+    assert max(report.inputs.ages.values()) == pytest.approx(0.0, abs=1e-9)

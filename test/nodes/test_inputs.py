@@ -17,6 +17,7 @@ from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.inverse_dynamics.references.changes import EnableTask, SetWeight
 from wbc_controller.middleware import decoding
 from wbc_controller.middleware.codec import encode
+from wbc_controller.middleware.stamps import StampTracker
 from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import requests
@@ -202,8 +203,8 @@ def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
 def test_commands_of_one_cycle_come_in_their_order(go2, make):
     for word in ("reset", " activate \n", "nonsense"):
         go2.send("command", make.string(word))
-    assert go2.inputs.latch().commands == ("reset", "activate", "nonsense")
-    assert go2.inputs.latch().commands == ()
+    assert go2.inputs.latch().requests.commands == ("reset", "activate", "nonsense")
+    assert go2.inputs.latch().requests.commands == ()
 
 
 def test_more_requests_than_fit_are_counted_and_said(go2, make):
@@ -211,12 +212,12 @@ def test_more_requests_than_fit_are_counted_and_said(go2, make):
         go2.send("command", make.string(str(i)))
     latched = go2.inputs.latch()
     assert latched.refused == ("/wbc_controller/command: 30 messages refused: more than 100 requests at once",)
-    words = list(latched.commands)
+    words = list(latched.requests.commands)
     assert len(words) == 20  # what one cycle spends on requests is bounded
-    while latched.commands:
+    while latched.requests.commands:
         latched = go2.inputs.latch()
         assert not latched.refused
-        words += latched.commands
+        words += latched.requests.commands
     assert words == [str(i) for i in range(100)]
 
 
@@ -236,7 +237,7 @@ def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
     deadline = time.monotonic() + 60.0
     while len(taken) + counted < sent and time.monotonic() < deadline:
         latched = go2.inputs.latch()
-        taken += [int(word) for word in latched.commands]
+        taken += [int(word) for word in latched.requests.commands]
         counted += sum(int(sentence.split(": ")[1].split()[0]) for sentence in latched.refused)
     thread.join()
     go2.inputs.requests.stop_reader()
@@ -250,7 +251,7 @@ def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make
     go2.send("task_enable", make.bool(False), "com")
     go2.clock.time += 1e-4
     go2.send("weight", make.float64(4), "com")
-    assert go2.inputs.latch().changes == (
+    assert go2.inputs.latch().requests.changes == (
         (EnableTask("com", True), SetWeight("com", 3.0)),
         (EnableTask("com", False),),
         (SetWeight("com", 4.0),),
@@ -263,7 +264,7 @@ def test_a_refused_request_names_its_topic_and_the_others_go_on(go2, make):
     go2.send("setpoint", make.point([0, 0, 0], "moon"), "com")
     go2.send("update", make.string("{tasks: {comm: {weight: 1}}}"))
     latched = go2.inputs.latch()
-    assert latched.changes == ((SetWeight("posture", 2.0),),)
+    assert latched.requests.changes == ((SetWeight("posture", 2.0),),)
     assert [sentence.split(": ")[0] for sentence in latched.refused] == [
         "/wbc_controller/tasks/com/weight",
         "/wbc_controller/tasks/com/setpoint",
@@ -285,7 +286,7 @@ def test_refused_states_and_refused_requests_of_one_cycle_are_both_said(go2, sta
 def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
     go2.send("update", make.string("{tasks: {com: {weight: 1}, posture: {weight: -1}}}"))
     latched = go2.inputs.latch()
-    assert latched.changes == ()
+    assert latched.requests.changes == ()
     assert len(latched.refused) == 1
 
 
@@ -302,7 +303,7 @@ def test_changes_of_the_settings_are_prepared_where_they_are_read(go2, make):
     go2.send("update", make.string("{safety: {damping: 1.0}}"))
     latched = go2.inputs.latch()
     assert prepared == [{"control": {"weight_ramp": 0.9}}, {"safety": {"damping": 1.0}}]
-    assert len(latched.changes) == 1
+    assert len(latched.requests.changes) == 1
     assert latched.refused == ("/wbc_controller/update: not while it runs",)
 
 
@@ -361,69 +362,61 @@ CYCLES = st.lists(
 @pytest.mark.parametrize("tolerance", [None, 0.015])
 @given(cycles=CYCLES, seed=st.integers(0, 1000))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
-def test_states_read_at_once_are_those_read_one_by_one(
+def test_the_state_is_that_of_the_newest_accepted_messages(
     robot_of, stance_of, changed, make, base, tolerance, cycles, seed
 ):
     own, _ = robot_of("go2")
     own = changed(own, {"robot": {"base": base}})
     model, random = make_model(own), np.random.default_rng(seed)
-    both = [Wire(own, model, stance_of("go2"), clock_tolerance=tolerance) for _ in range(2)]
-    both[1].inputs._measured = False
-    for (odometry, base_off), (joints, off), passed in [(("good", 0.0),) * 2 + (0.002,)] * 3 + cycles:
-        time = both[0].clock.time = both[1].clock.time = both[0].clock.time + passed
-        pose, twist = stance_of("go2")[:7] + random.normal(0.0, 0.01, 7), random.normal(0.0, 0.1, 6)
-        q, v = random.normal(0.0, 1.0, (2, model.na))
-        if odometry == "not finite":
-            twist[random.integers(6)] = NAN
-        if odometry == "bad quaternion":
-            pose[3:] *= 1.5
-        if joints == "not finite":
-            v[random.integers(model.na)] = NAN
-        child = "" if odometry == "other shape" else model.base_link
-        names = model.joints[::-1] if joints == "other shape" else model.joints
-        for wire in both:
-            if odometry is not None:
-                wire.send("odom", make.odom(pose, twist, child, round((time + base_off) * 1e9)))
-            if joints is not None:
-                wire.send("joint_states", make.joint_state(names, q, v, time=round((time + off) * 1e9)))
-        once, one_by_one = (wire.inputs.latch() for wire in both)
-        assert (once.state is None) == (one_by_one.state is None)
-        if once.state is not None:
-            assert once.state.stamp == one_by_one.state.stamp
-            assert once.state.q.tobytes() == one_by_one.state.q.tobytes()
-            assert once.state.v.tobytes() == one_by_one.state.v.tobytes()
-            assert not once.state.q.flags.writeable
-            assert not once.state.v.flags.writeable
-        if once.joint_velocity is not None:
-            assert once.joint_velocity.tobytes() == one_by_one.joint_velocity.tobytes()
-        assert once.ages == one_by_one.ages
-        assert (once.stood, once.refused) == (one_by_one.stood, one_by_one.refused)
-        assert both[0].inputs.notes() == both[1].inputs.notes()
-
-
-@pytest.mark.parametrize("slow", [1, 3])
-@pytest.mark.parametrize("tolerance", [None, 0.015])
-def test_good_states_are_read_at_once(robot_of, stance_of, make, monkeypatch, slow, tolerance):
-    own, model = robot_of("go2")
     wire = Wire(own, model, stance_of("go2"), clock_tolerance=tolerance)
-    looked = []
-    closely = Inputs._one_by_one
-
-    def one_by_one(self, *arguments, **named):
-        looked.append(cycle)
-        return closely(self, *arguments, **named)
-
-    monkeypatch.setattr(Inputs, "_one_by_one", one_by_one)
-    for cycle in range(60):
-        wire.clock.time += 0.002
-        if cycle == 30:  # a new time, of a simulator that was started again
+    keys = ("joint_states", "odom") if base == "floating" else ("joint_states",)
+    ahead = None if tolerance is None else lambda: 0.0
+    trackers, newest = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}, {}
+    for number, (odometry, joints, passed) in enumerate([(("good", 0.0),) * 2 + (0.002,)] * 3 + cycles):
+        wire.clock.time += passed
+        if number == len(cycles):  # a new time, of a simulator that was started again
             wire.inputs.restart()
-        stamp = round((wire.clock.time - (5.0 if cycle >= 30 else 0.0)) * 1e9)
-        if cycle % slow == 0:
-            wire.send("odom", make.odom(wire.q[:7], [0.1] * 6, model.base_link, stamp))
-        wire.send("joint_states", make.joint_state(model.joints, wire.q[model.q_index], [0.1] * model.na, time=stamp))
-        assert not wire.inputs.latch().refused
-    assert looked == list(range(slow + 1))  # until there are two messages of each
+            trackers = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}
+        numbers = {"odom": np.concatenate([stance_of("go2")[:7] + random.normal(0.0, 0.01, 7), random.normal(size=6)])}
+        numbers["odom"][3:7] /= np.linalg.norm(numbers["odom"][3:7])
+        numbers["joint_states"] = random.normal(size=2 * model.na)
+        refused = 0
+        for key, (kind, off) in (("odom", odometry), ("joint_states", joints)):
+            if kind is None:
+                continue
+            time, values = round((wire.clock.time + off) * 1e9), numbers[key]
+            if kind == "not finite":
+                values[random.integers(7, len(values))] = NAN
+            if kind == "bad quaternion" and key == "odom":
+                values[3:7] *= 1.5
+            if key == "odom":
+                child = "" if kind == "other shape" else model.base_link
+                wire.send("odom", make.odom(values[:7], values[7:], child, time))
+            else:
+                order = slice(None, None, -1 if kind == "other shape" else 1)
+                position, velocity = values.reshape(2, -1)[:, order].copy()
+                wire.send("joint_states", make.joint_state(model.joints[order], position, velocity, time=time))
+            valid = np.isfinite(values).all() and (key != "odom" or kind != "bad quaternion")
+            if key in keys and valid and trackers[key].judge(time, wire.clock.time) is None:
+                newest[key] = time, values
+            else:
+                refused += key in keys
+        latched = wire.inputs.latch()
+        assert len(latched.refused) == refused
+        assert latched.ages == {key: tracker.age(wire.clock.time) for key, tracker in trackers.items()}
+        assert latched.clock_stall == max(tracker.clock_stall for tracker in trackers.values())
+        if set(newest) < set(keys):
+            assert latched.state is None
+            continue
+        stamp, values = newest["joint_states"]
+        measured = () if base == "fixed" else (newest["odom"][1][:7], newest["odom"][1][7:])
+        q, v = model.state(*values.reshape(2, -1), *measured)
+        assert latched.state.stamp == stamp
+        np.testing.assert_allclose(latched.state.q, q, rtol=0.0, atol=1e-15)
+        np.testing.assert_array_equal(latched.state.v, v)
+        np.testing.assert_array_equal(latched.joint_velocity, values[model.na :])
+        assert not latched.state.q.flags.writeable
+        assert not latched.state.v.flags.writeable
 
 
 @pytest.mark.parametrize(

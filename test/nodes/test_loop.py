@@ -92,10 +92,10 @@ def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
     for i in range(1, count):
         report = controller.cycle(**silent)
         assert report.mode is Mode.ACTIVE
-        assert report.ages[name] == pytest.approx(i * controller.period)
+        assert report.inputs.ages[name] == pytest.approx(i * controller.period)
     report = controller.cycle(2, **silent)
     assert report.mode is Mode.DAMPING
-    assert report.ages[name] <= TIMEOUT + controller.period + 1e-9
+    assert report.inputs.ages[name] <= TIMEOUT + controller.period + 1e-9
     assert report.fault.code == "STALE_INPUT"
     assert report.fault.sentence in (f"{name} is 52 ms old (limit 50 ms)", f"{name} is 50 ms old (limit 50 ms)")
     assert controller.received("state")[-1].data == f"damping STALE_INPUT: {report.fault.sentence}"

@@ -8,18 +8,20 @@ import numpy as np
 import pytest
 from composed import whole
 
+from wbc_controller.controller.report import CycleReport, LatchedInputs
+from wbc_controller.controller.result import CycleResult
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.diagnostics.status import StatusSummary, _Span
-from wbc_controller.records import CycleReport, Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
+from wbc_controller.records import Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
 
 
 def report(**changes):
-    values = {
-        "cycle": 1, "stamp": 5, "mode": Mode.INACTIVE, "fault": None, "command": None, "solution": None,
-        "ages": {"joint_states": 0.001}, "refused": (), "stage_seconds": {"total": 1e-3}, "deadlines_missed": 0,
-    }  # fmt: skip
-    return CycleReport(**{**values, **changes})
+    inputs = LatchedInputs(state=None, joint_velocity=None, ages=changes.pop("ages", {"joint_states": 0.001}))
+    values = {"mode": Mode.INACTIVE, "fault": None, "command": None}
+    values |= {key: changes.pop(key) for key in ("mode", "fault", "command", "solution") if key in changes}
+    others = {"cycle": 1, "refused": (), "stage_seconds": {"total": 1e-3}, "deadlines_missed": 0}
+    return CycleReport(inputs=inputs, result=CycleResult(qp=None, time=5e-9, **values), **{**others, **changes})
 
 
 def solution(**changes):

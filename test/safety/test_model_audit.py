@@ -15,6 +15,7 @@ import pytest
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -28,7 +29,6 @@ from wbc_controller.nodes.audit import make_audit
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.records import CycleReport
 from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.mock_robot import MockRobot

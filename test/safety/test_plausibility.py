@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from types import SimpleNamespace
 
@@ -17,9 +16,8 @@ from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.records import Fault, Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
-from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, _limbs, joint_speed_limits
+from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, joint_speed_limits, upward
 from wbc_controller.safety.supervisor import Supervisor
-from wbc_controller.safety.supervisor_kernels import height
 
 PERIOD = 0.002
 NOTHING = NoSolution("nothing", "infeasible", None)
@@ -231,6 +229,16 @@ def random_robot(seed):
     return model, rng
 
 
+def height_of(model, q):
+    watch = FallWatch(SimpleNamespace(floating_base=True, pinocchio=model), FallLimits(tilt=1.0, height=0.5))
+    return watch._height_of(RobotState(0, q, np.zeros(model.nv)))
+
+
+def test_the_upward_direction_is_the_last_row_of_the_base_s_rotation():
+    pose = pin.SE3.Random()
+    np.testing.assert_allclose(upward(pin.SE3ToXYZQUAT(pose)), pose.rotation[2], atol=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_height_above_the_lowest_end_of_a_limb_is_that_of_forward_kinematics(seed):
     model, rng = random_robot(seed)
@@ -240,13 +248,13 @@ def test_the_height_above_the_lowest_end_of_a_limb_is_that_of_forward_kinematics
     ends = {frame.parentJoint: data.oMf[i].translation[2] for i, frame in enumerate(model.frames) if i > 0}
     inner = set(model.parents)
     lowest = min(z for joint, z in ends.items() if joint not in inner)
-    assert height(q, *_limbs(model)) == pytest.approx(q[2] - lowest, abs=1e-12)
+    assert height_of(model, q) == pytest.approx(q[2] - lowest, abs=1e-12)
 
 
 def test_a_base_without_limbs_is_above_nothing():
     model = pin.Model()
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
-    assert height(pin.neutral(model), *_limbs(model)) == -np.inf
+    assert height_of(model, pin.neutral(model)) == -np.inf
 
 
 def test_stairs_are_no_fall(body):
@@ -270,7 +278,7 @@ def test_a_fixed_base_does_not_fall(robot_of, changed):
     watch.begin()
     for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
         q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
-        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12)), math.nan) is None
+        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12))) is None
 
 
 def test_single_solutions_do_not_renew_the_time_for_holding(body):

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.cycle import ControlCycle, seconds
+from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
 from wbc_controller.inverse_dynamics.references.changes import (
@@ -76,7 +77,7 @@ class Controller(ControlCycle):
         self.supervisor = Supervisor(self.model, self._parts.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
-        self.beside.restart()
+        self.model_error.restart()
         self.supervisor.request("activate", self._time, None)
 
     def stance(self) -> Array:
@@ -108,11 +109,13 @@ class Controller(ControlCycle):
         self._time = seconds(state)
         commands, self._commands = self._commands, []
         result = self.cycle(
-            self._time,
-            state,
-            state.v[self.model.v_places],
-            problem=problem,
-            changes=[(change,) for change in commands],
+            CycleInputs(
+                now=self._time,
+                state=state,
+                joint_velocity=state.v[self.model.v_places],
+                problem=problem,
+                changes=tuple((change,) for change in commands),
+            )
         )
         self.explain_failure(self._time)
         return result

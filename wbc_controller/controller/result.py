@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -47,11 +47,11 @@ class CycleResult:
     mode: Mode
     fault: Fault | None
     command: JointCommand | None
-    solution: Solution | None
-    state: RobotState | None
-    references: References | None
-    refused: tuple[str, ...]
-    stage_seconds: Mapping[str, float]
+    solution: Solution | None = None
+    state: RobotState | None = None
+    references: References | None = None
+    refused: tuple[str, ...] = ()
+    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)
 
     @property
     def tau(self) -> Array:

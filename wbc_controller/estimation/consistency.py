@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from wbc_controller.estimation.leg_kinematics import LegKinematics
-from wbc_controller.estimation.leg_kinematics_kernels import slowest_contact
 from wbc_controller.records import Array
 
 #: Mean speed of the slowest contact above which the estimate is lost, m/s.
@@ -66,10 +65,16 @@ class ContactConsistency:
             return
         legs = self._kinematics
         seen = legs.sight(self._contacts)
-        self.speed = slowest_contact(
-            R, velocity, omega, legs.imu, legs.imu_motion, seen.places, seen.rates, seen.ends, seen.turning,
-            self._radii, 1.0 - math.exp(-elapsed / _MEAN), _FASTEST, self._velocities,
-        )  # fmt: skip
+        starts = np.concatenate([[0], seen.ends[:-1]])
+        in_imu = np.cross(omega, seen.places) + seen.rates  # (k, 3)
+        center = np.add.reduceat(in_imu, starts) / np.diff(seen.ends, prepend=0)[:, None]  # mean of each contact
+        # The contact point of a ball is at -r n from its centre, and moves less by the turning of the link.
+        spin = (seen.turning - legs.imu_motion[3:]) @ legs.imu_rotation + omega
+        u = velocity + center @ R.T - np.cross(spin @ R.T, self._radii)
+        speeds = np.linalg.norm(u, axis=1, keepdims=True)
+        u *= _FASTEST / np.maximum(speeds, _FASTEST)
+        self._velocities += (1.0 - math.exp(-elapsed / _MEAN)) * (u - self._velocities)
+        self.speed = float(np.linalg.norm(self._velocities, axis=1).min())
 
     def _choose(self, holding: tuple[str, ...]) -> None:
         """Take the contacts that hold, and those that held before and are at rest."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.estimation.leg_kinematics_kernels import imu_on_base, sights
+from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.contacts import Contact, FixedContact, PointContact, SurfaceContact
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, moved_by, placements
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, moved_by
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -80,7 +80,6 @@ class LegKinematics:
             their point is the centre, which moves as the ball rolls.
         imu_rotation: from the axes of the IMU to those of the base, (3, 3).
         imu_position: of the IMU in the base's axes, (3,) in m.
-        imu: both, (12,): the columns of the rotation, then the position.
         imu_motion: twist of the IMU against the base, in the base's axes, (6,) in m/s and rad/s.
     """
 
@@ -113,11 +112,9 @@ class LegKinematics:
         self._data = model.pinocchio.createData()
         frame = self._pinocchio.frames[model.frame_id(imu_frame, "estimation.imu_frame")]
         self._imu_joint, self._imu_placement = int(frame.parentJoint), frame.placement
-        self._links, self._moves = placements(self._data), moved_by(self._pinocchio)
+        self._moves = moved_by(self._pinocchio)
         self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
-        self._mount = np.concatenate([frame.placement.rotation.T.ravel(), frame.placement.translation])
-        self.imu, self.imu_motion = np.zeros(12), np.zeros(6)
-        self.imu_rotation, self.imu_position = self.imu[:9].reshape(3, 3).T, self.imu[9:]
+        self.imu_rotation, self.imu_position, self.imu_motion = np.eye(3), np.zeros(3), np.zeros(6)
         self._noise = joint_noise, point_noise
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
@@ -163,9 +160,11 @@ class LegKinematics:
             model.followers.place(self._q)
             model.followers.move(self._v)
         pin.computeJointJacobians(self._pinocchio, self._data, self._q)
-        imu_on_base(
-            self._links, self._data.J, self._moves, self._imu_joint, self._mount, self._v, self.imu, self.imu_motion
-        )  # fmt: skip
+        imu = self._data.oMi[self._imu_joint] * self._imu_placement
+        self.imu_rotation, self.imu_position = imu.rotation, imu.translation
+        twist = self._data.J @ (self._moves[self._imu_joint] * self._v)  # at the base's origin; the base is at rest
+        twist[:3] += cross(twist[3:], self.imu_position)
+        self.imu_motion = twist
 
     def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
         """The joint that moves a frame, and where the frame is on it, for `from_imu`.
@@ -192,16 +191,34 @@ class LegKinematics:
         return self._sights[contacts]
 
     def _look(self, contacts: tuple[str, ...]) -> Sight:
+        """Compute the points of some contacts in the axes of the IMU, y = Rᵀ (r - p), and the Jacobian ẏ = D v.
+
+        With Δ the columns of the joints that move the point's link, minus those that move the IMU's link,
+        D = Rᵀ (Δ_linear - r × Δ_angular).
+        """
         if contacts not in self._together:
             self._together[contacts] = _Touch.of([self._touches[name] for name in contacts])
-        touch = self._together[contacts]
-        k = len(touch.names)
-        seen = Sight(
-            touch.names, touch.ends, np.empty((k, 3)), np.empty((3 * k, 3 * k)), np.empty((len(contacts), 3)),
-            np.empty((k, 3)),
-        )  # fmt: skip
-        sights(
-            self._links, self._data.J, self._moves, touch.joints, self._imu_joint, self.imu, touch.ends, touch.points,
-            self._v, *self._noise, seen.places, seen.covariance, seen.turning, seen.rates,
-        )  # fmt: skip
-        return seen
+        touch, R, J = self._together[contacts], self.imu_rotation, self._data.J
+        k, counts = len(touch.names), np.diff(touch.ends, prepend=0)
+        links = np.repeat(touch.joints, counts)
+        r = np.array(
+            [self._data.oMi[link].act(point) for link, point in zip(links.tolist(), touch.points, strict=True)]
+        )
+        difference = J * (self._moves[links] - self._moves[self._imu_joint])[:, None]  # (k, 6, nv)
+        D = (R.T @ (difference[:, :3] - hats(r) @ difference[:, 3:])).reshape(3 * k, -1)
+        joint_noise, point_noise = self._noise
+        return Sight(
+            names=touch.names,
+            ends=touch.ends,
+            places=(r - self.imu_position) @ R,
+            covariance=joint_noise**2 * D @ D.T + point_noise**2 * np.eye(3 * k),
+            turning=(self._moves[touch.joints] * self._v) @ J[3:].T,
+            rates=(D @ self._v).reshape(k, 3),
+        )
+
+
+def hats(vectors: Array) -> Array:
+    """Return the matrices x × of some vectors, (k, 3): (k, 3, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros(len(vectors))
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

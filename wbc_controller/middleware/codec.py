@@ -6,7 +6,6 @@ are little-endian CDR, as every ROS 2 middleware sends them.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from typing import Any
 
@@ -53,12 +52,6 @@ def header(nanoseconds: int, frame: str = "") -> Any:
 def nanoseconds(time: Any) -> int:
     """Read a builtin_interfaces/Time or Duration."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
-
-
-def header_time(payload: bytes) -> float:
-    """Time in the header at the start of a serialized message, s, without decoding the rest."""
-    seconds, nanoseconds = struct.unpack_from("<iI", payload, 4)
-    return float(seconds) + 1.0e-9 * float(nanoseconds)
 
 
 def torques(tau: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Decodes incoming messages into states and changes: all conversions, and all refusals of messages, are here."""
+"""Decodes the messages of users into changes of references and settings."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from wbc_controller.inverse_dynamics.tasks import (
 )
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
 from wbc_controller.middleware.codec import nanoseconds
-from wbc_controller.middleware.joint_order import no_duplicates
-from wbc_controller.middleware.message_kernels import normalize
+from wbc_controller.middleware.joint_states import require_unique
 from wbc_controller.middleware.setpoints import JOINT_FIELDS
+from wbc_controller.middleware.stamps import stamp_of
 from wbc_controller.records import Array, ChangeSettings
 from wbc_controller.settings.files import read_yaml
 
@@ -77,159 +77,6 @@ _FORMS: Mapping[str, ReferenceForm] = {
     "capture_point": ReferenceForm(vector=2),
     "contact_wrench": ReferenceForm(vector=6),
 }
-
-
-def stamp_of(content: Any) -> int:
-    """Time in a message's header, ns.
-
-    Raises:
-        InputRefused: as `time_of`.
-    """
-    return time_of(content.header.stamp, "header.stamp")
-
-
-def time_of(stamp: Any, what: str) -> int:
-    """Read a builtin_interfaces/Time, ns.
-
-    Raises:
-        InputRefused: where it is negative, or has a second or more of nanoseconds.
-    """
-    if not (stamp.sec >= 0 and 0 <= stamp.nanosec < 1_000_000_000):
-        raise InputRefused(
-            f"{what} has sec = {stamp.sec}, nanosec = {stamp.nanosec}; sec is not negative, nanosec is below 1e9"
-        )
-    return nanoseconds(stamp)
-
-
-def read_odometry(content: Any, base_link: str) -> tuple[Array, Array]:
-    """Read a nav_msgs/Odometry.
-
-    Returns:
-        Base position and quaternion (7,), in the world; base twist (6,), in the base frame.
-
-    Raises:
-        InputRefused: if the child frame is another link, or a value is not finite or not a rotation.
-    """
-    if content.child_frame_id not in ("", base_link):
-        raise InputRefused(f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {base_link!r}")
-    pose, twist = content.pose.pose, content.twist.twist
-    _quaternion(pose.orientation)
-    turned = pose.orientation
-    q = finite([*_xyz(pose.position), turned.x, turned.y, turned.z, turned.w], "the pose")
-    normalize(q, 3)
-    v = finite([*_xyz(twist.linear), *_xyz(twist.angular)], "the twist")
-    return q, v
-
-
-#: Largest values that an IMU measures, rad/s and m/s².
-FASTEST_IMU, HARDEST_IMU = 100.0, 1000.0
-
-
-def read_imu(content: Any, frame: str) -> tuple[Array, Array]:
-    """Read a sensor_msgs/Imu; its orientation is not used.
-
-    Returns:
-        Angular velocity in rad/s and specific force in m/s², both (3,), in the axes of the IMU.
-
-    Raises:
-        InputRefused: if the data are of another frame, missing, not finite, or more than an IMU measures.
-    """
-    if content.header.frame_id not in ("", frame):
-        raise InputRefused(f"header.frame_id is {content.header.frame_id!r}; the IMU's frame is {frame!r}")
-    measured = []
-    for what, limit, unit in (
-        ("angular_velocity", FASTEST_IMU, "rad/s"),
-        ("linear_acceleration", HARDEST_IMU, "m/s²"),
-    ):
-        if getattr(content, f"{what}_covariance")[0] == -1.0:
-            raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure it")
-        values = finite(_xyz(getattr(content, what)), what)
-        if not (np.abs(values) <= limit).all():
-            raise InputRefused(f"{what} is {values.tolist()} {unit}; an IMU measures at most {limit:g}")
-        measured.append(values)
-    return measured[0], measured[1]
-
-
-#: Largest component of a force that is measured at a contact, N.
-HARDEST_CONTACT = 1.0e5
-
-
-def read_contact_force(content: Any, contact: str, normals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Read a geometry_msgs/WrenchStamped of a force sensor at a contact; its torque is not used.
-
-    Args:
-        content: the message.
-        contact: the contact's name.
-        normals: its unit normal in the axes of each frame in which the force may be given, (3,).
-
-    Returns:
-        The force on the robot, (3,) in N, and the normal of the contact, (3,), both in the axes of the message's frame.
-
-    Raises:
-        InputRefused: if the force is in the axes of another frame, not finite, or more than a contact bears.
-    """
-    normal = normals.get(content.header.frame_id)
-    if normal is None:
-        raise InputRefused(
-            f"header.frame_id is {content.header.frame_id!r}; the force at contact {contact!r} is given in the axes of "
-            f"one of {', '.join(sorted(filter(None, normals)))}"
-        )
-    force = finite(_xyz(content.wrench.force), "wrench.force")
-    if not (np.abs(force) <= HARDEST_CONTACT).all():
-        raise InputRefused(f"wrench.force is {force.tolist()} N; at a contact it is at most {HARDEST_CONTACT:g}")
-    return force, normal
-
-
-#: Frames in which absolute poses may be given, and their farthest position and largest variance, m, m² and rad².
-POSE_FRAMES = ("", "world", "map")
-FARTHEST_POSE, VAGUEST_POSE = 1.0e4, 100.0
-#: The least eigenvalue of a covariance, as a share of its trace: rounding.
-_ROUNDED = -1.0e-9
-
-
-def read_pose(content: Any) -> tuple[Array, Array]:
-    """Read a geometry_msgs/PoseWithCovarianceStamped.
-
-    Returns:
-        Position and quaternion in the world, (7,); and the covariance of position and turns about the world's axes,
-        (6, 6) in m² and rad².
-
-    Raises:
-        InputRefused: if it is given in another frame, not finite or not a rotation, farther than a robot's world is
-            large, or has a covariance that is none.
-    """
-    frame, pose = content.header.frame_id, content.pose.pose
-    if frame not in POSE_FRAMES:
-        raise InputRefused(f"header.frame_id is {frame!r}; an absolute pose is given in {', '.join(POSE_FRAMES[1:])}")
-    q = [*_xyz(pose.position), pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w]
-    return checked_pose(np.array(q), np.array(content.pose.covariance))
-
-
-def checked_pose(pose: Array, covariance: Array) -> tuple[Array, Array]:
-    """As `read_pose`, from position and quaternion, (7,), and the covariance's rows, (36,).
-
-    Raises:
-        InputRefused: as `read_pose`.
-    """
-    q = finite(pose.tolist(), "the pose")
-    if not (np.abs(q[:3]) <= FARTHEST_POSE).all():
-        raise InputRefused(f"the position is {q[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin")
-    q[3:] = unit_quaternion(q[3:], "the orientation ")
-    C = finite(covariance.tolist(), "the covariance").reshape(6, 6)
-    C = 0.5 * (C + C.T)
-    variances = C.diagonal()
-    if not (variances >= 0.0).all():
-        raise InputRefused(f"the covariance has the variances {variances.tolist()}; none is negative")
-    if not (variances[[0, 1, 2, 5]] <= VAGUEST_POSE).all():
-        raise InputRefused(
-            f"the covariance has the variances {variances.tolist()}; those of position and heading are at most "
-            f"{VAGUEST_POSE:g} m² and rad²"
-        )
-    used = C[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])]
-    least = float(np.linalg.eigvalsh(used)[0])
-    if not least >= _ROUNDED * float(np.trace(used)):
-        raise InputRefused(f"the covariance of position and heading has the eigenvalue {least:.3g}; none is negative")
-    return q, C
 
 
 def _xyz(vector: Any) -> tuple[float, float, float]:
@@ -355,7 +202,7 @@ def _are_joints(joints: Sequence[str], names: Sequence[str]) -> None:
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
-    no_duplicates(names)
+    require_unique(names)
 
 
 def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:

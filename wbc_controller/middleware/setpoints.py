@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.middleware.codec import header, message
-from wbc_controller.middleware.in_place import Template
+from wbc_controller.middleware.message_layout import Template
 from wbc_controller.records import Array
 
 #: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.

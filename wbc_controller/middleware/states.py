@@ -1,249 +1,256 @@
-"""Reads the streams of measured states: in place, where a message has the shape of the one before."""
+"""Decoders of measured states: odometry, IMU data, absolute poses and forces at contacts."""
 
 from __future__ import annotations
 
-import sys
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from wbc_controller.compiled import Bound
 from wbc_controller.errors import InputRefused
-from wbc_controller.middleware import decoding
-from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.in_place import FixedShape, bytes_at
-from wbc_controller.middleware.joint_order import JointOrder
-from wbc_controller.middleware.message_kernels import read
+from wbc_controller.inverse_dynamics.tasks.form import finite, unit_quaternion
+from wbc_controller.middleware.joint_states import StateReader
 from wbc_controller.records import Array
 
-_POSITION, _ORIENTATION = "pose.pose.position.", "pose.pose.orientation."
-_LINEAR, _ANGULAR = "twist.twist.linear.", "twist.twist.angular."
-_NOWHERE = np.zeros(0, dtype=np.int64)
+#: Largest magnitudes that an IMU measures, rad/s and m/s², and largest component of a force at a contact, N.
+FASTEST_IMU, HARDEST_IMU, HARDEST_CONTACT = 100.0, 1000.0, 1.0e5
+#: Frames in which absolute poses may be given, and their farthest position and largest variance, m, m² and rad².
+POSE_FRAMES = ("", "world", "map")
+FARTHEST_POSE, VAGUEST_POSE = 1.0e4, 100.0
+#: Smallest eigenvalue of a covariance, as a fraction of its trace: rounding.
+_ROUNDED = -1.0e-9
+#: The components of a covariance that are used: position and heading.
+_USED = [0, 1, 2, 5]
 
 
-@dataclass(frozen=True, slots=True)
-class _Places:
-    """Positions of the two groups of numbers in the messages of a stream, for `message_kernels.read`.
-
-    Attributes:
-        first: places of the numbers of the first group, (k,).
-        second: of the second, (m,).
-        first_largest: the largest magnitude that a number of the first group may have.
-        second_largest: likewise.
-        quaternion: index in the first group of a unit quaternion, which is normalized; -1 where there is none.
-        unmeasured: places of numbers that are not -1, which says that there is no measurement.
-    """
-
-    first: np.ndarray
-    second: np.ndarray = field(default_factory=lambda: _NOWHERE)
-    first_largest: float = sys.float_info.max
-    second_largest: float = sys.float_info.max
-    quaternion: int = -1
-    unmeasured: np.ndarray = field(default_factory=lambda: _NOWHERE)
+def _axes(path: str, axes: str = "xyz") -> tuple[str, ...]:
+    return tuple(f"{path}.{axis}" for axis in axes)
 
 
-class StateReader(ABC):
-    """Reads one stream of states.
+_POSE = (*_axes("pose.pose.position"), *_axes("pose.pose.orientation", "xyzw"))
 
-    Messages are read by the codec, and checked, until two in a row have the same size. From then on those of the same
-    shape are read in place, in one kernel, which gives the same values; a message of another shape, or with a value
-    that is refused, is read by the codec again.
+
+class BaseState(NamedTuple):
+    """Measured state of a floating base.
 
     Attributes:
-        known: the shape, and the places of its numbers, for `message_kernels.read`; None before two such messages.
+        stamp: timestamp, ns.
+        pose: position in m and quaternion x, y, z, w in the world, (7,).
+        twist: linear and angular velocity in the base frame, (6,) in m/s and rad/s.
     """
 
-    type: str
-
-    def __init__(self) -> None:
-        self._shape: FixedShape | None = None
-        self.known: Bound | None = None
-        self._sizes = 0, 0
-        self._size = 0  # of the last message that was read by the codec
-
-    def read(self, payload: bytes) -> tuple[int, Array, Array]:
-        """Read a serialized message.
-
-        Returns:
-            The stamp in ns, and what the stream tells: positions and velocities; of an IMU or a force sensor what it
-            measures.
-
-        Raises:
-            InputRefused: if the bytes are no such message, or it is not of this robot, or a value or the stamp is none
-                that a state can have.
-        """
-        if self.known is not None:
-            sizes = self._sizes
-            first, second = np.empty(sizes[0]), np.empty(sizes[1])
-            stamp = read(payload, self.known.table, first, second)
-            if stamp >= 0:
-                return stamp, first, second
-        return self._read(payload)
-
-    def _read(self, payload: bytes) -> tuple[int, Array, Array]:
-        """Read a message by the codec, and learn its shape."""
-        content = decode(payload, self.type)
-        q, v = self._by_codec(content)
-        stamp = decoding.stamp_of(content)
-        if len(payload) != self._size:
-            self._size = len(payload)
-            return stamp, q, v
-        shape = FixedShape(content)
-        if shape.fits(payload):  # it does not where a writer leaves other bytes than zero between fields
-            self._shape, places = shape, self._find(shape)
-            sizes = self._sizes = len(places.first), len(places.second)
-            stamped = int(bytes_at(shape.place("header.stamp"))[0])
-            self.known = Bound(
-                len(shape.like), len(shape.edges), len(places.unmeasured), *sizes, stamped, places.quaternion,
-                np.frombuffer(shape.like, dtype=np.int8), shape.edges, places.unmeasured, places.first, places.second,
-                np.array([places.first_largest, places.second_largest]),
-            )  # fmt: skip
-        return stamp, q, v
-
-    @abstractmethod
-    def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        """What a message tells."""
-
-    @abstractmethod
-    def _find(self, shape: FixedShape) -> _Places:
-        """Find the values of the last message in its shape."""
+    stamp: int
+    pose: Array
+    twist: Array
 
 
-class JointStateReader(StateReader):
-    """Reads sensor_msgs/JointState by joint name: positions in rad and velocities in rad/s, (nj,) each.
+class ImuData(NamedTuple):
+    """One measurement of an IMU, in its own axes.
 
-    A reader that ignores velocities, which a message then need not have, gives an empty array in their place.
+    Attributes:
+        stamp: timestamp, ns.
+        angular_velocity: (3,) in rad/s.
+        specific_force: acceleration less gravity, (3,) in m/s².
     """
 
-    type = "sensor_msgs/msg/JointState"
+    stamp: int
+    angular_velocity: Array
+    specific_force: Array
 
-    def __init__(self, joints: Sequence[str], *, velocities: bool = True) -> None:
-        """Make a reader.
 
-        Args:
-            joints: names of the robot's joints, in its order.
-            velocities: whether it reads velocities.
-        """
-        super().__init__()
-        self._order = JointOrder(joints)
-        self._columns = ("position", "velocity") if velocities else ("position",)
+class AbsolutePose(NamedTuple):
+    """Measured pose of the base in the world.
 
-    def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        columns = self._order.columns(content, *self._columns)
-        return columns[0], columns[1] if len(columns) > 1 else np.zeros(0)
+    Attributes:
+        stamp: timestamp, ns.
+        pose: position in m and quaternion x, y, z, w, (7,).
+        covariance: of the position and of turns about the world's axes, (6, 6) in m² and rad².
+    """
 
-    def _find(self, shape: FixedShape) -> _Places:
-        columns = [bytes_at(shape.place(column).start + self._order.index) for column in self._columns]
-        return _Places(columns[0], columns[1] if len(columns) > 1 else _NOWHERE)
+    stamp: int
+    pose: Array
+    covariance: Array
+
+
+class ContactForce(NamedTuple):
+    """Measured force on the robot at a contact.
+
+    Attributes:
+        stamp: timestamp, ns.
+        normal: component along the contact's normal, N.
+        force: (3,) in N, in the axes of the message's frame.
+    """
+
+    stamp: int
+    normal: float
+    force: Array
 
 
 class OdometryReader(StateReader):
-    """Reads nav_msgs/Odometry: position and quaternion of the base in the world, (7,); its twist in its frame, (6,)."""
+    """Decoder of nav_msgs/Odometry."""
 
     type = "nav_msgs/msg/Odometry"
+    arrays = (_POSE, (*_axes("twist.twist.linear"), *_axes("twist.twist.angular")))
 
     def __init__(self, base_link: str) -> None:
-        """Make a reader.
-
-        Args:
-            base_link: the frame whose twist it is.
-        """
+        """Make a decoder; `base_link` is the link whose pose and twist are measured."""
         super().__init__()
         self._base_link = base_link
 
-    def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        return decoding.read_odometry(content, self._base_link)
+    def read(self, payload: bytes) -> BaseState:
+        """Decode and check a serialized message; see `StateReader.read`."""
+        stamp, (pose, twist) = self._decode(payload)
+        return BaseState(stamp, _checked_pose(pose), _finite(twist, "the twist"))
 
-    def _find(self, shape: FixedShape) -> _Places:
-        twist = shape.place(*(kind + axis for kind in (_LINEAR, _ANGULAR) for axis in "xyz"))
-        return _Places(bytes_at(_pose_in(shape)), bytes_at(twist), quaternion=3)
-
-
-def _pose_in(shape: FixedShape) -> slice:
-    return shape.place(*(_POSITION + axis for axis in "xyz"), *(_ORIENTATION + axis for axis in "xyzw"))
-
-
-class PoseReader(StateReader):
-    """Reads geometry_msgs/PoseWithCovarianceStamped: position and quaternion in the world, (7,); covariance, (6, 6)."""
-
-    type = "geometry_msgs/msg/PoseWithCovarianceStamped"
-
-    def read(self, payload: bytes) -> tuple[int, Array, Array]:
-        """As `StateReader.read`."""
-        stamp, pose, covariance = super().read(payload)
-        if covariance.ndim == 1:  # it was read in place
-            try:
-                return stamp, *decoding.checked_pose(pose, covariance)
-            except InputRefused:
-                return self._read(payload)  # the codec's way says it in full
-        return stamp, pose, covariance
-
-    def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        return decoding.read_pose(content)
-
-    def _find(self, shape: FixedShape) -> _Places:
-        return _Places(bytes_at(_pose_in(shape)), bytes_at(shape.place("pose.covariance")))
+    def _check_text(self, content: Any) -> None:
+        if content.child_frame_id not in ("", self._base_link):
+            raise InputRefused(
+                f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {self._base_link!r}"
+            )
 
 
 class ImuReader(StateReader):
-    """Reads sensor_msgs/Imu: angular velocity in rad/s and specific force in m/s², (3,) each, in the IMU's axes."""
+    """Decoder of sensor_msgs/Imu; its orientation is not used."""
 
     type = "sensor_msgs/msg/Imu"
+    arrays = (
+        _axes("angular_velocity"), ("angular_velocity_covariance",),
+        _axes("linear_acceleration"), ("linear_acceleration_covariance",),
+    )  # fmt: skip
 
     def __init__(self, frame: str) -> None:
-        """Make a reader.
-
-        Args:
-            frame: the frame of the IMU.
-        """
+        """Make a decoder; `frame` is the frame of the IMU."""
         super().__init__()
         self._frame = frame
 
-    def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        return decoding.read_imu(content, self._frame)
+    def read(self, payload: bytes) -> ImuData:
+        """Decode and check a serialized message; see `StateReader.read`."""
+        stamp, (rate, rate_covariance, force, force_covariance) = self._decode(payload)
+        angular_velocity = _measured("angular_velocity", rate, rate_covariance, FASTEST_IMU, "rad/s")
+        specific_force = _measured("linear_acceleration", force, force_covariance, HARDEST_IMU, "m/s²")
+        return ImuData(stamp, angular_velocity, specific_force)
 
-    def _find(self, shape: FixedShape) -> _Places:
-        turning = shape.place(*("angular_velocity." + axis for axis in "xyz"))
-        force = shape.place(*("linear_acceleration." + axis for axis in "xyz"))
-        covariances = ("angular_velocity_covariance", "linear_acceleration_covariance")
-        return _Places(
-            bytes_at(turning), bytes_at(force), decoding.FASTEST_IMU, decoding.HARDEST_IMU,
-            unmeasured=bytes_at(np.array([shape.place(name).start for name in covariances])),
-        )  # fmt: skip
+    def _check_text(self, content: Any) -> None:
+        if content.header.frame_id not in ("", self._frame):
+            raise InputRefused(f"header.frame_id is {content.header.frame_id!r}; the IMU's frame is {self._frame!r}")
+
+
+class PoseReader(StateReader):
+    """Decoder of geometry_msgs/PoseWithCovarianceStamped, absolute poses of the base in the world."""
+
+    type = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    arrays = (_POSE, ("pose.covariance",))
+
+    def read(self, payload: bytes) -> AbsolutePose:
+        """Decode and check a serialized message; see `StateReader.read`."""
+        stamp, (pose, covariance) = self._decode(payload)
+        return AbsolutePose(stamp, _near_pose(pose), _checked_covariance(covariance))
+
+    def _check_text(self, content: Any) -> None:
+        frame = content.header.frame_id
+        if frame not in POSE_FRAMES:
+            raise InputRefused(
+                f"header.frame_id is {frame!r}; an absolute pose is given in {', '.join(POSE_FRAMES[1:])}"
+            )
 
 
 class ContactForceReader(StateReader):
-    """Reads geometry_msgs/WrenchStamped at a contact: the force along its normal, (1,), and the force, (3,), in N."""
+    """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used."""
 
     type = "geometry_msgs/msg/WrenchStamped"
+    arrays = (_axes("wrench.force"),)
 
     def __init__(self, contact: str, normals: Mapping[str, Array]) -> None:
-        """Make a reader.
+        """Make a decoder.
 
         Args:
             contact: the contact's name.
             normals: its unit normal in the axes of each frame in which the force may be given, (3,).
         """
         super().__init__()
-        self._contact, self._normals = contact, normals
-        self._last = self._normal = np.zeros(3)
+        self._contact, self._normals, self._normal = contact, normals, np.zeros(3)
 
-    def read(self, payload: bytes) -> tuple[int, Array, Array]:
-        """As `StateReader.read`."""
-        stamp, along, force = super().read(payload)
-        if not len(force):  # it was read in place: the force alone
-            return stamp, np.array([self._normal @ along]), along
-        return stamp, along, force
+    def read(self, payload: bytes) -> ContactForce:
+        """Decode and check a serialized message; see `StateReader.read`."""
+        stamp, (force,) = self._decode(payload)
+        force = _finite(force, "wrench.force")
+        if not (np.abs(force) <= HARDEST_CONTACT).all():
+            raise InputRefused(f"wrench.force is {force.tolist()} N; at a contact it is at most {HARDEST_CONTACT:g}")
+        return ContactForce(stamp, float(self._normal @ force), force)
 
-    def _by_codec(self, content: Any) -> tuple[Array, Array]:
-        force, self._last = decoding.read_contact_force(content, self._contact, self._normals)
-        return np.array([self._last @ force]), force
+    def _check_text(self, content: Any) -> None:
+        frame = content.header.frame_id
+        if frame not in self._normals:
+            raise InputRefused(
+                f"header.frame_id is {frame!r}; the force at contact {self._contact!r} is given in the axes of "
+                f"one of {', '.join(sorted(filter(None, self._normals)))}"
+            )
+        self._normal = self._normals[frame]
 
-    def _find(self, shape: FixedShape) -> _Places:
-        self._normal = self._last
-        return _Places(
-            bytes_at(shape.place(*("wrench.force." + axis for axis in "xyz"))), first_largest=decoding.HARDEST_CONTACT
+
+def _finite(view: Array, what: str) -> Array:
+    """Return a copy of an array of a message; raise `InputRefused` if a value is not finite."""
+    return finite(view.copy(), what)
+
+
+def _checked_pose(view: Array) -> Array:
+    """Return position and normalized quaternion, (7,).
+
+    Raises:
+        InputRefused: if a value is not finite, or the quaternion is not a unit quaternion.
+    """
+    pose = _finite(view, "the pose")
+    pose[3:] = unit_quaternion(pose[3:], "the orientation ")
+    return pose
+
+
+def _near_pose(view: Array) -> Array:
+    """Return position and normalized quaternion of an absolute pose, (7,).
+
+    Raises:
+        InputRefused: as `_checked_pose`, or if the position is too far away.
+    """
+    pose = _finite(view, "the pose")
+    if not (np.abs(pose[:3]) <= FARTHEST_POSE).all():
+        raise InputRefused(
+            f"the position is {pose[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin"
         )
+    return _checked_pose(pose)
+
+
+def _measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> Array:
+    """Return a quantity that an IMU measures, (3,).
+
+    Raises:
+        InputRefused: if the IMU does not measure it, or a value is not finite or above its limit.
+    """
+    if covariance[0] == -1.0:
+        raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure it")
+    values = _finite(values, what)
+    if not (np.abs(values) <= limit).all():
+        raise InputRefused(f"{what} is {values.tolist()} {unit}; an IMU measures at most {limit:g}")
+    return values
+
+
+def _checked_covariance(rows: Array) -> Array:
+    """Return the symmetric part of a covariance, (6, 6), from its rows, (36,).
+
+    Raises:
+        InputRefused: if a value is not finite, or a variance or an eigenvalue is negative or too large.
+    """
+    C = _finite(rows, "the covariance").reshape(6, 6)
+    C += C.T.copy()
+    C *= 0.5
+    variances = C.diagonal()
+    if not (variances >= 0.0).all():
+        raise InputRefused(f"the covariance has the variances {variances.tolist()}; none is negative")
+    if not (variances[_USED] <= VAGUEST_POSE).all():
+        raise InputRefused(
+            f"the covariance has the variances {variances.tolist()}; those of position and heading are at most "
+            f"{VAGUEST_POSE:g} m² and rad²"
+        )
+    used = C[np.ix_(_USED, _USED)]
+    least = float(np.linalg.eigvalsh(used)[0])
+    if not least >= _ROUNDED * float(np.trace(used)):
+        raise InputRefused(f"the covariance of position and heading has the eigenvalue {least:.3g}; none is negative")
+    return C

@@ -17,6 +17,7 @@ from wbc_controller.controller.build.estimation import (
     make_velocity_filter,
 )
 from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint
@@ -35,7 +36,6 @@ from wbc_controller.nodes.simulated_clock import SimulatedClock, clock_of
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
-from wbc_controller.records import CycleReport
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 

@@ -20,8 +20,8 @@ import numpy as np
 from wbc_controller.controller.build.robot_description import Description, describe
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
-from wbc_controller.middleware.codec import decode, diagnostics, encode, message, nanoseconds, torques
-from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
@@ -80,9 +80,10 @@ class GuardService:
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
         joints = settings.robot.joints
         # Each has one thread: that of the transport, and that of the cycles.
-        self._commands, self._unread_commands, self._states = JointOrder(joints), JointOrder(joints), JointOrder(joints)
+        self._commands, self._unread_commands = (JointStateReader(joints, "effort") for _ in range(2))
         known = settings.estimation
         differentiated = known.joint_velocity == "differentiated"
+        self._states = JointStateReader(joints, "position" if differentiated else "velocity")
         self._velocity_filter = VelocityFilter(known.joint_velocity_time) if differentiated else None
         self._period = 1.0 / settings.control.rate
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
@@ -122,10 +123,10 @@ class GuardService:
         if "joint_commands" in unread:
             self._take_command(self._unread_commands, unread["joint_commands"])
 
-    def _take_command(self, order: JointOrder, payload: bytes) -> None:
+    def _take_command(self, reader: JointStateReader, payload: bytes) -> None:
         now, self._read["joint_commands"] = self._clock.now(), payload
         try:
-            (tau,) = order.columns(decode(payload, self._types["joint_commands"]), "effort")
+            tau = reader.read(payload).effort
         except InputRefused as refusal:  # the guard does not count a malformed message as a command
             self._refuse("joint_commands", refusal)
             return
@@ -163,7 +164,7 @@ class GuardService:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
             try:
-                velocity = self._velocity_in(decode(newest[1], self._types["joint_states"]))
+                velocity = self._velocity_in(newest[1])
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
@@ -176,13 +177,12 @@ class GuardService:
                 self._command_at, self._torques, self._unanswered_at, self._mode, velocity_or_none, self._velocity_at
             )
 
-    def _velocity_in(self, content: Any) -> Array:
-        """Joint velocities that a joint state tells, or that its positions do, (nj,) in rad/s."""
+    def _velocity_in(self, payload: bytes) -> Array:
+        """Return the measured joint velocities of a joint state, or the derivative of its positions, (nj,) in rad/s."""
+        joints = self._states.read(payload)
         if self._velocity_filter is None:
-            (velocity,) = self._states.columns(content, "velocity")
-            return velocity
-        (position,) = self._states.columns(content, "position")
-        return self._velocity_filter.update(nanoseconds(content.header.stamp), position)
+            return joints.velocity
+        return self._velocity_filter.update(joints.stamp, joints.position)
 
     def cycle(self) -> float:
         """Run one cycle: decide, send torques if the guard has taken over, and publish its state.

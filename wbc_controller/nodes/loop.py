@@ -12,14 +12,15 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import TransportError
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.nodes.clock import Clock
-from wbc_controller.nodes.inputs import Inputs, Latched
+from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
-from wbc_controller.records import AuditReport, CycleReport, Fault, Mode
+from wbc_controller.records import AuditReport, Fault, Mode
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.model_audit import ModelAudit
 
@@ -97,17 +98,16 @@ class ControlLoop:
         timer, clock, controller, outputs = self._timer, self._clock, self.controller, self._outputs
         started = timer()
         latched = self._inputs.latch(controller.holding, held=controller.mode in _UNDER_CONTROL)
-        timeout, ages = controller.state_timeout, latched.ages
-        stood = latched.stood
+        timeout, ages, stall = controller.state_timeout, latched.ages, latched.clock_stall
         now = clock.now()
         self._fresh_until = now + timeout - ages["joint_states"]
-        now += stood  # during a stall of the simulated clock, the stamps of the states count
+        now += stall  # during a stall of the simulated clock, the timestamps of the states count
         trouble = clock.trouble()
         if trouble:
             self._inputs.restart()
-        elif not (stood <= timeout):
-            trouble = self._clock_stall(stood, timeout)
-        requests, waiting, before = latched.commands, self._activate_when_fresh, controller.mode
+        elif not (stall <= timeout):
+            trouble = self._clock_stall(stall, timeout)
+        requests, waiting, before = latched.requests.commands, self._activate_when_fresh, controller.mode
         if "reset" in requests and self._takes_reset(requests):
             self._inputs.restart_estimate()
             ages = self._inputs.ages()
@@ -117,14 +117,15 @@ class ControlLoop:
         if requests or self._activate_when_fresh:
             requests, refused = self._requests(requests, problem)
         read = timer() - started
-        result = controller.cycle(
-            now,
-            latched.state,
-            latched.joint_velocity if ages["joint_states"] <= timeout else None,
+        given = CycleInputs(
+            now=now,
+            state=latched.state,
+            joint_velocity=latched.joint_velocity if ages["joint_states"] <= timeout else None,
             problem=problem,
             requests=requests,
-            changes=latched.changes,
+            changes=latched.requests.changes,
         )
+        result = controller.cycle(given)
         late = None
         clock.refresh()
         passed = max(0.0, clock.now() - now)
@@ -135,7 +136,10 @@ class ControlLoop:
             if before not in _UNDER_CONTROL:  # nothing has been sent yet: a refusal is enough
                 withdrawn, self._activate_when_fresh = _WITHDRAWN, waiting
                 refused += (f"command 'activate' is refused: when the torques were computed, {late.sentence}",)
-            result = controller.cycle(now + passed, latched.state, None, problem=late, requests=withdrawn)
+            again = CycleInputs(
+                now=now + passed, state=latched.state, joint_velocity=None, problem=late, requests=withdrawn
+            )
+            result = controller.cycle(again)
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
@@ -216,22 +220,23 @@ class ControlLoop:
 
     def _report(
         self,
-        latched: Latched,
+        latched: LatchedInputs,
         result: CycleResult,
         stages: Mapping[str, float],
         refused: tuple[str, ...] = (),
         audit: AuditReport | None = None,
     ) -> CycleReport:
-        state, references, ownership = latched.state, result.references, self._ownership
-        if latched.refused or refused or result.refused:
-            refused = (*latched.refused, *refused, *result.refused)
-        # In the order of the fields, since names would take as long as all the rest.
         return CycleReport(
-            self._cycle, state.stamp if state is not None else 0, result.mode, result.fault, result.command,
-            result.solution, latched.ages, refused, stages, self._deadlines_missed, audit, latched.commands,
-            ownership.contested, ownership.shared, latched.taken, references.weights if references is not None else {},
-            state, latched.estimate,
-        )  # fmt: skip
+            cycle=self._cycle,
+            inputs=latched,
+            result=result,
+            refused=latched.refused + refused + result.refused,
+            stage_seconds=stages,
+            deadlines_missed=self._deadlines_missed,
+            audit=audit,
+            contested=self._ownership.contested,
+            shared=self._ownership.shared,
+        )
 
     def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
         """Run cycles until stopped.

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, header, message, torques
-from wbc_controller.middleware.in_place import Template
+from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Transport
@@ -26,7 +27,7 @@ from wbc_controller.nodes.diagnostics.markers import MarkerScene
 from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.nodes.diagnostics.task_states import TaskStates
-from wbc_controller.records import CycleReport, Fault, Mode, References, RobotState, Solution
+from wbc_controller.records import Fault, Mode, References, RobotState, Solution
 
 #: Rows of the topic table whose messages are made while somebody reads them; diagnostics are made less often.
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
@@ -154,7 +155,7 @@ class Outputs:
             for name in wrenches:
                 force = forces.get(name)
                 if force is not None:
-                    payload = self._wrenches[name].write_product(stamp, self._contacts[name].basis, force)
+                    payload = self._wrenches[name].write(stamp, self._contacts[name].basis @ force)
                     publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:

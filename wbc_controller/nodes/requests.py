@@ -13,8 +13,9 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
+from wbc_controller.controller.report import TakenRequests
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.middleware import decoding
@@ -38,22 +39,6 @@ _LONGEST_REASON = 1000
 _LONGEST_WORD = 40
 #: The word that stops the robot, as it stands in a serialized std_msgs/String.
 _ESTOP = b"estop"
-
-
-class Taken(NamedTuple):
-    """What a cycle takes.
-
-    Attributes:
-        commands: words on the command topic, in order of arrival.
-        changes: sets of changes, in order of arrival; each set is applied whole or not at all.
-        refused: a sentence for each request that was refused.
-        total: number of requests that were read, refused or turned away.
-    """
-
-    commands: tuple[str, ...]
-    changes: tuple[tuple[Change | ChangeSettings, ...], ...]
-    refused: tuple[str, ...]
-    total: int
 
 
 @dataclass(slots=True)
@@ -131,7 +116,7 @@ class Requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
         return bool(self._read or self._turned_away or self._estop.is_set())
 
-    def take(self) -> Taken:
+    def take(self) -> TakenRequests:
         """What has been read since the last call, an emergency stop first, `_MOST_PER_CYCLE` requests at most."""
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
@@ -149,7 +134,7 @@ class Requests:
             refused += read.refused
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
         total = stopped + len(taken) + sum(turned_away.values())
-        return Taken(tuple(commands), tuple(changes), tuple(refused), total)
+        return TakenRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _read_requests(self) -> None:
         """Decode requests as they come, in a share of the time."""

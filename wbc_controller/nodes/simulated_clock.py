@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.decoding import time_of
+from wbc_controller.middleware.stamps import time_of
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Stream, Transport
 

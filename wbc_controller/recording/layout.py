@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.memory import Taped
+from wbc_controller.controller.memory import CycleRecord
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.records import Array, CycleReport, Mode, Reference, References
+from wbc_controller.records import Array, Mode, Reference, References
 
 #: Version of the layout; another one is not read.
 FORMAT = 3
@@ -111,7 +112,7 @@ class Row:
         self._no_audit = (_NAN, _NAN, 0.0)
         self._no_force = np.full(3, _NAN)
 
-    def write(self, number: int, taped: Taped, report: CycleReport | None, same: bool, event: bool) -> bytes:
+    def write(self, number: int, taped: CycleRecord, report: CycleReport | None, same: bool, event: bool) -> bytes:
         """The numbers of a cycle as bytes.
 
         Args:
@@ -121,17 +122,17 @@ class Row:
             same: whether its state is that of the cycle before, the very object.
             event: whether it has an event, which comes after it: a process that is killed may not get to that.
         """
-        result, state, velocity = taped.result, taped.state, taped.joint_velocity
+        result, state, velocity = taped.result, taped.inputs.state, taped.inputs.joint_velocity
         command, solution, references = result.command, result.solution, result.references
         stamp = 0 if state is None else state.stamp
         head = [
-            number, taped.now, stamp // 1_000_000_000, stamp % 1_000_000_000, MODES.index(result.mode),
+            number, taped.inputs.now, stamp // 1_000_000_000, stamp % 1_000_000_000, MODES.index(result.mode),
             state is not None, velocity is not None, command is not None, solution is not None, references is not None,
             same, event, result.fault is not None, 0.0 if solution is None else solution.iterations,
             0.0 if solution is None else len(solution.relaxed), 0.0 if report is None else report.deadlines_missed,
         ]  # fmt: skip
         stages = result.stage_seconds if report is None else report.stage_seconds
-        head += self._no_ages if report is None else map(report.ages.get, AGES, _NOTHING)
+        head += self._no_ages if report is None else map(report.inputs.ages.get, AGES, _NOTHING)
         head += map(stages.get, STAGES, _NOTHING)
         audit = None if report is None else report.audit
         head += self._no_audit if audit is None else (audit.energy, audit.throughput, len(audit.warnings))

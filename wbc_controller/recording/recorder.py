@@ -27,7 +27,8 @@ import numpy as np
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.live_settings import LivePart
-from wbc_controller.controller.memory import Taped
+from wbc_controller.controller.memory import CycleRecord
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.middleware.codec import TYPES, encode, message
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.recording.layout import (
@@ -45,7 +46,7 @@ from wbc_controller.recording.link import Link, frame
 from wbc_controller.recording.plain import to_json
 from wbc_controller.recording.tap import Tap
 from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGER, WITH_THE_CYCLE
-from wbc_controller.records import CycleReport, Fault, Mode
+from wbc_controller.records import Fault, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
 
@@ -128,7 +129,7 @@ class Recorder:
         self._controller: Controller | None = None
         self._number = 0
         #: The cycles that are still to be sent: their times, and how far the messages before them go.
-        self._cycles: list[tuple[list[Taped], CycleReport, int, int]] = []
+        self._cycles: list[tuple[list[CycleRecord], CycleReport, int, int]] = []
         self._lost = 0
         self._warned = -_SILENCE
         self._state: object = None
@@ -283,9 +284,9 @@ class Recorder:
         elif self._lost:
             self._lost, self._snapshot_due = 0, self._number
 
-    def _cycle(self, taped: Taped, report: CycleReport | None, at: int, batch: list[bytes]) -> None:
+    def _cycle(self, taped: CycleRecord, report: CycleReport | None, at: int, batch: list[bytes]) -> None:
         """Add the frames of one cycle; only the last of a loop's cycle has its report."""
-        same, self._state = taped.state is not None and taped.state is self._state, taped.state
+        same, self._state = taped.inputs.state is not None and taped.inputs.state is self._state, taped.inputs.state
         row = self._row.write(self._number, taped, report, same, self._rare(taped, report, at))
         batch += (FRAME.pack(len(row), CYCLE, at), row)
         references = taped.result.references
@@ -302,13 +303,14 @@ class Recorder:
             self._warned = now
             _log.warning("the recorder does not keep up: %d cycles lack in the recording", self._lost)
 
-    def _rare(self, taped: Taped, report: CycleReport | None, at: int) -> bool:
+    def _rare(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
         """Hand over what only some cycles have; whether this one has it."""
-        result = taped.result
+        result, inputs = taped.result, taped.inputs
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
         left_out = self._left_out
-        if same and not (taped.apart or taped.requests or taped.changes or refused or taped.problem or left_out):
+        rare = taped.apart or inputs.requests or inputs.changes or inputs.problem
+        if same and not (rare or refused or left_out):
             return False
         self._left_out = Counter()
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
@@ -321,12 +323,12 @@ class Recorder:
         if taped.apart:
             event["apart"] = True
             self._snapshot_due = 0
-        if taped.problem is not None:
-            event["problem"] = taped.problem
-        if taped.requests:
-            event["requests"] = taped.requests
-        if taped.changes:
-            event["changes"] = taped.changes
+        if inputs.problem is not None:
+            event["problem"] = inputs.problem
+        if inputs.requests:
+            event["requests"] = inputs.requests
+        if inputs.changes:
+            event["changes"] = inputs.changes
         if refused:
             event["refused"] = refused
         if left_out:

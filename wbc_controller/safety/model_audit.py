@@ -4,24 +4,22 @@ Between two states the energy must change by the work of the torques (equation (
 gravity and contact forces (equation (26); S5), and every joint must accelerate by the equations of motion (S1). A
 residual indicates a wrong model, a torque that did not arrive as it was sent, or an unknown external force.
 
-The balances are those of `mechanics.energy.energy_residual` and `mechanics.momentum.momentum_residual`, from what the
-snapshot of a cycle holds already: M, the centre of mass and its velocity. In each cycle one kernel adds up what the
-torques have done and what was not predicted. At the end of a span of cycles, a twentieth of the time constant, the
-sums go through the filter: a mean of residuals, for which energy and M are needed only there.
+The balances are those of `mechanics.energy.energy_residual` and `mechanics.momentum.momentum_residual`, from the terms
+of a cycle's snapshot: M, the centre of mass and its velocity. Each cycle adds the work of the torques and the motion
+that was not predicted to sums. At the end of a span of cycles, a twentieth of the time constant, the sums go through
+the filter: a mean of residuals, for which energy and M are needed only there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from wbc_controller.compiled import Bound
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution
-from wbc_controller.safety.model_audit_kernels import SUMS, THROUGHPUT, WORK, follow, look_back, mechanical_energy
+from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
@@ -52,6 +50,48 @@ class AuditLimits:
     period: float
 
 
+@dataclass(slots=True)
+class _Sums:
+    """Sums over a span of states.
+
+    Attributes:
+        velocity: unexplained change of the velocity, Δv - v̇ Δt, (nv,).
+        impulse: unexplained impulse, Δ(m ċ) - m c̈ Δt, (3,) in N·s.
+        predicted: time for which the motion was predicted, s.
+        work: work of the torques and of known other forces, J.
+        throughput: sum of its magnitudes, J.
+    """
+
+    velocity: Array
+    impulse: Array = field(default_factory=lambda: np.zeros(3))
+    predicted: float = 0.0
+    work: float = 0.0
+    throughput: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Previous:
+    """The state before, and what follows from it.
+
+    Attributes:
+        state: the state.
+        command: the command sent in it.
+        springs: generalized force of passive joints in it, (nv,); None without passive joints.
+        momentum: m ċ in it, (3,) in N·s.
+        solution: its solution; None if the torques sent are other ones: it predicts nothing.
+        force: m c̈ of the solution, (3,) in N.
+        powers: powers of known external wrenches of the solution, W.
+    """
+
+    state: RobotState
+    command: JointCommand
+    springs: Array | None
+    momentum: Array
+    solution: Solution | None
+    force: Array
+    powers: list[float]
+
+
 class ModelAudit:
     """Compares each state with the motion predicted from the previous state and its torques."""
 
@@ -69,25 +109,17 @@ class ModelAudit:
         self._weight = model.mass * model.gravity
         self._span = _SPAN * limits.time_constant - 0.5 * limits.period  # the nearest number of periods
         self._largest_gap = _LARGEST_GAP * limits.period
-        self._none = np.zeros(0)
-        self._sums, self._vectors = np.zeros(SUMS), np.zeros((2, model.nv))
-        self._last = np.zeros(model.nq + 2 * model.nv + model.na)  # what the kernel was given at the state before
-        self._force, self._torques = np.zeros(3 if model.floating_base else 0), np.zeros(model.nv)  # filtered
-        self._bound_of: Dynamics | None = None
-        self._bound: Bound
-        self._looking_back: Bound
+        #: Joint components of a generalized force, (nj, nv).
+        self._to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
         self._forget()
 
     def _forget(self) -> None:
         """Begin anew, with nothing to compare with."""
-        self._before: RobotState | None = None  # the state before, its solution where that predicts the motion, the
-        self._solution: Solution | None = None  # forces of springs, and the powers of known wrenches in it, W
-        self._springs = self._none
-        self._powers: list[float] = []
-        self._sums[:], self._vectors[:] = 0.0, 0.0
+        self._before: _Previous | None = None
+        self._sums = _Sums(np.zeros(self._model.nv))
         self._lasted = self._stored = 0.0  # time of the span so far, s, and the energy at its start, J
         self._energy = self._throughput = 0.0
-        self._force[:], self._torques[:] = 0.0, 0.0
+        self._force, self._torques = np.zeros(3), np.zeros(self._model.nv)  # filtered
         self._since: dict[str, float] = {}
         self._report: AuditReport | None = None
 
@@ -113,86 +145,89 @@ class ModelAudit:
             return None
         gap = 0.0
         if before is not None:
-            gap = (state.stamp - before.stamp) * 1.0e-9
+            gap = (state.stamp - before.state.stamp) * 1.0e-9
             if gap <= 0.0:  # the same state again: keep the older one, with its torques
                 return None
             if gap > self._largest_gap:
                 self._forget()
                 gap, before = 0.0, None
-        self._follow(before, state, dynamics, solution, command, gap)
+        self._before = self._follow(before, state, dynamics, solution, command, gap)
         if before is None:
-            self._stored = mechanical_energy(self._looking_back.table, state.v)
+            self._stored = self._mechanical_energy(dynamics)
             return None
         self._lasted += gap
         if self._lasted >= self._span:
-            self._report = self._look_back(state)
+            self._report = self._look_back(state, dynamics)
         return self._report
 
-    def _bind(self, dynamics: Dynamics) -> None:
-        """Tell compiled code where it finds what is the same in every cycle."""
-        S = self._model.actuation.S
-        rows, columns = np.nonzero(S)
-        *_, com_velocity, com_drift, per_mass, _, _ = dynamics.terms
-        self._bound_of = dynamics
-        self._bound = Bound(
-            len(rows), self._model.nq, self._model.nv, self._model.na, rows.astype(np.int64), columns.astype(np.int64),
-            S[rows, columns], np.array([self._mass]), com_velocity, per_mass, com_drift, self._sums, self._vectors,
-            self._last,
-        )  # fmt: skip
-        model, limits = self._model, self._limits
-        to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
-        joints, components = np.nonzero(to_joints)
-        self._looking_back = Bound(
-            model.nv, model.nj, len(joints), len(self._force), dynamics.M_rows, dynamics.com, self._gravity,
-            components.astype(np.int64), joints.astype(np.int64), to_joints[joints, components], limits.torques,
-            self._sums, self._vectors, self._force, self._torques, np.array([limits.time_constant]),
-        )  # fmt: skip
+    def _mechanical_energy(self, dynamics: Dynamics) -> float:
+        """Return the energy T + V = ½ vᵀM v - m gᵀc, J."""
+        return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
     def _follow(
         self,
-        before: RobotState | None,
+        before: _Previous | None,
         state: RobotState,
         dynamics: Dynamics,
         solution: Solution,
         command: JointCommand,
         gap: float,
-    ) -> None:
-        """Add what happened since the state before."""
-        model, predicted = self._model, self._solution
-        beside = moved = self._none
-        if predicted is not None and predicted.disturbance is not None:
-            beside = predicted.disturbance.forces
-        if model.passive is not None:  # the mean of a spring's force at both states gives its exact work
-            start, self._springs = self._springs, model.passive_force(state.q, state.v)
-            if before is not None:
-                springs = 0.5 * (start + self._springs)
-                beside = beside + springs if len(beside) else springs
-        if before is not None:
-            if len(beside):
-                moved = model.difference(before.q, state.q)
-            if self._powers and predicted is not None:
-                # The work of constant torques is exact, that of constant wrenches to second order in the time.
-                for first, last in zip(self._powers, _powers(predicted, dynamics), strict=True):
-                    self._sums[WORK] += 0.5 * gap * (first + last)
-                    self._sums[THROUGHPUT] += 0.5 * gap * abs(first + last)
-        if dynamics is not self._bound_of:
-            self._bind(dynamics)
-        predicts = follow(
-            self._bound.table, gap, beside, moved, state.q, state.v, solution.v_dot, command.tau, solution.tau
+    ) -> _Previous:
+        """Add what happened since the state before, Δt = gap s ago, and return this state for the next one."""
+        predicts = np.array_equal(command.tau, solution.tau)
+        present = _Previous(
+            state=state,
+            command=command,
+            springs=None if self._model.passive is None else self._model.passive_force(state.q, state.v),
+            momentum=self._mass * dynamics.com_velocity,
+            solution=solution if predicts else None,
+            force=self._mass * (dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift),
+            powers=_powers(solution, dynamics) if predicts and solution.external_wrenches else [],
         )
-        self._before = state
-        self._solution = solution if predicts else None  # torques that are not the solution's: it predicts nothing
-        self._powers = _powers(solution, dynamics) if predicts and solution.external_wrenches else []
+        if before is None:
+            return present
+        sums, predicted = self._sums, before.solution
+        self._add_work(before, present)
+        if predicted is not None:
+            # The work of constant torques is exact, that of constant wrenches to second order in the time.
+            last = _powers(predicted, dynamics) if before.powers else []
+            for work in (0.5 * gap * (start + end) for start, end in zip(before.powers, last, strict=True)):
+                sums.work += work
+                sums.throughput += abs(work)
+            sums.predicted += gap
+            sums.impulse += present.momentum - before.momentum - gap * before.force
+            sums.velocity += state.v - before.state.v - gap * predicted.v_dot
+        return present
 
-    def _look_back(self, state: RobotState) -> AuditReport:
+    def _add_work(self, before: _Previous, present: _Previous) -> None:
+        """Add the work (Sᵀτ + p)ᵀ Δq of the torques and of other known forces p; contact forces do no work."""
+        force = before.command.tau @ self._model.actuation.S
+        if before.solution is not None and before.solution.disturbance is not None:
+            force = force + before.solution.disturbance.forces
+        if before.springs is not None and present.springs is not None:
+            force = force + 0.5 * (before.springs + present.springs)  # the mean of a spring's force is exact
+        work = force * self._model.difference(before.state.q, present.state.q)
+        self._sums.work += float(work.sum())
+        self._sums.throughput += float(np.abs(work).sum())
+
+    def _look_back(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
         """Put a span through the filter, and begin the next one."""
         lasted, self._lasted = self._lasted, 0.0
-        found = np.empty(3 + self._model.nj)
-        self._stored, self._energy, self._throughput, size, most, worst = look_back(
-            self._looking_back.table, lasted, state.v, self._stored, self._energy, self._throughput, found
-        )
-        found.setflags(write=False)  # and so its parts
-        force, torques, limits = found[:3], found[3:], self._limits
+        sums, self._sums, limits = self._sums, _Sums(np.zeros(self._model.nv)), self._limits
+        stored, self._stored = self._stored, self._mechanical_energy(dynamics)
+        share = lasted / (limits.time_constant + lasted)
+        self._energy += share * ((self._stored - stored - sums.work) / lasted - self._energy)
+        self._throughput += share * (sums.throughput / lasted - self._throughput)
+        duration = sums.predicted
+        if duration > 0.0:
+            share = duration / (limits.time_constant + duration)
+            if self._model.floating_base:  # the ground holds a fixed base
+                self._force += share * (sums.impulse / duration - self._force)
+            self._torques += share * (dynamics.M @ sums.velocity / duration - self._torques)
+        force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
+        size, over = float(np.linalg.norm(force)), np.abs(torques) / limits.torques
+        worst = int(over.argmax())
+        most = over.item(worst)
         wrong = {
             "UNMODELLED_FORCE": size > limits.force,
             "UNMODELLED_TORQUE": most > 1.0,

@@ -13,22 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.compiled import Bound
 from wbc_controller.inverse_dynamics.arrays import all_finite, all_true, largest
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault, RobotState
-from wbc_controller.safety.supervisor_kernels import (
+from wbc_controller.safety.plausibility_kernels import (
     ABSURD,
     BASE_REPEATS,
     JOINTS_REPEAT,
     JUMPED,
     STUCK,
     UNTOLD,
-    height,
-    upward,
-    within,
+    StateMemory,
+    compare,
 )
-from wbc_controller.safety.supervisor_kernels import MEMORY as MEMORY  # exported with the checks that it belongs to
+from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # exported with the checks that it belongs to
 
 #: Speed times time below which values that repeat are those of a robot at rest, rad or m.
 REST = 1.0e-6
@@ -75,17 +73,16 @@ class StateWatch:
     Attributes:
         doubt: what is wrong with the newest state; None where it is plausible.
         some_untold: whether a velocity tells of a motion that a position does not.
-        bound: limits, and what is remembered, for `safety.supervisor_kernels.compared`.
     """
 
-    MEMORY = (
+    STATE_FIELDS = (
         "doubt", "_state", "_before", "_v_before", "_mismatch", "_untold", "some_untold", "_joint_values",
         "_base_values",
     )  # fmt: skip
 
     def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
         self.doubt: Fault | None = None
-        self._limits = limits
+        self._model, self._limits = model, limits
         self._speed_limits = joint_speed_limits(model, limits.joint_speed)
         self._names = _names(model)
         # Largest velocities, mismatches, and motions untold.
@@ -106,31 +103,35 @@ class StateWatch:
         self._mismatch = np.zeros(model.nv)  # change of the positions less the integrated velocities, with MEMORY
         self._untold = np.zeros(model.nv)  # integrated velocities while the position stays, with MEMORY
         self.some_untold = False
-        self.bound = Bound(
-            int(model.floating_base), model.nj, model.q_index, model.v_index, self._bounds,
-            np.array([limits.magnitude]), self._before, self._v_before, self._mismatch, self._untold,
-        )  # fmt: skip
+        self._memory = StateMemory(
+            q_index=model.q_index,
+            v_index=model.v_index,
+            base_q=np.arange(7 if model.floating_base else 0),
+            base_v=np.arange(6 if model.floating_base else 0),
+            magnitude=limits.magnitude,
+            fastest=self._fastest,
+            tolerance=self._tolerance,
+            motionless=self._stuck,
+            before=self._before,
+            v_before=self._v_before,
+            mismatch=self._mismatch,
+            untold=self._untold,
+        )
 
-    def since(self, state: RobotState) -> float:
-        """Time since the state before, s; NaN where there is none, or it is the same."""
-        before = self._state
-        return math.nan if before is None or before is state else 1.0e-9 * (state.stamp - before.stamp)
-
-    def judge(self, state: RobotState, found: int) -> Fault | None:
-        """Say what follows from a comparison; the same state twice counts once.
-
-        Args:
-            state: the state.
-            found: by `safety.supervisor_kernels.compared`; 0 where it has not been compared (`since`).
-        """
+    def look(self, state: RobotState) -> Fault | None:
+        """Compare a state with the one before it, and return the fault, or None; the same state twice counts once."""
         before = self._state
         if state is before:
             return self.doubt
-        if before is None:
-            if self._absurd(state) is None:
-                self._before[:], self._v_before[:] = state.q, state.v
-            else:
-                found = ABSURD
+        found = 0
+        if before is not None:
+            change = self._model.difference(self._before, state.q)
+            elapsed = 1.0e-9 * (state.stamp - before.stamp)
+            found = compare(self._memory, state.q, state.v, change, elapsed, self.some_untold)
+        elif self._absurd(state) is None:
+            self._before[:], self._v_before[:] = state.q, state.v
+        else:
+            found = ABSURD
         if found & ABSURD:  # it is not compared with
             self.doubt = self._absurd(state)
             return self.doubt
@@ -149,11 +150,12 @@ class StateWatch:
 
         None where one is not finite.
         """
-        if within(joint_velocity, self._speed_limits):
+        speeds = np.abs(joint_velocity)
+        if all_true(speeds <= self._speed_limits):
             return joint_velocity
         if not all_finite(joint_velocity):
             return None
-        return np.where(np.abs(joint_velocity) <= self._speed_limits, joint_velocity, 0.0)
+        return np.where(speeds <= self._speed_limits, joint_velocity, 0.0)
 
     def _absurd(self, state: RobotState) -> Fault | None:
         limits = self._limits
@@ -211,7 +213,7 @@ class _Group:
         since: stamp of the state since which they have repeated, ns.
     """
 
-    MEMORY = ("since",)
+    STATE_FIELDS = ("since",)
 
     def __init__(self, what: str, v_places: np.ndarray | slice, limit: float) -> None:
         self.since = 0
@@ -288,12 +290,13 @@ class FallWatch:
         upward: the world's z axis in the base's axes at the activation, (3,).
     """
 
-    MEMORY = ("upward", "_begun", "_height", "_looked")
+    STATE_FIELDS = ("upward", "_begun", "_height", "_looked")
 
     def __init__(self, model: RobotModel, limits: FallLimits) -> None:
         self._limits = limits
         self.floating = model.floating_base
-        self._limbs = _limbs(model.pinocchio) if model.floating_base else ()
+        self._pin, self._data = model.pinocchio, model.pinocchio.createData()
+        self._limbs = _limb_ends(model.pinocchio) if model.floating_base else []
         self.upward, self._begun = np.zeros(3), False
         self._height = 0.0  # at the activation, m
         self._looked = -math.inf
@@ -302,14 +305,8 @@ class FallWatch:
         """Start anew: the next state is the one of the activation."""
         self._begun = False
 
-    def look(self, now: float, state: RobotState, tilted: float) -> Fault | None:
-        """Compare a state with that of the activation.
-
-        Args:
-            now: s.
-            state: plausible.
-            tilted: angle between `upward` and its present direction, rad (`safety.supervisor_kernels.tilt`).
-        """
+    def look(self, now: float, state: RobotState) -> Fault | None:
+        """Compare a plausible state with that of the activation, at a time in s; return the fault, or None."""
         if not self.floating:
             return None
         limits = self._limits
@@ -317,6 +314,7 @@ class FallWatch:
             self.upward[:], self._height, self._looked = upward(state.q), self._height_of(state), now
             self._begun = True
             return None
+        tilted = math.acos(np.clip(self.upward @ upward(state.q), -1.0, 1.0))
         if not (tilted <= limits.tilt):
             return Fault(
                 "FALLEN",
@@ -335,22 +333,16 @@ class FallWatch:
         return None
 
     def _height_of(self, state: RobotState) -> float:
-        return height(state.q, *self._limbs)
+        """Return the height of the base above the lowest end of a limb, m; -inf without limbs."""
+        pin.forwardKinematics(self._pin, self._data, state.q)
+        ends = (self._data.oMi[joint].act(end)[2] for joint, end in self._limbs)
+        return float(state.q[2]) - min(ends, default=math.inf)
 
 
-def _limbs(model: pin.Model) -> tuple[np.ndarray, Array, Array, np.ndarray, Array]:
-    """What `height` is given of a robot with a floating base, whose joint 1 is that base."""
-    joints = range(2, model.njoints)
-    parents = np.array([model.parents[joint] - 1 for joint in joints], dtype=np.int64)
-    placements, axes = np.zeros((len(joints), 12)), np.zeros((len(joints), 6))
-    for i, joint in enumerate(joints):
-        placement, data = model.jointPlacements[joint], model.joints[joint].createData()
-        model.joints[joint].calc(data, pin.neutral(model))
-        placements[i, :9], placements[i, 9:] = placement.rotation.ravel(), placement.translation
-        axes[i] = np.ravel(data.S)
-    ends = _limb_ends(model)
-    links = np.array([joint - 1 for joint, _ in ends], dtype=np.int64)
-    return parents, placements, axes, links, np.array([end for _, end in ends]).reshape(-1, 3)
+def upward(q: Array) -> Array:
+    """Return the world's z axis in the axes of a floating base, (3,), from a configuration, (nq,)."""
+    x, y, z, w = q[3:7].tolist()
+    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
 
 
 def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:
@@ -367,7 +359,7 @@ def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:
 class Budget:
     """Time that was spent within a sliding window."""
 
-    MEMORY = ("_spent", "_total")
+    STATE_FIELDS = ("_spent", "_total")
 
     def __init__(self) -> None:
         self._spent: deque[tuple[float, float]] = deque()

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.compiled import Bound
 from wbc_controller.errors import InputRefused, NoSolution, valid_choices
 from wbc_controller.inverse_dynamics.arrays import all_finite, all_true
 from wbc_controller.inverse_dynamics.limits.torque import TorqueSpeedCurve
@@ -39,14 +38,12 @@ from wbc_controller.records import (
     frozen,
 )
 from wbc_controller.safety.checks import (
-    TORQUE_TOLERANCE,
     no_solution_for_too_long,
     relaxed_for_too_long,
     unusable_torques,
 )
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
-from wbc_controller.safety.supervisor_kernels import limited, supervised
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 #: Time within which a joint would reach its position limit that is held without its torque, s.
@@ -100,7 +97,7 @@ class Supervisor:
     """
 
     #: What outlives a cycle, beside the limits.
-    MEMORY = (
+    STATE_FIELDS = (
         "mode", "fault", "_since", "_stepped", "_activated", "_held_time", "_relaxed_time", "_relaxed", "_was_relaxed",
         "_share", "_tau", "_held", "_taken_over", "_watch", "_fall",
     )  # fmt: skip
@@ -110,7 +107,6 @@ class Supervisor:
         self.fault: Fault | None = None
         self._model = model
         self._effort_limits = (-model.effort_limits, model.effort_limits)
-        self._torques_available = np.array(self._effort_limits)  # for compiled code
         self._limits: SupervisorLimits | None = None
         self.limits = limits
         self._since = 0.0  # when the present mode began, s
@@ -123,11 +119,6 @@ class Supervisor:
         self._tau = np.zeros(model.na)  # last torques sent
         self._held = self._tau  # the torques at the start of holding
         self._taken_over = False  # whether the torques have reached the solution's since activation
-        self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
-        self._nothing = np.zeros(0)
-        na, nj = model.na, model.nj
-        self._size = na + 2 * nj  # of a command
-        self._tau_part, self._q_part, self._v_part = slice(0, na), slice(na, na + nj), slice(na + nj, na + 2 * nj)
         self._nowhere = frozen(np.full(model.nj, np.nan))
 
     @property
@@ -149,21 +140,6 @@ class Supervisor:
             self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
         if old is None or old.fall != limits.fall:
             self._fall = FallWatch(self._model, limits.fall) if limits.fall is not None else None
-        self._bind()
-
-    def _bind(self) -> None:
-        """Tell compiled code where it finds limits, and what is remembered."""
-        model, watch, fall = self._model, self._watch, self._fall
-        numbers = np.array([TORQUE_TOLERANCE, self._period])
-        self._own = Bound(
-            model.na, model.nj, model.effort_limits, self._rate, model.q_index, model.v_index, self._torques_available,
-            numbers,
-        )  # fmt: skip
-        self._tables = Bound(
-            0 if watch is None else watch.bound.table,
-            0 if fall is None or not fall.floating else fall.upward,
-            self._own.table,
-        )
 
     @property
     def solving(self) -> bool:
@@ -272,36 +248,17 @@ class Supervisor:
         Returns:
             The command; None where nothing is to be sent.
         """
-        mode = self.mode
         self._pass(now)
-        watch, fall, solving = self._watch, self._fall, mode is _ACTIVE or mode is _HOLDING
-        seen = self._no_state if state is None else state
-        elapsed, some_untold = math.nan, False
-        if watch is not None and state is not None:
-            elapsed, some_untold = watch.since(state), watch.some_untold
-        tau = v_dot = made = self._nothing
-        share, kept, passed = 0.0, 0.0, self._passed
-        solution = outcome if solving and isinstance(outcome, Solution) else None
-        if solution is not None:
-            tau, v_dot, share, made = solution.tau, solution.v_dot, self._share.sample(now), np.empty(self._size)
-            if self._filter > 0.0 and self._taken_over and share >= 1.0:
-                kept = math.exp(-passed / self._filter)
-            if self._curve is not None:
-                self._torques_available[:] = self._available(joint_velocity)
-        found, tilted, usable = supervised(
-            self._tables.table, seen.q, seen.v, elapsed, some_untold, tau, v_dot, self._tau, share, kept,
-            passed if passed < self._period else self._period, made,
-        )  # fmt: skip
-        if watch is not None and state is not None:
-            doubt = watch.judge(state, found)
+        if self._watch is not None and state is not None:
+            doubt = self._watch.look(state)
             problem = problem or doubt
-        if solving:
-            if fall is not None and state is not None and problem is None:
-                problem = fall.look(now, state, tilted)
+        if self.solving:
+            if self._fall is not None and state is not None and problem is None:
+                problem = self._fall.look(now, state)
             if problem is not None:
                 self._enter(Mode.DAMPING, now, problem)
-            elif solution is not None:
-                command = self._follow(now, solution, seen.stamp, share, made if usable else None)
+            elif isinstance(outcome, Solution):
+                command = self._follow(now, state, joint_velocity, outcome)
                 if command is not None:
                     return command
             elif isinstance(outcome, Fault):
@@ -327,20 +284,20 @@ class Supervisor:
             self._was_relaxed = False
 
     def _follow(
-        self, now: float, solution: Solution, stamp: int, share: float, made: Array | None
+        self, now: float, state: RobotState | None, joint_velocity: Array | None, solution: Solution
     ) -> JointCommand | None:
-        """Give the command that was made of a solution; None where it cannot be followed: the mode is another one now.
+        """Make the command that follows a solution; None if it cannot be followed: the mode is another one now.
 
         Args:
             now: s.
+            state: the state of the solution; without one the command has no positions and velocities.
+            joint_velocity: joint velocities, (nj,) in rad/s; None if stale.
             solution: the solution.
-            stamp: of its state, ns.
-            share: share of its torques that is sent.
-            made: torques, positions and velocities of the command; None where the torques are not usable.
         """
-        if made is None:
-            model, (lower, upper) = self._model, self._torques_available
-            self._hold(now, unusable_torques(solution.tau, (lower, upper), model.effort_limits, model.actuators))
+        model, available, share = self._model, self._available(joint_velocity), self._share.sample(now)
+        fault = unusable_torques(solution.tau, available, model.effort_limits, model.actuators)
+        if fault is not None:
+            self._hold(now, fault)
             return None
         fault = self._relaxing(now, solution) if solution.relaxed else None
         if fault is not None:
@@ -351,11 +308,26 @@ class Supervisor:
         if share <= 0.0 and self._share.after <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
             return None
-        if share >= 1.0 and not self._taken_over:
+        taken_over = self._taken_over
+        if share >= 1.0 and not taken_over:
             self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
-        made.setflags(write=False)  # and so the parts
-        self._tau = made[self._tau_part]
-        return JointCommand(stamp, self._tau, made[self._q_part], made[self._v_part])
+        tau = share * solution.tau
+        if self._filter > 0.0 and taken_over and share >= 1.0:
+            kept = math.exp(-self._passed / self._filter)
+            tau = kept * self._tau + (1.0 - kept) * tau
+        self._tau = self._limited(tau, available)
+        if state is None:
+            return JointCommand(0, self._tau, self._nowhere, self._nowhere)
+        velocity = state.v[model.v_index] + self._period * solution.v_dot[model.v_index]
+        position = state.q[model.q_index] + self._period * velocity
+        return JointCommand(state.stamp, self._tau, freeze(position), freeze(velocity))
+
+    def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
+        """Limit torques by the rate from the last ones and, last, by the available ones, (na,) each in N·m."""
+        step = min(self._passed, self._period) * self._rate
+        lower, upper = available
+        limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
+        return freeze(np.minimum(np.maximum(limited, lower), upper))
 
     def _relaxing(self, now: float, solution: Solution) -> Fault | None:
         """Count the time with relaxed constraints."""
@@ -432,7 +404,5 @@ class Supervisor:
 
     def _command(self, tau: Array, state: RobotState | None, joint_velocity: Array | None) -> JointCommand:
         """Make a command that says nothing about where it leads."""
-        sent = np.empty(len(tau))
-        limited(tau, self._tau, self._rate, min(self._passed, self._period), *self._available(joint_velocity), sent)
-        self._tau = freeze(sent)
-        return JointCommand(state.stamp if state is not None else 0, sent, self._nowhere, self._nowhere)
+        self._tau = self._limited(tau, self._available(joint_velocity))
+        return JointCommand(state.stamp if state is not None else 0, self._tau, self._nowhere, self._nowhere)

@@ -4,11 +4,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wbc_controller.compiled import Bound
 from wbc_controller.errors import ConfigurationError, NoSolution
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING
-from wbc_controller.inverse_dynamics.robot.dynamics_kernels import fill_dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
 from wbc_controller.records import Tuning
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
 
@@ -322,12 +321,13 @@ def torque_bounds(limit, before, v, period):
     n, available = len(v), limit.available(v)
     lower, upper, bias, each = np.empty(n), np.empty(n), np.empty(n), np.arange(n + 1)
     share = -1.0 if before is None else limit.rate * period
-    bound = Bound(
-        n, 0, n, 0, n, 0, each, each[:-1], np.ones(n), np.zeros(0), np.zeros((n, n + 1)), lower, upper,
-        np.zeros((n, n)), np.ones(1), np.stack([*available, limit.effort_limits]), bias,
+    table = DynamicsRows(
+        starts=each, columns=each[:-1], values=np.ones(n), damping=np.zeros(0), rows=np.zeros((n, n + 1)), first=0,
+        lower=lower, upper=upper, M=np.zeros((n, n)), unit=1.0, available=np.stack([*available, limit.effort_limits]),
+        bias=bias,
     )  # fmt: skip
     before = v if before is None else before
-    fill_dynamics(bound.table, np.zeros(n), v, before, share)
+    fill_dynamics(table, np.zeros(n), v, before, share)
     return lower, upper
 
 

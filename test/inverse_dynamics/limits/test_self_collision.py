@@ -17,7 +17,6 @@ from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.limits.self_collision import _FASTER, INEXACT, RETURN_SPEED
-from wbc_controller.inverse_dynamics.limits.self_collision_kernels import DISTANCE, distance_rows
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.tasks import PostureTask
@@ -54,14 +53,13 @@ def random_motion(model, rng):
 
 def near_of(limit, dynamics, ahead):
     """The pairs whose distances were needed, and these."""
-    near = limit._near[: limit._find(dynamics, ahead)].copy()
-    return near, limit._results[near, DISTANCE]
+    near = limit._find(dynamics, ahead).copy()
+    return near, limit._distances[near]
 
 
 def rows_of(limit, dynamics, near):
     """J_d and the drift of pairs whose distances have just been computed."""
-    J, rate, drift = np.empty((len(near), dynamics.model.nv)), np.empty(len(near)), np.empty(len(near))
-    distance_rows(limit._bound.table, np.array(near), J, rate, drift)
+    J, rate, drift = limit._rows(dynamics, np.array(near))
     np.testing.assert_allclose(J @ dynamics.v, rate, rtol=1e-12, atol=1e-12)
     return J, drift
 
@@ -235,7 +233,7 @@ def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limi
         dynamics.update(q, v)
         before, _, after = along(model, limit, q, v, 1.0e-3, range(len(limit._pair_names)))
         limit._find(dynamics, 0.02)
-        rate, most = np.abs(after - before) / 2.0e-3, limit._sums[limit._ends, 0].sum(axis=1)
+        rate, most = np.abs(after - before) / 2.0e-3, limit._table.sums[limit._table.ends, 0].sum(axis=1)
         assert (rate <= most + 1.0e-6).all()
         tight.append(np.max(rate / np.where(most > 0.0, most, 1.0)))
     assert max(tight) > 0.4  # nor is it far more than it can be
@@ -461,13 +459,6 @@ def test_a_start_inside_of_each_other_is_recovered_from(bench):
     assert distance[-1] > min(0.25 - 1e-3, distance[0] + 0.03)
     assert np.max(np.diff(distance)) < 1.2 * RETURN_SPEED * 0.002
     assert hardest.max() < 100.0
-
-
-def test_memory_that_coal_lays_out_in_another_way_is_refused(balls, monkeypatch):
-    model, limit = balls
-    monkeypatch.setattr("wbc_controller.inverse_dynamics.limits.self_collision.DISTANCE", DISTANCE + 1)
-    with pytest.raises(RuntimeError, match="does not keep what it finds of two shapes"):
-        another(model, limit)
 
 
 def test_pairs_are_all_that_can_move_relative_to_each_other(balls):

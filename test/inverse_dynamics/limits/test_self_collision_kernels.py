@@ -3,26 +3,15 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from wbc_controller.compiled import Bound
 from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.inverse_dynamics.limits.self_collision import _reach
-from wbc_controller.inverse_dynamics.limits.self_collision_kernels import (
-    DISTANCE,
-    FIRST,
-    NORMAL,
-    RESULT,
-    SECOND,
-    fill_apart,
-    near_pairs,
-)
+from wbc_controller.inverse_dynamics.limits.self_collision_kernels import near_pairs
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, moved_by
 from wbc_controller.settings import SelfCollisionSettings
 
 A, T, MARGIN = 10.0, 0.02, 0.03
-FASTER, RETURN_SPEED, RESERVE = 0.2, 0.1, 3.0
+FASTER = 0.2
 
 
 # Which pairs may need a row. ----------------------------------------------------------------------------------------
@@ -103,8 +92,7 @@ def test_the_pairs_that_may_need_a_row_are_those_that_numpy_finds(robots, robot)
     model, of_robot = robots[robot]
     limit = make_self_collision(of_robot, model)
     plain, dynamics, rng = Plain(model, limit), Dynamics(model), np.random.default_rng(0)
-    limit._bind(dynamics)
-    table, q, v = limit._bound.table, model.configuration(model.posture), np.zeros(model.nv)
+    table, q, v = limit._bind(dynamics), model.configuration(model.posture), np.zeros(model.nv)
     found, more = 0, 0
     for i in range(60):
         if i % 10 == 0:
@@ -112,7 +100,7 @@ def test_the_pairs_that_may_need_a_row_are_those_that_numpy_finds(robots, robot)
         q = pin.integrate(model.pinocchio, q, 0.004 * v)
         dynamics.update(q, v)
         count = near_pairs(table, q, v, A, T, MARGIN)
-        near, reach = limit._near[:count], limit._memory[4][:count]
+        near, reach = limit._near[:count], limit._reach[:count]
         wanted, to = plain.near(dynamics)
         # The kernel's cone is wider: `max(radial, radial cos) + across sin` is at least the largest speed in it.
         assert set(wanted) <= set(near)
@@ -131,99 +119,91 @@ def test_the_pairs_that_may_need_a_row_are_those_that_numpy_finds(robots, robot)
 def test_after_a_state_that_is_not_finite_all_bounds_are_found_again(robots, where):
     model, of_robot = robots["g1"]
     limit, dynamics = make_self_collision(of_robot, model), Dynamics(model)
-    limit._bind(dynamics)
+    table = limit._bind(dynamics)
     good = model.configuration(model.posture), np.zeros(model.nv)
     q, v = map(np.array, good)
     (q if where == "position" else v)[-1] = np.nan
-    touched = limit._ends.max(axis=1) > 0
-    before = near_pairs(limit._bound.table, *good, A, T, MARGIN)
+    touched = table.ends.max(axis=1) > 0
+    before = near_pairs(table, *good, A, T, MARGIN)
     dynamics.update(q, v)
-    assert near_pairs(limit._bound.table, q, v, A, T, MARGIN) > before
+    assert near_pairs(table, q, v, A, T, MARGIN) > before
     dynamics.update(*good)
     for _ in range(2):
-        assert near_pairs(limit._bound.table, *good, A, T, MARGIN) == before
+        assert near_pairs(table, *good, A, T, MARGIN) == before
     assert np.isfinite(limit._least[touched]).all()
 
 
 # Which of them have one. --------------------------------------------------------------------------------------------
 
 
-def plain_rows(results, pairs, shapes, links, shape_links, twists, moves):
+def plain_rows(limit, dynamics, pairs):
     """J_d, ḋ and δ of pairs, as `SelfCollisionLimit` says it."""
-    found = []
-    for result, (one, other) in zip(results, pairs, strict=True):
-        normal, a, b = result[NORMAL : NORMAL + 3], shape_links[one], shape_links[other]
-        along = np.concatenate([normal, np.cross(result[FIRST : FIRST + 3], normal)])
+    table, found = limit._table, []
+    twists, links, moves = dynamics.joint_jacobians.T, dynamics.links, dynamics.moves
+    for pair in pairs:
+        (one, other), normal = table.pairs[pair], table.normals[pair]
+        a, b = table.shape_links[[one, other]]
+        along = np.concatenate([normal, np.cross(table.first[pair], normal)])
         J = (moves[b] - moves[a]) * (twists @ along)
         drift = along @ (links[b, 6:] - links[a, 6:])
-        for link, shape, at, sign in ((a, one, FIRST, -1.0), (b, other, SECOND, 1.0)):
-            v, w, centre, p = links[link, :3], links[link, 3:6], shapes[shape, 9:], result[at : at + 3]
+        for link, shape, p, sign in ((a, one, table.first[pair], -1.0), (b, other, table.second[pair], 1.0)):
+            v, w, centre = links[link, :3], links[link, 3:6], limit._data.oMg[int(shape)].translation
             drift += sign * normal @ np.cross(w, v + np.cross(w, centre))
             about = sign * normal @ np.cross(w, np.cross(w, p - centre))
             drift += about if not about > 0.0 else 0.0
         found.append((J, along @ (links[b, :6] - links[a, :6]), drift))
-    return (np.array(each) for each in zip(*found, strict=True))
+    return [np.array(each) for each in zip(*found, strict=True)]
 
 
-def plain_bound(distance, rate):
-    room, reach = distance - MARGIN + T * rate, A * T
-    fastest = np.where(
-        room > 0.0, np.sqrt(reach**2 + 2.0 * A * np.maximum(room, 0.0)) - reach, np.maximum(room / T, -RETURN_SPEED)
-    )
-    return np.minimum((-rate - np.where(np.isnan(room), np.nan, fastest)) / T, RESERVE * A)
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_the_rows_of_distances_are_those_of_numpy(robots, robot):
+    model, of_robot = robots[robot]
+    limit, dynamics, rng = make_self_collision(of_robot, model), Dynamics(model), np.random.default_rng(1)
+    for _ in range(5):
+        q = model.configuration(model.posture + 0.1 * rng.normal(size=model.nj), pin.SE3.Random())
+        dynamics.update(q, 3.0 * rng.normal(size=model.nv))
+        near = limit._find(dynamics, T)
+        assert len(near) > 5
+        for found, expected in zip(limit._rows(dynamics, near), plain_rows(limit, dynamics, near), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
 
-@settings(deadline=None, max_examples=400)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    k=st.integers(1, 16),
-    rows=st.sampled_from([0, 1, 2, 3, 4, 5, 20]),
-    beside=st.sampled_from(["", "equal", "nan", "far"]),
-)
-def test_rows_and_bounds_are_what_numpy_makes_of_the_same_equations(seed, k, rows, beside):
-    rng, shapes, links, nv = np.random.default_rng(seed), 4, 5, 7
-    pairs = rng.integers(0, shapes, (k, 2))
-    shape_links, moves = rng.integers(0, links, shapes), rng.integers(0, 2, (links, nv)).astype(np.int8)
-    motion, twists, placements = rng.normal(size=(links, 12)), rng.normal(size=(nv, 6)), rng.normal(size=(shapes, 12))
-    results = rng.normal(size=(k, RESULT))
-    results[:, NORMAL : NORMAL + 3] /= np.linalg.norm(results[:, NORMAL : NORMAL + 3], axis=1)[:, None]
-    results[:, DISTANCE] = rng.uniform(-0.02, 0.1, k)
-    if beside == "equal":
-        same = rng.random(k) < 0.6
-        results[same], pairs[same] = results[0], pairs[0]
-    if beside == "nan":
-        results[rng.random(k) < 0.3, DISTANCE] = np.nan
-    near = np.flatnonzero(rng.random(k) < 0.9)
-    reach = np.where(rng.random(k) < 0.3, -1.0, 1.0) if beside == "far" else np.ones(k)
-    ints = np.zeros(k, dtype=np.int64)
-    padded, least, shown = np.concatenate([near, ints])[:k], np.full(k, -9.0), np.full(k, -1)
-    before = shown.copy()
-    nothing = np.zeros(1)
-    table = Bound(
-        k, shapes, links, nv, 1, 1, pairs, ints, ints, ints, nothing, ints, shape_links, nothing,
-        np.array([FASTER, RETURN_SPEED, RESERVE]), nothing, motion, twists, moves, placements, results, nothing, least,
-        nothing, padded, reach, ints.copy(), np.zeros((k, nv)), np.zeros(k), np.zeros(k), ints.copy(), shown,
-    )  # fmt: skip
-    block, bounds = rng.normal(size=(rows, nv + 3)), rng.normal(size=(2, rows))
-    C, rest = block[:, :nv], block[:, nv:].copy()
-    changed = fill_apart(table.table, len(near), A, T, MARGIN, C, *bounds)
+@pytest.mark.parametrize("rows", [0, 1, 3, 200])
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_pairs_with_the_largest_required_acceleration_have_a_row(robots, rows, spoilt):
+    """In the order of the pairs; what is not a number comes last."""
+    model, of_robot = robots["g1"]
+    limit, dynamics, rng = make_self_collision(of_robot, model), Dynamics(model), np.random.default_rng(2)
+    dynamics.update(model.configuration(model.posture), 2.0 * rng.normal(size=model.nv))
+    find = limit._find
 
-    np.testing.assert_array_equal(least, np.where(np.isin(range(k), near), results[:, DISTANCE], -9.0))
-    wanted = (np.zeros((rows, nv)), np.full(rows, -np.inf), np.full(k, -1))
-    found = near[~(results[near, DISTANCE] > reach[: len(near)])]
-    if len(found):
-        J, rate, drift = plain_rows(results[found], pairs[found], placements, motion, shape_links, twists, moves)
-        bound = plain_bound(results[found, DISTANCE], rate)
-        there = np.flatnonzero(~(bound < -FASTER / T))
-        bound = bound[there] - drift[there]
-        # Those that ask for most, of equal ones the first, and at last what is not a number.
-        most = np.sort(np.argsort(-bound, kind="stable")[:rows])
-        wanted[0][: len(most)], wanted[1][: len(most)] = J[there[most]], bound[most]
-        wanted[2][: len(most)] = found[there[most]]
-    np.testing.assert_allclose(C, wanted[0], rtol=1.0e-9, atol=1.0e-11)
-    np.testing.assert_allclose(bounds[0], wanted[1], rtol=1.0e-9, atol=1.0e-8)
-    assert (bounds[1] == np.inf).all()
-    np.testing.assert_array_equal(shown, wanted[2])
-    assert changed == (shown != before).any()
-    assert not fill_apart(table.table, len(near), A, T, MARGIN, C, *bounds)  # the second time
-    np.testing.assert_array_equal(block[:, nv:], rest)
+    def found(*args):
+        near = find(*args)
+        if spoilt:
+            limit._distances[near[0]] = np.nan
+        return near
+
+    limit._find = found
+    block, lower, upper = rng.normal(size=(rows, model.nv + 3)), rng.normal(size=rows), rng.normal(size=rows)
+    C, rest = block[:, : model.nv], block[:, model.nv :].copy()
+    limit.fill(dynamics, T, C, lower, upper)
+    names, near = limit.names, limit._near[: limit.computed]
+    near = near[~(limit._distances[near] > limit._reach[: len(near)])]
+    J, rate, drift = limit._rows(dynamics, near)
+    ahead = max(T, limit.horizon)
+    bound = limit.bound(limit._distances[near], rate, ahead)
+    needed = ~(bound < -FASTER / ahead)
+    asks = dict(zip(near[needed].tolist(), (bound - drift)[needed].tolist(), strict=True))
+    ranked = sorted(asks, key=lambda pair: (np.isnan(asks[pair]), -asks[pair]))[:rows]
+    expected = sorted(ranked)
+    assert [limit._pair_names[pair] for pair in expected] == list(names[: len(expected)])
+    assert set(names[len(expected) :]) <= {"self_collision:unused"}
+    np.testing.assert_array_equal(lower[: len(expected)], [asks[pair] for pair in expected])
+    np.testing.assert_array_equal(C[: len(expected)], J[np.isin(near, expected)])
+    assert (lower[len(expected) :] == -np.inf).all()
+    assert not C[len(expected) :].any()
+    assert (upper == np.inf).all()
+    np.testing.assert_array_equal(block[:, model.nv :], rest)
+    if not spoilt:
+        limit.fill(dynamics, T, C, lower, upper)
+        assert limit.names is names  # the same pairs, the same names

@@ -4,7 +4,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.compiled import Bound
 from wbc_controller.inverse_dynamics.robot import dynamics_kernels as kernel
 
 NV, NF, FREE, NA = 11, 4, 5, 6
@@ -26,11 +25,11 @@ def test_the_rows_are_projections_of_the_equations_of_motion(seed, selects, shar
     before[3] = np.nan
     low, high = -limits * rng.random(NA), limits * rng.random(NA)
     lower, upper, bias = np.empty((3, NA))
-    bound = Bound(
-        len(columns), FREE, NA, NF, len(memory), NF + 2, starts, columns, split[rows, columns], damping, memory,
-        lower, upper, M, np.array([100.0]), np.stack([low, high, limits]), bias,
+    table = kernel.DynamicsRows(
+        starts=starts, columns=columns, values=split[rows, columns], damping=damping, rows=memory, first=NF + 2,
+        lower=lower, upper=upper, M=M, unit=100.0, available=np.stack([low, high, limits]), bias=bias,
     )  # fmt: skip
-    kernel.fill_dynamics(bound.table, h, v, before, share)
+    kernel.fill_dynamics(table, h, v, before, share)
     filled, projected = memory[NF + 2 :], split @ h
     held, step = (before, np.inf) if share < 0.0 else (np.clip(before, low, high), share * limits)
     least, most = (low, high) if share < 0.0 else (np.maximum(low, held - step), np.minimum(high, held + step))

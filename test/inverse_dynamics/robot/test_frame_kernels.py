@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.compiled import Bound
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.contacts.mount import Mount
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
-from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
+from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.tasks import (
     ComTask,
     FrameOrientationTask,
@@ -203,22 +203,27 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     mount, gains, still = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.ones(6), np.zeros(6)
     instruction = np.array([[kernel.FRAME, 0, 3, 0, 0, 3, 3, 0, 0, 0]])
     numbers = np.concatenate([mount, gains, wanted, still])
-    nothing, point, matrix, error = np.zeros((1, 1), dtype=np.int8), np.zeros(3), np.zeros((1, 6)), np.empty(3)
-    bound = Bound(
-        1, 3, len(numbers), 1, 3, 2, instruction, np.arange(3), numbers, placement[None], np.zeros((1, 12)), matrix,
-        nothing, point, point, point, matrix, matrix, still, np.empty((3, 2)), np.zeros(2),
+    point, matrix, error = np.zeros(3), np.zeros((1, 6)), np.empty(3)
+    motion = LinkMotion(
+        joints=placement[None], local_twists=matrix, local_accelerations=matrix, roots=np.zeros(0, dtype=np.int64),
+        root_wrenches=matrix, gravity=point, mass=1.0, com=point, centroidal=matrix, joint_twists=matrix,
+        moves=np.zeros((1, 1), dtype=np.int8), links=np.zeros((1, 12)), per_mass=matrix, com_velocity=point,
+        com_drift=point, drift=still,
     )  # fmt: skip
-    kernel.fill_rows(bound.table, np.zeros(1), np.zeros(1), error)
+    rows = kernel.FrameRows(
+        instructions=instruction, places=np.arange(3), numbers=numbers, motion=motion, out=np.empty((3, 2)),
+        minus_target=np.zeros(2),
+    )  # fmt: skip
+    kernel.fill_rows(rows, np.zeros(1), np.zeros(1), error)
     np.testing.assert_allclose(error, angle * axis, atol=1e-9 if angle < 3.1 else 1e-7)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_tables_are_pinocchios_own_memory(robot):
+def test_link_motion_holds_pinocchio_s_vectors(robot):
     dynamics, _ = moved(robot, 1)
-    data = dynamics._data
+    data, motion = dynamics._data, dynamics.motion
     for number, placement in enumerate(data.oMi):
         np.testing.assert_array_equal(dynamics.joints[number], [*placement.rotation.T.ravel(), *placement.translation])
-    for parts, rows in zip((data.v, data.a_gf, data.f), dynamics.bound._arrays[1:4], strict=True):
-        for part, row in zip(parts, rows, strict=True):
-            np.testing.assert_array_equal(part.vector, row)
-    assert not dynamics.joints.flags.writeable
+    for parts, rows in ((data.v, motion.local_twists), (data.a_gf, motion.local_accelerations)):
+        np.testing.assert_array_equal([part.vector for part in parts], rows)
+    np.testing.assert_array_equal([data.f[root].vector for root in motion.roots.tolist()], motion.root_wrenches)

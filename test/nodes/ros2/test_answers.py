@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from wbc_controller.controller.report import LatchedInputs, TakenRequests
 from wbc_controller.nodes.ros2 import answers
 from wbc_controller.nodes.ros2.answers import Answers
 from wbc_controller.records import Fault, Mode
@@ -20,7 +21,8 @@ def asked():
 
 
 def report(mode=Mode.INACTIVE, requests=(), refused=(), fault=None):
-    return SimpleNamespace(mode=mode, requests=requests, refused=refused, fault=fault)
+    inputs = LatchedInputs(state=None, joint_velocity=None, ages={}, requests=TakenRequests(commands=requests))
+    return SimpleNamespace(mode=mode, inputs=inputs, refused=refused, fault=fault)
 
 
 def test_cycles_that_have_not_taken_it_do_not_answer(asked):

@@ -94,8 +94,9 @@ def _old_states(controller):
     cycle = controller.cycle
     velocity = np.zeros(controller.model.nj)
 
-    def careless(now, state, joint_velocity, *, problem=None, **rest):
-        return cycle(now, state, velocity if joint_velocity is None else joint_velocity, **rest)
+    def careless(inputs):
+        measured = velocity if inputs.joint_velocity is None else inputs.joint_velocity
+        return cycle(inputs._replace(problem=None, joint_velocity=measured))
 
     controller.cycle = careless
     # The loop asks for the largest age as well.
@@ -145,13 +146,13 @@ def test_a_loop_that_takes_too_long_is_a_stall():
     def slow(controller):
         cycle = controller.cycle
 
-        def once(*arguments, **named):
+        def once(inputs):
             once.count += 1
             if once.count == 40:
                 began = time.thread_time()
                 while time.thread_time() - began < 0.025:
                     pass
-            return cycle(*arguments, **named)
+            return cycle(inputs)
 
         once.count = 0
         controller.cycle = once
@@ -166,9 +167,9 @@ def test_a_reason_that_a_fault_does_not_have_is_a_violation():
     def stops(controller):
         cycle = controller.cycle
 
-        def stopped(now, *arguments, requests=(), **named):
+        def stopped(inputs):
             stopped.count += 1
-            return cycle(now, *arguments, requests=("estop",) if stopped.count == 40 else requests, **named)
+            return cycle(inputs._replace(requests=("estop",)) if stopped.count == 40 else inputs)
 
         stopped.count = 0
         controller.cycle = stopped

@@ -134,8 +134,8 @@ class TestWhatIsBrokenIsFound:
     def test_a_refused_message_that_changes_the_mode(self, monkeypatch):
         original = ControlCycle.cycle
 
-        def broken(self, *arguments, requests=(), **others):
-            result = original(self, *arguments, requests=requests, **others)
+        def broken(self, inputs):
+            result = original(self, inputs)
             if any("is unknown" in sentence for sentence in result.refused):
                 self.supervisor.request("damp", 0.0, None)
             return dataclasses.replace(result, mode=self.mode)

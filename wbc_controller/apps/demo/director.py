@@ -16,10 +16,11 @@ from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
-from wbc_controller.middleware.codec import decode, encode, header, header_time, message, stamp
-from wbc_controller.middleware.decoding import read_odometry
-from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.setpoints import setpoint_message, vector, wrench_stamped
+from wbc_controller.middleware.stamps import header_time
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.recording.report.run_record import Event
@@ -126,7 +127,8 @@ class Director:
         self._frames = frames
         self._com = com
         self._data = model.pinocchio.createData()
-        self._order = JointOrder(model.joints)
+        self._joint_reader = JointStateReader(model.joints, "position")
+        self._base_reader = OdometryReader(model.base_link)
         self._advance = advance
         self._say = say
         self._publish: dict[tuple[str, str, str], Publish] = {}
@@ -235,8 +237,8 @@ class Director:
         model = self._model
         base: tuple[Array, ...] = ()
         if model.floating_base:
-            base = read_odometry(self.log.last("mock", "odom"), model.base_link)
-        (position,) = self._order.columns(self.log.last("mock", "joint_states"), "position")
+            base = self._base_reader.read(self.log.messages["mock", "odom", ""][-1])[1:]
+        position = self._joint_reader.read(self.log.messages["mock", "joint_states", ""][-1]).position
         return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:

@@ -12,9 +12,10 @@ import pinocchio as pin
 from wbc_controller.apps.demo.director import Director, Log, Window
 from wbc_controller.apps.demo.scenario import Scenario
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, header_time
-from wbc_controller.middleware.decoding import read_odometry
-from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.stamps import header_time
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.recording.columns import AUDIT_COLUMNS
 from wbc_controller.recording.report.run_record import Recording, Result, supports_of, vertical_on_base
 from wbc_controller.records import Array
@@ -86,7 +87,7 @@ def make_recording(
 
 def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
     """Times (n,) and configurations (n, nq) from joint states and the base states of the same stamps."""
-    order = JointOrder(model.joints)
+    joints, bases = JointStateReader(model.joints, "position"), OdometryReader(model.base_link)
     odometry = {header_time(payload): payload for payload in log.messages.get(("mock", "odom", ""), ())}
     times, configurations = [], []
     last = -np.inf
@@ -94,10 +95,10 @@ def _states(log: Log, model: RobotModel) -> tuple[Array, Array]:
         time = header_time(payload)
         if time <= last or (model.floating_base and time not in odometry):
             continue
-        (position,) = order.columns(decode(payload, "sensor_msgs/msg/JointState"), "position")
+        position = joints.read(payload).position
         base: tuple[Array, ...] = ()
         if model.floating_base:
-            base = read_odometry(decode(odometry[time], "nav_msgs/msg/Odometry"), model.base_link)
+            base = bases.read(odometry[time])[1:]
         q, _ = model.state(position, np.zeros(model.nj), *base)
         times.append(time)
         configurations.append(q)

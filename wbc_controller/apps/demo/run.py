@@ -26,7 +26,7 @@ from wbc_controller.apps.demo.scenario import SCENARIOS, Scenario
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import header_time
+from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.topics import MOCK_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport

@@ -15,9 +15,10 @@ from wbc_controller.apps.terminal.status_view import Heard
 from wbc_controller.apps.terminal.watching import Watch
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.decoding import READERS, stamp_of
-from wbc_controller.middleware.joint_order import JointOrder
-from wbc_controller.middleware.states import JointStateReader, OdometryReader, StateReader
+from wbc_controller.middleware.decoding import READERS
+from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
+from wbc_controller.middleware.stamps import stamp_of
+from wbc_controller.middleware.states import BaseState, OdometryReader
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
@@ -42,15 +43,13 @@ class Listener:
         self._session, self._robot = session, robot
         model, settings = robot.model, robot.settings
         measured = settings.estimation.joint_velocity == "measured"
-        self._joints = _Stream(
-            session.poll("controller", "joint_states"), JointStateReader(model.joints, velocities=measured)
-        )
+        columns = ("position", "velocity") if measured else ("position",)
+        self._joints = _Stream(session.poll("controller", "joint_states"), JointStateReader(model.joints, *columns))
         self._base = _Stream(session.poll("controller", "odom"), OdometryReader(model.base_link))
         self._commands = session.poll("controller", "joint_commands")
         self._wrenches = {name: session.poll("controller", "contact_wrench", name) for name in settings.contacts}
         self._command: tuple[int, Array] | None = None
         self._forces: dict[str, tuple[int, Array]] = {}
-        self._order = JointOrder(model.joints)
         self._vocabulary = make_vocabulary(settings, model)
         self._watch = Watch(session, settings)
         self._heard: Heard | None = None
@@ -62,25 +61,25 @@ class Listener:
         model = self._robot.model
         self._joints.look()
         self._base.look()
-        stamp, position, velocity = self._joints.newest or (0, model.posture, np.zeros(model.nj))
-        pose = self._base.newest if model.floating_base else None
-        velocity = velocity if len(velocity) else np.zeros(model.nj)  # that of a robot which measures none is not shown
-        q, v = model.state(position, velocity, *((pose[1], pose[2]) if pose is not None else ()))
-        if model.floating_base and pose is None:
+        joints: JointStates = self._joints.newest or JointStates(stamp=0, position=model.posture)
+        base: BaseState | None = self._base.newest if model.floating_base else None
+        velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)  # 0 if not measured
+        q, v = model.state(joints.position, velocity, *((base.pose, base.twist) if base is not None else ()))
+        if model.floating_base and base is None:
             q = self._standing.on_contacts(q)
         mode = self._session.mode()
         return Moment(
-            stamp=stamp,
+            stamp=joints.stamp,
             age=self._joints.age(),
             q=q,
             v=v,
             mode=mode,
-            torques=self._torques(stamp),
-            forces=self._contact_forces(stamp) if mode.startswith("active") else {},
+            torques=self._torques(joints.stamp),
+            forces=self._contact_forces(joints.stamp) if mode.startswith("active") else {},
             references=self._references() if mode.startswith(FOLLOWING) else None,
             heard=self._heard,
             silence=time.monotonic() - self._spoke,
-            base_measured=pose is not None or not model.floating_base,
+            base_measured=base is not None or not model.floating_base,
         )
 
     def look(self) -> list[str]:
@@ -139,7 +138,7 @@ class _Stream:
 
     def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
         self._poll, self._reader = poll, reader
-        self.newest: tuple[int, Array, Array] | None = None
+        self.newest: Any = None  # the record of the reader
         self._came = -np.inf
 
     def look(self) -> None:

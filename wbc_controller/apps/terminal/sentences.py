@@ -245,9 +245,10 @@ def _heading(hear: Hear, turned: bool) -> Array:
         return np.eye(3)
     odometry = hear("mock", "odom", "")
     # What reads messages brings the whole controller with it, for which `wbc --help` and completion would wait.
-    from wbc_controller.middleware.decoding import read_odometry
+    from wbc_controller.middleware.codec import encode
+    from wbc_controller.middleware.states import OdometryReader
 
-    x, y, z, w = read_odometry(odometry, odometry.child_frame_id)[0][3:]
+    x, y, z, w = OdometryReader(odometry.child_frame_id).read(encode(odometry)).pose[3:]
     cosine, sine = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w)
     length = float(np.hypot(cosine, sine)) or 1.0
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, length]]) / length

@@ -12,7 +12,8 @@ from typing import Any
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal.sentences import Request
 from wbc_controller.errors import WbcError
-from wbc_controller.middleware.codec import decode, encode, header_time
+from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.topics import (
     CONTROLLER_TOPICS,
     ESTIMATOR_NODE,

@@ -8,17 +8,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.compiled import Bound
 from wbc_controller.inverse_dynamics.limits.limit import RowLimit
-from wbc_controller.inverse_dynamics.limits.self_collision_kernels import (
-    DISTANCE,
-    RESULT,
-    SECOND,
-    acceleration_apart,
-    fill_apart,
-    near_pairs,
-)
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, in_one_piece, moved_by, placement_table
+from wbc_controller.inverse_dynamics.limits.self_collision_kernels import ShapePairs, distance_rows, near_pairs
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, moved_by
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -111,49 +103,81 @@ class SelfCollisionLimit(RowLimit):
             request.gjk_tolerance = _GJK_TOLERANCE
             request.gjk_initial_guess = coal.GJKInitialGuess.CachedGuess
         shapes, moves = list(geometry.geometryObjects), moved_by(model.pinocchio)
-        self._pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs], dtype=np.int64)
+        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        self._pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         self._pair_names = tuple(f"self_collision:{shapes[a].name}/{shapes[b].name}" for a, b in self._pairs)
-        # In the memory that Pinocchio and coal overwrite.
-        self._shapes, self._results = placement_table(self._data.oMg), _results(model, geometry, self._data)
         links = np.array([shape.parentJoint for shape in shapes], dtype=np.int64)
         radii = [_radius(shape.geometry) for shape in shapes]
-        mounts = np.column_stack([[shape.placement.translation for shape in shapes], radii])
         reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, radii, strict=True)])
-        *levers, self._ends = _levers(moves, links, reach, self._pairs)
-        constants = np.array([_FASTER, RETURN_SPEED, _RESERVE])
-        # What compiled code works on, beside a snapshot's terms, and what it remembers and finds (`near_pairs`).
-        self._told = self._pairs, self._ends, *levers, _places(model.pinocchio), links, mounts, constants
-        count, room = len(self._pairs), len(levers[-1]) + 1
-        self._seen, self._least = np.full(model.nq, np.nan), np.full(count, np.nan)
-        self._sums, self._near = np.zeros((room, 2)), np.zeros(count, dtype=np.int64)
-        self._shown = np.full(count, -1, dtype=np.int64)
-        self._memory = (
-            self._seen, self._least, self._sums, self._near,
-            np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros((count, model.nv)),
-            np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64), self._shown,
-        )  # fmt: skip
-        self._bound_of: Dynamics | None = None
-        self._bound: Bound
+        starts, components, levers, ends = _levers(moves, links, reach, self._pairs)
+        count = len(self._pairs)
+        self._distances, self._normals = np.full(count, np.nan), np.zeros((count, 3))
+        self._nearest = np.zeros((2, count, 3))  # nearest points on the first and the second shape of each pair
+        self._near, self._reach, self._least = np.zeros(count, dtype=np.int64), np.zeros(count), np.full(count, np.nan)
+        #: Fields of `ShapePairs` beside a snapshot's motion.
+        self._fields = {
+            "shape_links": links,
+            "mounts": np.column_stack([[shape.placement.translation for shape in shapes], radii]),
+            "pairs": self._pairs,
+            "starts": starts,
+            "components": components,
+            "levers": levers,
+            "places": _places(model.pinocchio),
+            "ends": ends,
+            "faster": _FASTER,
+            "normals": self._normals,
+            "first": self._nearest[0],
+            "second": self._nearest[1],
+            "seen": np.full(model.nq, np.nan),
+            "least": self._least,
+            "sums": np.zeros((len(levers) + 1, 2)),
+            "near": self._near,
+            "reach": self._reach,
+        }
+        self._table: ShapePairs | None = None
+        self._shown: list[int] = []  # the pairs of the rows
         self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows and bounds for one state."""
+        """Write the rows and bounds for one state.
+
+        The rows are in the order of the pairs: while the set of pairs stays the same each pair keeps its row, and the
+        solver its warm start. If there are more pairs than rows, those with the largest required d̈ have a row.
+        """
+        rows[:], lower[:], upper[:] = 0.0, -np.inf, np.inf
         ahead = max(period, self.horizon)
-        count = self.computed = self._find(dynamics, ahead)
-        wanted = self.acceleration, ahead, self.margin + INEXACT
-        changed = fill_apart(self._bound.table, count, *wanted, rows, lower, upper)
-        if changed or len(self.names) != len(lower):
-            names = [self._pair_names[i] if i >= 0 else _UNUSED for i in self._shown[: len(lower)].tolist()]
+        near = self._find(dynamics, ahead)
+        near = near[~(self._distances[near] > self._reach[: len(near)])]
+        shown: list[int] = []
+        if len(near):
+            J, rate, drift = self._rows(dynamics, near)
+            bound = self.bound(self._distances[near], rate, ahead)
+            needed = np.flatnonzero(~(bound < -_FASTER / ahead))
+            bound = bound[needed] - drift[needed]
+            most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
+            rows[: len(most)], lower[: len(most)] = J[needed[most]], bound[most]
+            shown = near[needed[most]].tolist()
+        if shown != self._shown or len(self.names) != len(lower):
+            self._shown = shown
+            names = [self._pair_names[i] for i in shown]
             self.names = (*names, *(_UNUSED,) * (len(lower) - len(names)))
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
-        """Lower bound of d̈, (k,) in m/s², for pairs with given distances, (k,) in m, and rates ḋ, (k,) in m/s."""
-        found = np.empty(len(distance))
-        acceleration_apart(
-            distance, rate, self.margin + INEXACT, self.acceleration, ahead, RETURN_SPEED, _RESERVE * self.acceleration,
-            found,
-        )  # fmt: skip
-        return found
+        """Return the lower bound of d̈ that leaves room to stop before the margin, (-ḋ - w_max) / T, NaN if d or ḋ is.
+
+        Args:
+            distance: d, (k,) in m.
+            rate: ḋ, (k,) in m/s.
+            ahead: T, s.
+
+        Returns:
+            (k,) in m/s².
+        """
+        A, room = self.acceleration, distance - (self.margin + INEXACT) + ahead * rate
+        reach = A * ahead
+        braking = np.sqrt(reach**2 + 2.0 * A * np.maximum(room, 0.0)) - reach
+        fastest = np.where(room > 0.0, braking, np.maximum(room / ahead, -RETURN_SPEED))
+        return np.minimum((-rate - fastest) / ahead, _RESERVE * A)
 
     def distances(self, dynamics: Dynamics) -> dict[str, float]:
         """Distance of every pair at one state, m, by row name."""
@@ -167,43 +191,31 @@ class SelfCollisionLimit(RowLimit):
         request.cached_gjk_guess, request.cached_support_func_guess = _GUESS
         return pin.computeDistance(self._geometry, self._data, pair)
 
-    def _find(self, dynamics: Dynamics, ahead: float) -> int:
-        """Compute the distances of the pairs that may need a row, the first ones of `_near`; gives their number."""
-        if dynamics is not self._bound_of:
-            self._bind(dynamics)
-        count: int = near_pairs(
-            self._bound.table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + INEXACT
-        )
+    def _find(self, dynamics: Dynamics, ahead: float) -> np.ndarray:
+        """Compute the distances of the pairs that may need a row, and return these pairs in order."""
+        table = self._bind(dynamics)
+        count = near_pairs(table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + INEXACT)
+        self.computed, near = count, self._near[:count]
         if count:
             dynamics.place(self._geometry, self._data)
-            for i in self._near[:count].tolist():
-                self._distance(i)
-        return count
+        for i in near.tolist():
+            result = self._distance(i)
+            self._distances[i] = self._least[i] = result.min_distance
+            self._normals[i] = result.normal
+            self._nearest[0, i], self._nearest[1, i] = result.getNearestPoint1(), result.getNearestPoint2()
+        return near
 
-    def _bind(self, dynamics: Dynamics) -> None:
-        """Tell compiled code where a snapshot's terms are."""
-        joints, links, twists, moves, *_ = dynamics.terms
-        k, n, nv, nq = len(self._pairs), len(links), len(twists), len(self._seen)
-        sizes = k, len(self._shapes), n, nv, nq, len(self._sums) - 1
-        terms = joints, links, twists, moves, self._shapes, self._results
-        self._bound_of, self._bound = dynamics, Bound(*sizes, *self._told, *terms, *self._memory)
+    def _rows(self, dynamics: Dynamics, pairs: np.ndarray) -> tuple[Array, Array, Array]:
+        """Return J_d, (k, nv), ḋ, (k,) in m/s, and δ, (k,) in m/s², of pairs whose distances have been computed."""
+        rows, rates, drifts = np.empty((len(pairs), dynamics.model.nv)), np.empty(len(pairs)), np.empty(len(pairs))
+        distance_rows(self._bind(dynamics), pairs, rows, rates, drifts)
+        return rows, rates, drifts
 
-
-def _results(model: RobotModel, geometry: pin.GeometryModel, data: pin.GeometryData) -> Array:
-    """What coal finds of each pair, (pairs, `RESULT`), in its memory: to ask for it takes a microsecond for each pair.
-
-    Raises:
-        RuntimeError: where this release lays that memory out in another way.
-    """
-    table = in_one_piece([result.cached_gjk_guess for result in data.distanceResults], RESULT)
-    q = model.configuration(model.posture)
-    pin.updateGeometryPlacements(model.pinocchio, model.pinocchio.createData(), geometry, data, q)
-    for i in range(len(table)):
-        answer = pin.computeDistance(geometry, data, i)
-        told = answer.min_distance, *answer.normal, *answer.getNearestPoint1(), *answer.getNearestPoint2()
-        if not np.array_equal(table[i, DISTANCE : SECOND + 3], told, equal_nan=True):
-            raise RuntimeError(f"coal {coal.__version__} does not keep what it finds of two shapes in the known order")
-    return table
+    def _bind(self, dynamics: Dynamics) -> ShapePairs:
+        """Return the pairs for a snapshot."""
+        if self._table is None or self._table.motion is not dynamics.motion:
+            self._table = ShapePairs(motion=dynamics.motion, **self._fields)
+        return self._table
 
 
 def _levers(

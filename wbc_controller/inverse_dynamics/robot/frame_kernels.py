@@ -67,7 +67,7 @@ class FrameRows(Struct):
 
 
 @part
-def _contact_rows(motion: LinkMotion, link: int, other: int, mount: Array, rows: Array, out: Array) -> None:
+def _contact_rows(motion: LinkMotion, link: int, other: int, mount: Array, rows: Indices, out: Array) -> None:
     """Fill rows of the twist ν of a contact frame C relative to a link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
     With X the transform of a twist of B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B) (`contacts.mount`).
@@ -136,7 +136,7 @@ def _momentum_rows(motion: LinkMotion, out: Array) -> None:
 
 @part
 def _frame_rows(
-    motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Array, out: Array, error: Array
+    motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Indices, out: Array, error: Array
 ) -> None:
     """Fill rows of a task on a frame's position, orientation or both, in world axes.
 
@@ -176,7 +176,7 @@ def _frame_rows(
 
 
 @part
-def _frame_jacobian(motion: LinkMotion, link: int, p: Vector3, first: int, rows: Array, out: Array) -> None:
+def _frame_jacobian(motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array) -> None:
     """Fill J of a frame's selected components: columns of the joints that move the link, at the point p."""
     column = np.empty(6)
     for j in range(len(motion.joint_twists)):
@@ -214,7 +214,7 @@ def _rotation_error(frame: Array, reference: Array) -> Vector3:
 
 
 @part
-def _com_rows(motion: LinkMotion, numbers: Array, rows: Array, out: Array, error: Array) -> None:
+def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, error: Array) -> None:
     """Fill rows of a task on the centre of mass; `numbers`: K, D, position, velocity, acceleration, (3,) each."""
     for i in range(len(rows)):
         k = rows[i]
@@ -226,7 +226,9 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Array, out: Array, error
 
 
 @part
-def _joint_targets(q: Array, v: Array, numbers: Array, places: Array, count: int, target: Array, error: Array) -> float:
+def _joint_targets(
+    q: Array, v: Array, numbers: Array, places: Indices, count: int, target: Array, error: Array
+) -> float:
     """Write targets of single accelerations of joints, from their positions (`tasks.posture`, `formulation.cost`).
 
     Args:

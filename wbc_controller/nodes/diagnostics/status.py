@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import diagnostics
-from wbc_controller.records import Array, CycleReport, Disturbance, Mode, Solution
+from wbc_controller.records import Array, Disturbance, Mode, Solution
 
 #: Times that are sorted in one piece of the message, and those of one stage more.
 _AT_ONCE = 500
@@ -103,7 +104,7 @@ class StatusSummary:
             span.relaxed.update(solution.relaxed)
         if report.refused:
             span.refused += report.refused
-        self._taken += report.taken
+        self._taken += report.inputs.requests.total
 
     def compose(self, wall: int, short: Sequence[str] = ()) -> Generator[None, None, Any]:
         """Make the message of the reports collected so far, piece by piece, and begin to collect anew.
@@ -152,9 +153,9 @@ class StatusSummary:
                     "forces that the model lacks are at their bound (estimation.disturbance_share) at "
                     f"{', '.join(beside.at_bound)}: a wrong mass, torques that do not arrive as sent, or a steady push"
                 )
-        values |= last.estimate
-        if "pose/contradiction" in last.estimate:
-            warnings.append(last.estimate["pose/contradiction"])
+        values |= last.inputs.estimate
+        if "pose/contradiction" in last.inputs.estimate:
+            warnings.append(last.inputs.estimate["pose/contradiction"])
         yield
         level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
         if last.fault is not None:
@@ -194,8 +195,10 @@ def _of_cycles(span: _Span) -> dict[str, str]:
         "cycles": str(span.count),
         "deadlines_missed": str(last.deadlines_missed),
     }
-    values |= {f"age/{name}": f"{age:.4f} s" for name, age in last.ages.items()}
-    values |= {f"task_weight/{name}": f"{weight:.5g}" for name, weight in last.weights.items()}
+    values |= {f"age/{name}": f"{age:.4f} s" for name, age in last.inputs.ages.items()}
+    if last.result.references is not None:
+        weights = last.result.references.weights
+        values |= {f"task_weight/{name}": f"{weight:.5g}" for name, weight in weights.items()}
     return values
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from wbc_controller.records import CycleReport, Mode
+from wbc_controller.controller.report import CycleReport
+from wbc_controller.records import Mode
 
 #: Command of each service, and the modes that confirm it (empty: any mode).
 SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
@@ -61,7 +62,9 @@ class _Waiting:
     def observe(self, report: CycleReport) -> bool:
         """Process the report of a cycle; returns whether the command is answered."""
         self._cycles += 1
-        if self._word not in report.requests:  # it is read on another thread, which may take some cycles
+        if (
+            self._word not in report.inputs.requests.commands
+        ):  # it is read on another thread, which may take some cycles
             if self._cycles < _LONGEST_WAIT:
                 return False
             self.answer(False, f"command {self._word!r} was not taken within {self._cycles} cycles; send it again")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.recording.layout import MODES
 from wbc_controller.recording.plain import from_json
@@ -134,12 +135,14 @@ class Replay:
             self.controller.live.adopt(self.recorded.configured(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.number_of("has_joint_velocity") else None
         return self.controller.cycle(
-            cycle.number_of("now"),
-            state,
-            velocity,
-            problem=event.get("problem"),
-            requests=event.get("requests", ()),
-            changes=[tuple(each) for each in event.get("changes", ())],
+            CycleInputs(
+                now=cycle.number_of("now"),
+                state=state,
+                joint_velocity=velocity,
+                problem=event.get("problem"),
+                requests=tuple(event.get("requests", ())),
+                changes=tuple(tuple(each) for each in event.get("changes", ())),
+            )
         )
 
 
@@ -168,4 +171,4 @@ def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[s
         ramp = ramps[name]
         if ramp.after > 0.0 and plan.weight > 0.0:
             ramps[name] = type(ramp)(ramp.start, ramp.duration, ramp.before, plan.weight)
-    return {"qp": None, "board": board, "supervisor": memory["supervisor"], "beside": fresh["beside"]}
+    return {"qp": None, "board": board, "supervisor": memory["supervisor"], "model_error": fresh["model_error"]}

@@ -214,7 +214,7 @@ class _Watch:
                 self._look()
 
     def _look(self) -> None:
-        state, true, estimator = self._rig.report.state, self._rig.answered, self._rig.estimator
+        state, true, estimator = self._rig.report.inputs.state, self._rig.answered, self._rig.estimator
         if true is None or estimator is None:
             return
         if state is None:

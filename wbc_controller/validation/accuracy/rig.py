@@ -11,13 +11,14 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import NoSolution
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.records import Array, CycleReport, Mode
+from wbc_controller.records import Array, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.faults.fault import Fault

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode
-from wbc_controller.records import Array, CycleReport, Mode
+from wbc_controller.records import Array, Mode
 from wbc_controller.settings import Settings
 
 #: Rounding that is no violation: a share of a limit, and a time in s.

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
 from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.report import CycleReport, LatchedInputs, TakenRequests
 from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.inputs import Inputs, Latched
+from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.simulated_clock import clock_of
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
-from wbc_controller.records import Array, CycleReport, Mode
+from wbc_controller.records import Array, Mode
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.fuzz.contents import ordinary
 from wbc_controller.validation.fuzz.target import (
@@ -43,23 +43,27 @@ class _Sieve:
 
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
-        self.passed: list[Latched] = []
+        self.passed: list[LatchedInputs] = []
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inputs, name)
 
-    def sift(self) -> Latched:
+    def sift(self) -> LatchedInputs:
         """Read what has come since the last call."""
         return self._inputs.latch()
 
-    def latch(self, holding: Collection[str], *, held: bool) -> Latched:
+    def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
         """The newest state, and the requests that were let through; as `Inputs.latch`."""
         passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
-        return dataclasses.replace(
-            passed[-1],
-            commands=tuple(word for latched in passed for word in latched.commands),
-            changes=tuple(change for latched in passed for change in latched.changes),
-            refused=tuple(sentence for latched in passed for sentence in latched.refused),
+        requests = [latched.requests for latched in passed]
+        return passed[-1]._replace(
+            refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
+            requests=TakenRequests(
+                commands=tuple(word for taken in requests for word in taken.commands),
+                changes=tuple(change for taken in requests for change in taken.changes),
+                refused=tuple(sentence for taken in requests for sentence in taken.refused),
+                total=requests[-1].total,
+            ),
         )
 
 
@@ -96,8 +100,8 @@ class ControllerTarget:
         self._command = next(topic for topic in self.topics.values() if topic.key == "command")
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
         self._tau = np.zeros(self._model.na)
-        self._refused: list[Latched] = []
-        self._accepted: list[Latched] = []
+        self._refused: list[LatchedInputs] = []
+        self._accepted: list[LatchedInputs] = []
         self._disturbed = False
         self.alive = True
         self._start()
@@ -147,7 +151,7 @@ class ControllerTarget:
             latched = self._sieve.sift()
         if self._clock.now() != now:
             self._disturbed = True
-        if latched.refused and (latched.commands or latched.changes):
+        if latched.refused and (latched.requests.commands or latched.requests.changes):
             raise Broken(f"a message on {topic.name} was refused, and is used all the same: {latched.refused}")
         if latched.refused:
             self._refused.append(latched)
@@ -170,8 +174,8 @@ class ControllerTarget:
         """Run the cycles of the messages that have been read; see `Target`."""
         if self._refused:
             self._see_refused(publish=True)
-        alone = [each for each in self._accepted if each.commands or _may_be_late(each)]
-        together = [each for each in self._accepted if not (each.commands or _may_be_late(each))]
+        alone = [each for each in self._accepted if each.requests.commands or _may_be_late(each)]
+        together = [each for each in self._accepted if not (each.requests.commands or _may_be_late(each))]
         self._accepted = []
         for batch in [*([each] for each in alone), *([together] if together else [])]:
             self._sieve.passed += batch
@@ -180,7 +184,7 @@ class ControllerTarget:
             late = [
                 sentence for sentence in report.refused if not sentence.startswith("/")
             ]  # others begin with a topic
-            if len(late) == sum(len(each.commands) + len(each.changes) for each in batch):
+            if len(late) == sum(len(each.requests.commands) + len(each.requests.changes) for each in batch):
                 self._see_unchanged(before, mode, report)  # refused after all, by what they met
             else:
                 self._disturbed = True
@@ -237,6 +241,6 @@ class ControllerTarget:
         return report
 
 
-def _may_be_late(latched: Latched) -> bool:
+def _may_be_late(latched: LatchedInputs) -> bool:
     """Whether a cycle may find that a trajectory is over."""
-    return any(isinstance(change, SetTrajectory) for changes in latched.changes for change in changes)
+    return any(isinstance(change, SetTrajectory) for changes in latched.requests.changes for change in changes)

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
-from wbc_controller.middleware.decoding import read_odometry
-from wbc_controller.middleware.joint_order import JointOrder
+from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
@@ -194,10 +194,10 @@ class Rig(Processes):
 
     def centre_of_mass(self) -> Array:
         """The robot's centre of mass in its newest state, (3,) in m."""
-        joints, base = (self.heard(f"mock/{key}")[-1][1] for key in ("joint_states", "odom"))
+        joints, base = (self.kept[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
         q = np.zeros(self.model.nq)
-        q[self.model.q_index], _ = JointOrder(self.model.joints).read(joints)
-        q[:7], _ = read_odometry(base, self.model.base_link)
+        q[self.model.q_index] = JointStateReader(self.model.joints).read(joints).position
+        q[:7] = OdometryReader(self.model.base_link).read(base).pose
         return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
     def heard(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.middleware.in_place import read_stamp
+from wbc_controller.middleware.stamps import header_stamp
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array
@@ -18,11 +18,6 @@ from wbc_controller.records import Array
 QUANTILES = (0.5, 0.99, 0.999)
 #: Time after which no more torques are awaited for the last state, s.
 _LAST = 0.1
-#: Where the stamp of a message stands that begins with its header.
-_STAMP = slice(0, 1)
-
-#: Seconds and nanoseconds of a stamp.
-Stamp = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +65,9 @@ def joined(parts: Sequence[RoundTrips]) -> RoundTrips:
 
 
 def round_trips(
-    states: Sequence[tuple[float, Stamp]],
+    states: Sequence[tuple[float, int]],
     efforts: Sequence[float],
-    commands: Iterable[tuple[float, Stamp]],
+    commands: Iterable[tuple[float, int]],
     period: float,
 ) -> RoundTrips:
     """Find the torques that belong to each state.
@@ -82,12 +77,12 @@ def round_trips(
     read after the command, the command itself counts, as it holds the same torques.
 
     Args:
-        states: when each state was sent, in s, and its stamp.
+        states: when each state was sent, in s, and its stamp, ns.
         efforts: when torques came, in s, ascending.
-        commands: when joint commands came, in s, ascending, and their stamps.
+        commands: when joint commands came, in s, ascending, and their stamps, ns.
         period: of the states, s.
     """
-    came: dict[Stamp, float] = {}
+    came: dict[int, float] = {}
     times, before = np.array(efforts), -np.inf
     asked = {stamp: when for when, stamp in states}
     for when, stamp in commands:
@@ -120,7 +115,7 @@ class Meter:
             return publish
 
         def timed(payload: bytes) -> None:
-            self._states.append((time.perf_counter(), read_stamp(payload, _STAMP)))
+            self._states.append((time.perf_counter(), header_stamp(payload)))
             publish(payload)
 
         return timed
@@ -133,7 +128,7 @@ class Meter:
             if endpoint.key == "effort":
                 self._efforts.append(now)
             else:
-                self._commands.append((now, read_stamp(payload, _STAMP)))
+                self._commands.append((now, header_stamp(payload)))
             callback(payload)
 
         self._transport.subscribe(endpoint, timed if endpoint.key in ("effort", "joint_commands") else callback)
@@ -176,9 +171,9 @@ class Meter:
         return functools.partial(round_trips, states, self._efforts.copy(), self._commands.copy(), period)
 
     def _forget(self) -> None:
-        self._states: list[tuple[float, Stamp]] = []
+        self._states: list[tuple[float, int]] = []
         self._efforts: list[float] = []
-        self._commands: list[tuple[float, Stamp]] = []
+        self._commands: list[tuple[float, int]] = []
 
 
 def _quantiles(values: Array) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from wbc_controller.controller.build.estimation import imu_frame
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, torques
-from wbc_controller.middleware.in_place import Template
+from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.realtime import apply

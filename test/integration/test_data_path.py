@@ -1,0 +1,112 @@
+"""The calls that a joint state passes, from the transport to the torque message, are those of `docs/data_path.py`.
+
+A function of the package is on the path if it receives the joint state, or data made from it, and returns data made
+from it, stores them (``-> None``), or passes them to such a function. The joint state is first the serialized message,
+then arrays, records of arrays, and at last the serialized torques. Checks, which return a flag, a number or a fault,
+are not on the path, nor are constructors of records, comprehensions, and calls within the transport.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import sys
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import numpy as np
+
+import wbc_controller
+
+ROOT = Path(wbc_controller.__file__).parent
+TRANSPORTS = "middleware/transports/"
+
+
+@dataclasses.dataclass
+class _Call:
+    """An active call: its frame, the function's name, and whether it has the data and is on the path."""
+
+    frame: FrameType
+    name: str
+    has_data: bool
+    on_path: bool = False
+
+
+class DataPath:
+    """Follows the data made from one message, by the identity of the objects, through the calls of the package.
+
+    Attributes:
+        calls: names of the functions on the path, in the order of their first calls; complete after the cycle.
+    """
+
+    def __init__(self, payload: bytes) -> None:
+        self.calls: list[str] = []
+        self._data = {id(payload): payload}  # keeps the objects, so that no other object gets their identity
+        self._active: list[_Call] = []
+        self._began: list[str] = []
+        self._found: set[str] = set()
+        self._sent = False
+
+    def profile(self, frame: FrameType, event: str, value: Any) -> None:
+        """Process an event of `sys.setprofile`."""
+        code = frame.f_code
+        file = Path(code.co_filename)
+        if self._sent or event not in ("call", "return") or not file.is_relative_to(ROOT):
+            return
+        if event == "call":
+            name = f"{file.relative_to(ROOT).as_posix()}:{code.co_qualname}"
+            arguments = [frame.f_locals[each] for each in _arguments(code)]
+            has_data = any(self._is_data(each) for each in arguments)
+            self._began.append(name)
+            self._active.append(_Call(frame, name, has_data))
+            if has_data and name.startswith(TRANSPORTS):
+                self._end()
+        elif self._active and self._active[-1].frame is frame:
+            call = self._active.pop()
+            makes = (call.has_data or self._is_data(value)) and self._add(value)
+            stores = call.has_data and value is None and _returns_nothing(file, code.co_qualname)
+            if makes and self._active:
+                self._active[-1].has_data = True
+            if makes or stores or call.on_path:
+                self._found.add(call.name)
+                if self._active:
+                    self._active[-1].on_path = True
+
+    def _end(self) -> None:
+        """End at the call of the transport that sends the torque message."""
+        self._sent = True
+        self._found.update(call.name for call in self._active)
+        names = dict.fromkeys(name for name in self._began if name in self._found)
+        self.calls = [name for name in names if not name.rpartition(":")[2].split(".")[-1].startswith(("<listc", "__"))]
+
+    def _is_data(self, value: Any) -> bool:
+        return id(value) in self._data or (isinstance(value, tuple | list) and any(id(v) in self._data for v in value))
+
+    def _add(self, value: Any) -> bool:
+        """Add the data in a value; return whether there are any."""
+        if isinstance(value, bytes) or (isinstance(value, np.ndarray) and value.size):
+            found = True
+        elif isinstance(value, tuple | list):
+            found = any([self._add(part) for part in value])
+        elif dataclasses.is_dataclass(value):
+            found = any([self._add(getattr(value, field.name)) for field in dataclasses.fields(value)])
+        else:
+            found = type(value).__module__.startswith("wbc_controller.inverse_dynamics")
+        if found:
+            self._data[id(value)] = value
+        return found
+
+
+def _arguments(code: CodeType) -> tuple[str, ...]:
+    """Return the names of a function's arguments, without ``self``."""
+    count = code.co_argcount + code.co_kwonlyargcount + bool(code.co_flags & inspect.CO_VARARGS)
+    names = code.co_varnames[:count]
+    return names[1:] if names[:1] == ("self",) else names
+
+
+def _returns_nothing(file: Path, qualified_name: str) -> bool:
+    function: Any = sys.modules[".".join(["wbc_controller", *file.relative_to(ROOT).with_suffix("").parts])]
+    for name in qualified_name.split("."):
+        function = getattr(function, name, None)
+    return getattr(function, "__annotations__", {}).get("return") == "None"

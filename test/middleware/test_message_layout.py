@@ -1,0 +1,61 @@
+"""Templates write the bytes of the codec, and layouts find the numbers of a message."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.message_layout import MessageLayout, Template
+from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
+
+
+def joint_state(names, position, velocity, effort, time=1):
+    arrays = (np.array(values, dtype=np.float64) for values in (position, velocity, effort))
+    fields = dict(zip(("position", "velocity", "effort"), arrays, strict=True))
+    return message("sensor_msgs/msg/JointState", header=header(time), name=list(names), **fields)
+
+
+@settings(max_examples=100)
+@given(st.integers(1, 2**31 * 10**9 - 1), st.lists(st.floats(width=64), min_size=6, max_size=6))
+def test_templates_write_the_bytes_of_the_codec(time, values):
+    row = np.array(values)
+    effort = Template(torques(np.zeros(6)), ["data"])
+    assert effort.write(time, row) == encode(torques(row))
+    joints = Template(joint_state("abcdef", [0] * 6, [0] * 6, [0] * 6), ["position"], ["velocity"], ["effort"])
+    expected = encode(joint_state("abcdef", row, row[::-1], -row, time))
+    assert joints.write(time, row, row[::-1], -row) == expected
+    wrench = Template(wrench_stamped(np.zeros(6), "foot"), WRENCH)
+    assert wrench.write(time, row) == encode(wrench_stamped(row, "foot", time))
+
+
+def test_numbers_of_another_size_are_not_written():
+    wrench = Template(wrench_stamped(np.zeros(6), "foot"), WRENCH[:3])
+    for size in (0, 1, 2, 4):
+        with pytest.raises(ValueError, match=f"{size} numbers for a field of 3"):
+            wrench.write(1, np.ones(size))
+    for values in ((), (np.ones(3), np.ones(1))):
+        with pytest.raises(ValueError, match=r"zip\(\) argument 2 is"):
+            wrench.write(1, *values)
+
+
+def test_slices_contain_the_numbers_of_consecutive_fields():
+    content = joint_state(["hip", "knee"], [1, 2], [3, 4], [])
+    layout, payload = MessageLayout(content), encode(content)
+    numbers = np.frombuffer(payload, offset=layout.start, count=layout.count)
+    assert numbers[layout.slice_of("velocity")].tolist() == [3, 4]
+    with pytest.raises(KeyError):
+        layout.slice_of("effort")  # empty
+    with pytest.raises(ValueError, match="position, velocity are not consecutive fields"):
+        layout.slice_of("position", "velocity")  # the size of the second array is between them
+
+
+def test_a_layout_fits_messages_with_other_numbers_only():
+    layout = MessageLayout(joint_state(["hip", "knee"], [1, 2], [3, 4], []))
+    assert layout.fits(encode(joint_state(["hip", "knee"], [5, 6], [7, 8], [], time=9)))
+    assert not layout.fits(encode(joint_state(["hip", "kneE"], [1, 2], [3, 4], [])))
+    assert not layout.fits(encode(joint_state(["hip", "knee"], [1, 2], [3, 4], [5, 6])))
+    text = message("std_msgs/msg/String", data="text")
+    assert MessageLayout(text).fits(encode(text))

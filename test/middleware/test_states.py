@@ -1,0 +1,295 @@
+"""Decoders of measured states: their numbers are those of the codec, and invalid messages are refused in words."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import decode, encode, header, message
+from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.odometry import pose_with_covariance
+from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader, PoseReader
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINTS = ("hip", "knee", "ankle")
+#: Any float, its bits as they are: NaN with a payload, -0.0 and denormals too.
+FLOATS = st.floats(width=64)
+TIMES = st.integers(1, 2**31 * 10**9 - 1)
+HALF = np.sqrt(0.5)
+NAN, INF = float("nan"), float("inf")
+
+
+def refused(said):
+    return pytest.raises(InputRefused, match=re.escape(said))
+
+
+def joint_state(names, position, velocity, effort=(), time=1, frame=""):
+    arrays = (np.array(values, dtype=np.float64) for values in (position, velocity, effort))
+    fields = dict(zip(("position", "velocity", "effort"), arrays, strict=True))
+    return message(JOINT_STATE, header=header(time, frame), name=list(names), **fields)
+
+
+def time_by_codec(content):
+    stamp = content.header.stamp
+    return stamp.sec * 10**9 + stamp.nanosec if stamp.sec >= 0 and stamp.nanosec < 10**9 else None
+
+
+def joints_by_codec(payload):
+    """Stamp and bytes of the arrays; None for an invalid message."""
+    try:
+        content = decode(payload, JOINT_STATE)
+    except InputRefused:
+        return None
+    names, time = content.name, time_by_codec(content)
+    arrays = (content.position, content.velocity)
+    if len(set(names)) < len(names) or not set(JOINTS) <= set(names) or any(len(a) != len(names) for a in arrays):
+        return None
+    own = [np.array([array[names.index(joint)] for joint in JOINTS]) for array in arrays]
+    return None if time is None or not np.isfinite(own).all() else (time, own[0].tobytes(), own[1].tobytes())
+
+
+def outcome(reader, payload):
+    """Stamp and bytes of the first two arrays; None for a refused message."""
+    try:
+        read = reader.read(payload)
+    except InputRefused:
+        return None
+    return read[0], read[1].tobytes(), read[2].tobytes()
+
+
+@st.composite
+def joint_states(draw):
+    """Messages whose names, sizes, frames and values now and then change."""
+    names = draw(st.sampled_from([JOINTS, JOINTS[::-1], (*JOINTS, "other"), ("hip", "knee"), ("a", "knee", "ankle")]))
+    size = st.lists(st.floats(-9, 9) if draw(st.integers(0, 4)) else FLOATS, min_size=len(names), max_size=len(names))
+    effort = draw(st.sampled_from([(), np.zeros(len(names))]))
+    content = joint_state(names, draw(size), draw(size), effort, draw(TIMES), draw(st.sampled_from(["", "base"])))
+    payload = bytearray(encode(content))
+    if draw(st.integers(0, 5)) == 0:
+        payload[draw(st.integers(0, len(payload) - 1))] ^= draw(st.integers(1, 255))
+    return bytes(payload)
+
+
+@settings(max_examples=300)
+@given(st.lists(joint_states(), min_size=1, max_size=5), st.lists(st.integers(0, 4), min_size=3, max_size=12))
+def test_joint_states_have_the_numbers_of_the_codec(made, order):
+    reader = JointStateReader(JOINTS)
+    for payload in (made[i % len(made)] for i in order):
+        assert outcome(reader, payload) == joints_by_codec(payload)
+
+
+@settings(max_examples=100)
+@given(st.lists(st.lists(st.floats(-2, 2), min_size=85, max_size=85), min_size=2, max_size=4), TIMES)
+def test_odometry_has_the_numbers_of_the_codec(make, rows, time):
+    reader = OdometryReader("pelvis")
+    for values in rows:
+        values[3:7] = [0.6, 0.0, 0.0, 0.8]
+        content = make.odom(values[:7], values[7:13], "pelvis", time)
+        content.pose.covariance[:] = values[13:49]
+        content.twist.covariance[:] = values[49:]
+        read = reader.read(encode(content))
+        assert read.stamp == time
+        np.testing.assert_allclose(read.pose, values[:7], rtol=0.0, atol=1e-15)
+        np.testing.assert_array_equal(read.twist, values[7:13])
+
+
+def imu(values, time=1, frame="pelvis"):
+    def vector(x, y, z):
+        return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+    content = message(
+        "sensor_msgs/msg/Imu",
+        header=header(time, frame),
+        orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
+        orientation_covariance=np.zeros(9),
+        angular_velocity=vector(*values[:3]),
+        angular_velocity_covariance=np.array(values[6:15]),
+        linear_acceleration=vector(*values[3:6]),
+        linear_acceleration_covariance=np.array(values[15:24]),
+    )
+    return encode(content)
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(
+        st.lists(
+            st.one_of(st.floats(-90, 90), st.sampled_from([-1.0, 0.0, 101.0, 2000.0, NAN, INF])),
+            min_size=24,
+            max_size=24,
+        ),
+        min_size=1,
+        max_size=6,
+    ),
+    TIMES,
+)
+def test_imu_data_have_the_numbers_of_the_codec(rows, time):
+    reader = ImuReader("pelvis")
+    for values in rows:
+        rates, forces = np.array(values[:3]), np.array(values[3:6])
+        good = values[6] != -1.0 and values[15] != -1.0
+        good = good and (np.abs(rates) <= 100.0).all() and (np.abs(forces) <= 1000.0).all()
+        expected = (time, rates.tobytes(), forces.tobytes()) if good else None
+        assert outcome(reader, imu(values, time)) == expected
+
+
+@pytest.mark.parametrize("what", ["angular_velocity", "linear_acceleration"])
+def test_an_imu_that_does_not_measure_is_refused(what):
+    content = decode(imu([0.0] * 24), "sensor_msgs/msg/Imu")
+    setattr(content, f"{what}_covariance", np.array([-1.0, *np.zeros(8)]))
+    with refused(f"{what}_covariance begins with -1: the IMU does not measure it"):
+        ImuReader("pelvis").read(encode(content))
+
+
+def test_data_in_a_wrong_frame_are_refused():
+    with refused("header.frame_id is 'torso'; the IMU's frame is 'pelvis'"):
+        ImuReader("pelvis").read(imu([0.0] * 24, frame="torso"))
+    with refused("header.frame_id is 'camera'; an absolute pose is given in world, map"):
+        PoseReader().read(encode(pose_with_covariance(1, "camera", np.array([0, 0, 0, 0, 0, 0, 1.0]), 0.1, 0.1)))
+    reader = ContactForceReader("foot", {"foot_link": np.array([0, 0, 1.0]), "": np.array([0, 1.0, 0])})
+    with refused("header.frame_id is 'hand'; the force at contact 'foot' is given in the axes of one of foot_link"):
+        reader.read(encode(wrench_stamped(np.zeros(6), "hand")))
+
+
+def test_the_normal_force_follows_the_frame_of_each_message():
+    reader = ContactForceReader("foot", {"foot_link": np.array([0, 0, 1.0]), "world": np.array([0, 1.0, 0])})
+    for frame, normal in (("foot_link", 3.0), ("world", 2.0), ("foot_link", 3.0), ("world", 2.0)):
+        read = reader.read(encode(wrench_stamped(np.arange(1.0, 7.0), frame, 7)))
+        assert (read.stamp, read.normal, read.force.tolist()) == (7, normal, [1, 2, 3])
+
+
+def test_equal_layouts_pass_the_codec_once(make, monkeypatch):
+    joints, odometry, asked = JointStateReader(JOINTS), OdometryReader("pelvis"), []
+    monkeypatch.setattr(
+        "wbc_controller.middleware.joint_states.decode", lambda *what: asked.append(what) or decode(*what)
+    )
+    for time in range(1, 6):
+        read = joints.read(encode(joint_state(JOINTS, [time] * 3, [0] * 3, time=time)))
+        assert (read.stamp, read.position[0]) == (time, time)
+        odometry.read(encode(make.odom([time, 0, 0, 0, 0, 0, 1], child="pelvis")))
+    assert len(asked) == 2
+    joints.read(encode(joint_state(JOINTS[::-1], [0] * 3, [0] * 3)))  # the same size, and another layout
+    assert len(asked) == 3
+
+
+def test_arrays_own_their_data():
+    reader, payload = JointStateReader(JOINTS), encode(joint_state(JOINTS, [1, 2, 3], [4, 5, 6]))
+    for _ in range(2):
+        read = reader.read(payload)
+        read.position[:] = read.velocity[:] = 0.0
+    assert reader.read(payload).position.tolist() == [1, 2, 3]
+
+
+def test_bytes_between_the_fields_are_ignored():
+    joints = ("hip", "knees", "ankle")
+    payload = bytearray(encode(joint_state(joints, [1, 2, 3], [4, 5, 6])))
+    payload[payload.index(b"knees\0") + 6] = 7
+    reader = JointStateReader(joints)
+    for _ in range(3):
+        assert reader.read(bytes(payload)).position.tolist() == [1, 2, 3]
+        assert reader.read(encode(joint_state(joints, [3, 2, 1], [4, 5, 6]))).position.tolist() == [3, 2, 1]
+
+
+class TestJointStates:
+    def read(self, content, reader=None):
+        return (reader or JointStateReader(JOINTS)).read(encode(content))
+
+    def test_values_are_matched_by_name_and_others_are_ignored(self, make):
+        _, q, v, _ = self.read(make.joint_state(["ankle", "x", "hip", "knee"], [3, NAN, 1, 2], [30, NAN, 10, 20]))
+        np.testing.assert_array_equal(q, [1, 2, 3])
+        np.testing.assert_array_equal(v, [10, 20, 30])
+
+    @pytest.mark.parametrize("columns", [("position",), ("effort",), ("velocity", "effort")])
+    def test_columns_that_are_not_read_may_be_missing(self, columns):
+        arrays = {column: np.array([2.0, 1.0]) for column in columns}
+        others = dict.fromkeys({"position", "velocity", "effort"} - set(columns), np.zeros(0))
+        content = message(JOINT_STATE, header=header(1), name=["knee", "hip"], **arrays, **others)
+        read = self.read(content, JointStateReader(("hip", "knee"), *columns))
+        assert [getattr(read, column).tolist() for column in columns] == [[1.0, 2.0]] * len(columns)
+        assert all(len(getattr(read, column)) == 0 for column in others)
+
+    @pytest.mark.parametrize("bad", [NAN, INF, -INF])
+    @pytest.mark.parametrize(("what", "unit"), [("position", "rad"), ("velocity", "rad/s")])
+    def test_a_value_that_is_not_finite_is_named(self, make, bad, what, unit):
+        arrays = {"position": [0.0, 0.0, 0.0], "velocity": [0.0, 0.0, 0.0]}
+        arrays[what][1] = bad
+        with refused(f"{what} of 'knee' is {bad} {unit}; every value must be finite"):
+            self.read(make.joint_state(JOINTS, **arrays))
+
+    def test_missing_joints_are_named_and_strange_names_too(self, make):
+        with refused(
+            "2 of 3 joints are missing: knee, ankle; names that are none of the controller's joints: nee, ancle"
+        ):
+            self.read(make.joint_state(["hip", "nee", "ancle"], [0] * 3, [0] * 3))
+        with refused("1 of 3 joints are missing: ankle"):
+            self.read(make.joint_state(["hip", "knee"], [0] * 2, [0] * 2))
+        with refused("3 of 3 joints are missing: hip, knee, ankle"):
+            self.read(make.joint_state([], []))
+
+    def test_a_joint_that_stands_twice_is_named(self, make):
+        with refused("joint 'knee' stands more than once"):
+            self.read(make.joint_state(["hip", "knee", "ankle", "knee"], [0] * 4, [0] * 4))
+
+    @pytest.mark.parametrize(
+        ("position", "velocity", "said"),
+        [
+            ([0, 0], [0, 0, 0], "position has 2 values for 3 names"),
+            ([0] * 4, [0, 0, 0], "position has 4 values for 3 names"),
+            ([], [0, 0, 0], "position has 0 values for 3 names"),
+            ([0, 0, 0], [], "velocity has 0 values for 3 names"),
+        ],
+    )
+    def test_arrays_of_a_wrong_size(self, make, position, velocity, said):
+        with refused(said):
+            self.read(make.joint_state(JOINTS, position, velocity))
+
+    @pytest.mark.parametrize(("seconds", "nanoseconds"), [(-1, 0), (0, 10**9)])
+    def test_an_invalid_time(self, make, seconds, nanoseconds):
+        content = make.joint_state(JOINTS, [0] * 3, [0] * 3)
+        content.header.stamp.sec, content.header.stamp.nanosec = seconds, nanoseconds
+        with refused(f"header.stamp has sec = {seconds}, nanosec = {nanoseconds}; sec is not negative"):
+            self.read(content)
+
+    def test_a_refused_message_changes_nothing_for_the_next(self, make):
+        reader, good = JointStateReader(JOINTS), make.joint_state(JOINTS[::-1], [3, 2, 1], [0, 0, 0])
+        for bad in (make.joint_state(["hip"], [0], [0]), make.joint_state(JOINTS, [0, 0], [0] * 3)):
+            np.testing.assert_array_equal(self.read(good, reader).position, [1, 2, 3])
+            with pytest.raises(InputRefused):
+                self.read(bad, reader)
+            np.testing.assert_array_equal(self.read(good, reader).position, [1, 2, 3])
+
+
+class TestOdometry:
+    def read(self, content):
+        return OdometryReader("pelvis").read(encode(content))
+
+    def test_pose_and_twist(self, make):
+        _, q, v = self.read(make.odom([1, 2, 3, 0, 0, HALF, HALF], [4, 5, 6, 7, 8, 9], "pelvis"))
+        np.testing.assert_allclose(q, [1, 2, 3, 0, 0, HALF, HALF])
+        np.testing.assert_array_equal(v, [4, 5, 6, 7, 8, 9])
+
+    def test_a_quaternion_that_is_nearly_one_is_made_one(self, make):
+        np.testing.assert_array_equal(self.read(make.odom([0, 0, 0, 0, 0, 0, 1.009])).pose[3:], [0, 0, 0, 1])
+
+    def test_another_child_frame_is_refused(self, make):
+        with refused("child_frame_id is 'torso'; the robot's base link is 'pelvis'"):
+            self.read(make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"))
+
+    @pytest.mark.parametrize(("quaternion", "norm"), [((0, 0, 0, 0), "0"), ((0, 0, 0, 2), "2"), ((1, 1, 0, 0), "1.41")])
+    def test_a_quaternion_that_is_none_is_refused(self, make, quaternion, norm):
+        with refused(f"is not a unit quaternion (norm {norm})"):
+            self.read(make.odom([0, 0, 0, *quaternion]))
+
+    @pytest.mark.parametrize("bad", [NAN, INF])
+    @pytest.mark.parametrize("place", range(13))
+    def test_a_value_that_is_not_finite_is_refused(self, make, bad, place):
+        values = np.array([0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], dtype=float)
+        values[place] = bad
+        with pytest.raises(InputRefused, match=rf"the (pose|twist) holds .* not finite: .*{bad}"):
+            self.read(make.odom(values[:7], values[7:]))

@@ -1,0 +1,147 @@
+"""Decoder of joint states, and the base class of all decoders of measured states."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.message_layout import MessageLayout
+from wbc_controller.middleware.stamps import header_stamp
+from wbc_controller.records import Array
+
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
+_NONE = np.zeros(0)
+
+
+class JointStates(NamedTuple):
+    """Measured joint states in the robot's joint order.
+
+    Attributes:
+        stamp: timestamp, ns.
+        position: (nj,) in rad; like the other arrays it is empty if the reader ignores it.
+        velocity: (nj,) in rad/s.
+        effort: (nj,) in N·m.
+    """
+
+    stamp: int
+    position: Array = _NONE
+    velocity: Array = _NONE
+    effort: Array = _NONE
+
+
+class StateReader(ABC):
+    """Decoder of one stream of states.
+
+    The first message of a layout, i.e. with new text or array sizes, passes the codec, and its text is checked. The
+    offsets of its arrays hold for all messages of this layout: only their numbers are read and checked.
+    """
+
+    type: str
+    #: The arrays that are read, each as the paths of consecutive fields.
+    arrays: tuple[tuple[str, ...], ...]
+
+    def __init__(self) -> None:
+        self._layout: MessageLayout | None = None
+        self._slices: list[slice] = []
+
+    @abstractmethod
+    def read(self, payload: bytes) -> Any:
+        """Decode and check a serialized message.
+
+        Returns:
+            The named tuple of this stream, with arrays that own their data.
+
+        Raises:
+            InputRefused: if the bytes are not a message of this type and robot, or a value or the timestamp is invalid.
+        """
+
+    @abstractmethod
+    def _check_text(self, content: Any) -> None:
+        """Raise `InputRefused` if names, frames or array sizes of a decoded message are invalid."""
+
+    def _decode(self, payload: bytes) -> tuple[int, list[Array]]:
+        """Return the timestamp in ns, and views of the arrays in a serialized message.
+
+        Raises:
+            InputRefused: if the message has another type, invalid text or array sizes, or an invalid timestamp.
+        """
+        layout = self._layout
+        if layout is None or not layout.fits(payload):
+            content = decode(payload, self.type)
+            payload = encode(content)  # another writer may leave other bytes between the fields
+            if layout is None or not layout.fits(payload):
+                self._check_text(content)
+                layout = MessageLayout(content)
+                self._slices = [layout.slice_of(*paths) for paths in self.arrays]
+                self._layout = layout
+        numbers = np.frombuffer(payload, offset=layout.start, count=layout.count)
+        return header_stamp(payload), [numbers[place] for place in self._slices]
+
+
+class JointStateReader(StateReader):
+    """Decoder of sensor_msgs/JointState, matched by joint name; additional joints are ignored."""
+
+    type = "sensor_msgs/msg/JointState"
+
+    def __init__(self, joints: Sequence[str], *columns: str) -> None:
+        """Make a decoder.
+
+        Args:
+            joints: names of the robot's joints, in its order.
+            columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
+        """
+        super().__init__()
+        self._joints, self._columns = tuple(joints), columns or ("position", "velocity")
+        self.arrays = tuple((column,) for column in self._columns)
+        self._order = np.zeros(0, dtype=np.intp)  # index in the message of each of the robot's joints, (nj,)
+
+    def read(self, payload: bytes) -> JointStates:
+        """Decode and check a serialized message; see `StateReader.read`."""
+        stamp, arrays = self._decode(payload)
+        measured = [array[self._order] for array in arrays]
+        for column, values in zip(self._columns, measured, strict=True):
+            if not np.isfinite(values).all():
+                i = int(np.flatnonzero(~np.isfinite(values))[0])
+                raise InputRefused(
+                    f"{column} of {self._joints[i]!r} is {values[i]} {_UNITS[column]}; every value must be finite"
+                )
+        return JointStates(stamp, **dict(zip(self._columns, measured, strict=True)))
+
+    def _check_text(self, content: Any) -> None:
+        order = self._find(content.name)
+        for column in self._columns:
+            size = len(getattr(content, column))
+            if column == "velocity" and size == 0:
+                raise InputRefused(
+                    f"velocity has 0 values for {len(content.name)} names; for a robot that measures none, "
+                    "estimation.joint_velocity has to be differentiated"
+                )
+            if size != len(content.name):
+                raise InputRefused(f"{column} has {size} values for {len(content.name)} names")
+        self._order = order
+
+    def _find(self, names: Sequence[str]) -> np.ndarray:
+        """Return the index of each of the robot's joints in the names of a message, (nj,)."""
+        require_unique(names)
+        missing = [name for name in self._joints if name not in names]
+        if missing:
+            strange = [name for name in names if name not in self._joints]
+            unknown = f"; names that are none of the controller's joints: {', '.join(strange)}" if strange else ""
+            raise InputRefused(
+                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
+            )
+        places = {name: i for i, name in enumerate(names)}
+        return np.array([places[name] for name in self._joints], dtype=np.intp)
+
+
+def require_unique(names: Sequence[str]) -> None:
+    """Raise `InputRefused` if a joint is named more than once."""
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")

@@ -1,0 +1,153 @@
+"""Byte offsets of the numbers in serialized messages, to read and write them without the codec.
+
+The messages of a stream, such as joint states, differ only in their numbers: timestamp, floating-point fields and
+arrays of them. All other bytes, the text and the array sizes, form the layout.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import struct
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.middleware.codec import encode
+from wbc_controller.records import Array
+
+_STAMP = struct.Struct("<iI")
+#: Size of the encapsulation header, bytes. CDR aligns the numbers after it to multiples of eight.
+_START = 4
+#: Two values for the bytes of a message's numbers; bytes that differ between the two messages belong to numbers.
+_FILLINGS = (0x11, 0x22)
+
+
+class MessageLayout:
+    """Positions of the numbers in the serialized messages that have equal text and array sizes.
+
+    Attributes:
+        start: offset of the first number, bytes.
+        count: number of groups of eight bytes after it.
+    """
+
+    def __init__(self, content: Any) -> None:
+        """Find the numbers.
+
+        Args:
+            content: a message made by `middleware.codec.message` or `decode`.
+        """
+        first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
+        differs = first != second
+        number_bytes = np.flatnonzero(differs)
+        self._slices: dict[str, slice] = {}
+        seen = 0
+        for path, count in _numbers(content):
+            if count:
+                start = (int(number_bytes[seen]) - _START) // 8
+                self._slices[path] = slice(start, start + count)
+                seen += 8 * count
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], differs, [True]]))).reshape(-1, 2).tolist()
+        self._size, self.start, self.count = len(first), _START, (len(first) - _START) // 8
+        self._pieces = [slice(start, stop) for start, stop in edges]  # the bytes that belong to no number
+        self._constant = [first[piece].tobytes() for piece in self._pieces]
+
+    def fits(self, payload: bytes) -> bool:
+        """Return whether a serialized message has this layout."""
+        return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
+
+    def slice_of(self, *paths: str) -> slice:
+        """Return the slice of consecutive fields in the message, read as floating-point numbers from `start` on.
+
+        Args:
+            paths: such as ``position`` or ``pose.pose.position.x``. A timestamp counts as one number.
+
+        Raises:
+            KeyError: if the message has no such numbers.
+            ValueError: if the fields are not consecutive.
+        """
+        slices = [self._slices[path] for path in paths]
+        if any(before.stop != after.start for before, after in itertools.pairwise(slices)):
+            raise ValueError(f"{', '.join(paths)} are not consecutive fields of the message")
+        return slice(slices[0].start, slices[-1].stop)
+
+
+class Template:
+    """Serializes messages that differ only in their timestamp and some numbers."""
+
+    def __init__(self, content: Any, *fields: Sequence[str]) -> None:
+        """Serialize the message once.
+
+        Args:
+            content: a message of the layout; numbers that are not named in `fields` keep their values.
+            fields: the groups of numbers that `write` takes, each as the paths of consecutive fields.
+        """
+        layout = MessageLayout(content)
+        self._payload = bytearray(encode(content))
+        self._numbers = np.frombuffer(self._payload, offset=layout.start, count=layout.count)
+        self._stamp = _START + 8 * layout.slice_of("header.stamp").start if hasattr(content, "header") else None
+        self._fields = [layout.slice_of(*paths) for paths in fields]
+
+    def write(self, nanoseconds: int, *values: Array) -> bytes:
+        """Serialize a message.
+
+        Args:
+            nanoseconds: the timestamp, ns; ignored if the message has no header.
+            values: the numbers of each group of fields, in order.
+
+        Raises:
+            ValueError: if the number of groups, or the size of a group, differs from the message.
+        """
+        if self._stamp is not None:
+            _STAMP.pack_into(self._payload, self._stamp, *divmod(nanoseconds, 1_000_000_000))
+        for field, numbers in zip(self._fields, values, strict=True):
+            if len(numbers) != field.stop - field.start:
+                raise ValueError(f"{len(numbers)} numbers for a field of {field.stop - field.start}")
+            self._numbers[field] = numbers
+        return bytes(self._payload)
+
+
+def _is_message(value: object) -> bool:
+    return hasattr(value, "__msgtype__")
+
+
+def _is_stamp(value: Any) -> bool:
+    return getattr(value, "__msgtype__", "") == "builtin_interfaces/msg/Time"
+
+
+def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
+    """Yield the path of each field of numbers, in the order of serialization, and its size in units of eight bytes."""
+    for field in dataclasses.fields(content):
+        value, here = getattr(content, field.name), f"{path}{field.name}"
+        if isinstance(value, float):
+            yield here, 1
+        elif isinstance(value, np.ndarray) and value.dtype == np.float64:
+            yield here, value.size
+        elif _is_stamp(value):
+            yield here, 1
+        elif _is_message(value):
+            yield from _numbers(value, f"{here}.")
+        elif isinstance(value, list):
+            for i, item in enumerate(value):
+                if _is_message(item):
+                    yield from _numbers(item, f"{here}[{i}].")
+
+
+def _filled(content: Any, byte: int) -> Any:
+    """Return a copy of a message in which every byte of every number has one value."""
+    whole, number = (np.frombuffer(bytes([byte]) * 8, dtype=kind)[0].item() for kind in ("<u4", "<f8"))
+    changed: dict[str, Any] = {}
+    for field in dataclasses.fields(content):
+        value = getattr(content, field.name)
+        if isinstance(value, float):
+            changed[field.name] = number
+        elif isinstance(value, np.ndarray) and value.dtype == np.float64:
+            changed[field.name] = np.full(value.shape, number)
+        elif _is_stamp(value):
+            changed[field.name] = dataclasses.replace(value, **dict.fromkeys(("sec", "nanosec"), whole))
+        elif _is_message(value):
+            changed[field.name] = _filled(value, byte)
+        elif isinstance(value, list):
+            changed[field.name] = [_filled(item, byte) if _is_message(item) else item for item in value]
+    return dataclasses.replace(content, **changed)

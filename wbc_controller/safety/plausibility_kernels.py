@@ -1,0 +1,186 @@
+"""Comparison of a state with the one before it: jumps, frozen values and implausible values (`safety.plausibility`)."""
+
+from __future__ import annotations
+
+import math
+
+from wbc_controller.compilation import Indices, OutVector, StridedVector, Struct, Vector, compiled, part
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
+from wbc_controller.records import Array
+
+#: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
+#: within it, and the lag of a velocity filter adds up over it.
+MEMORY = 0.2
+#: Time between two states above which the velocities do not tell the motion between them, s.
+GAP = 0.05
+#: Σ of squares of mismatches, rad² and m², below which none is left.
+SETTLED = 1.0e-12
+#: Findings of `compare`, as a sum; 0 if all values move, or rest, as the velocities say.
+ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_REPEAT, BASE_REPEATS = 1, 2, 4, 8, 16, 32
+
+
+class StateMemory(Struct):
+    """Limits of states, and what is remembered of the states before.
+
+    Attributes:
+        q_index: index in q of each measured joint, (nj,).
+        v_index: index in v of each, (nj,).
+        base_q: index in q of the base's pose, (7,) or, for a fixed base, (0,).
+        base_v: index in v of the base's twist, (6,) or (0,).
+        magnitude: largest |q|.
+        fastest: largest |v|, (nv,).
+        tolerance: largest |x|, (nv,).
+        motionless: largest |u|, (nv,).
+        before: in place: configuration before, (nq,).
+        v_before: in place: generalized velocity before, (nv,).
+        mismatch: in place: x, (nv,).
+        untold: in place: u, (nv,).
+    """
+
+    q_index: Indices
+    v_index: Indices
+    base_q: Indices
+    base_v: Indices
+    magnitude: float
+    fastest: Vector
+    tolerance: Vector
+    motionless: Vector
+    before: OutVector
+    v_before: OutVector
+    mismatch: OutVector
+    untold: OutVector
+
+
+@part
+def _same(a: float, b: float) -> bool:
+    """Return True if two numbers that are not NaN have the same bits."""
+    return a == b and math.copysign(1.0, a) == math.copysign(1.0, b)
+
+
+@part
+def _repeats(before: Array, now: Array, index: Indices) -> bool:
+    """Return True if some values repeat bit for bit."""
+    for i in index:
+        if not _same(before[i], now[i]):
+            return False
+    return True
+
+
+@part
+def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices, v_index: Indices) -> bool:
+    """Return True if some positions and velocities repeat, and not all of these velocities are zero."""
+    moves = False
+    for i in v_index:
+        moves = moves or v[i] != 0.0
+    return moves and _repeats(memory.before, q, q_index) and _repeats(memory.v_before, v, v_index)
+
+
+@part
+def _is_absurd(memory: StateMemory, q: Array, v: Array) -> bool:
+    """Return True if a value is NaN or beyond its limit."""
+    for i in range(len(q)):
+        if not abs(q[i]) <= memory.magnitude:
+            return True
+    for i in range(len(v)):
+        if not abs(v[i]) <= memory.fastest[i]:
+            return True
+    return False
+
+
+@part
+def _rests(memory: StateMemory, q: Array, v: Array) -> bool:
+    """Return True if nothing moves, by values and by velocities, and no mismatch is left."""
+    squares = 0.0
+    for i in range(len(v)):
+        if v[i] != 0.0 or memory.v_before[i] != 0.0:
+            return False
+        squares += memory.mismatch[i] * memory.mismatch[i]
+    if not squares <= SETTLED:
+        return False
+    for i in range(len(q)):
+        if not _same(memory.before[i], q[i]):
+            return False
+    return True
+
+
+@part
+def _update_mismatch(memory: StateMemory, change: Array, v: Array, dt: float, known: bool) -> int:
+    """Update x ← (1 - Δt / T) x + Δq - Δt (v₁ + v₂) / 2; return ``JUMPED`` if it is beyond its tolerance.
+
+    If the motion in between is not known, x is the part of Δq beyond the reach of the largest velocities.
+    """
+    found = 0
+    for i in range(len(v)):
+        if known:
+            told = 0.5 * dt * (memory.v_before[i] + v[i])
+            memory.mismatch[i] = (1.0 - dt / MEMORY) * memory.mismatch[i] + (change[i] - told)
+        else:
+            reach = abs(dt) * memory.fastest[i]
+            memory.mismatch[i] = change[i] - clipped(change[i], -reach, reach)
+        if not abs(memory.mismatch[i]) <= memory.tolerance[i]:
+            found = JUMPED
+    return found
+
+
+@part
+def _update_untold(memory: StateMemory, change: Array, v: Array, dt: float) -> int:
+    """Update u ← (1 - Δt / T) u + Δt (v₁ + v₂) / 2 while a position stays, else 0; return ``STUCK`` beyond a limit."""
+    found = 0
+    for i in range(len(v)):
+        told = 0.5 * dt * (memory.v_before[i] + v[i])
+        memory.untold[i] = (1.0 - dt / MEMORY) * memory.untold[i] + told if change[i] == 0.0 else 0.0
+        if not abs(memory.untold[i]) <= memory.motionless[i]:
+            found = STUCK
+    return found
+
+
+@compiled
+def compare(
+    memory: StateMemory, q: StridedVector, v: StridedVector, change: Vector, dt: float, some_untold: bool
+) -> int:
+    """Compare a state with the one before it, which it replaces in the memory unless it is absurd or rests.
+
+    The velocities tell the motion Δt (v₁ + v₂) / 2. The mismatch x is its difference from the change of the
+    configuration Δq, the motion untold u its sum while a position stays; both are forgotten with T = `MEMORY`. A jump
+    resets u.
+
+    Args:
+        memory: limits, and what is remembered.
+        q: configuration, (nq,).
+        v: generalized velocity, (nv,).
+        change: Δq from the configuration before, (nv,).
+        dt: Δt, s.
+        some_untold: True if u is not zero.
+
+    Returns:
+        The sum of the findings: the state is ``ABSURD``, and nothing else is compared; x is ``JUMPED`` beyond its
+        tolerance; u is ``STUCK`` beyond its own; u is not zero (``UNTOLD``); positions and velocities of the measured
+        joints, or of the base, repeat bit for bit, and not all of these velocities are zero (``JOINTS_REPEAT``,
+        ``BASE_REPEATS``).
+    """
+    if not (len(q) == len(memory.before) and len(v) == len(memory.v_before) and len(change) == len(v)):
+        raise ValueError("compare: the state or its change has another size than the memory")
+    if _is_absurd(memory, q, v):
+        return ABSURD
+    if not some_untold and _rests(memory, q, v):
+        return 0
+    known = 0.0 <= dt <= GAP
+    found = _update_mismatch(memory, change, v, dt, known)
+    if found:
+        memory.untold[:] = 0.0
+    still = False
+    for i in memory.v_index:
+        still = still or change[i] == 0.0
+    if not still:
+        memory.untold[:] = 0.0
+    else:
+        if known:
+            found |= UNTOLD | _update_untold(memory, change, v, dt)
+        elif some_untold:
+            found |= UNTOLD
+        if _repeats_in_motion(memory, q, v, memory.q_index, memory.v_index):
+            found |= JOINTS_REPEAT
+    if len(memory.base_q) and _repeats_in_motion(memory, q, v, memory.base_q, memory.base_v):
+        found |= BASE_REPEATS
+    memory.before[:], memory.v_before[:] = q, v
+    return found
