@@ -179,6 +179,16 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> A
 
 
 @part
+def largest_of(values: Array) -> float:
+    """Return the largest magnitude; NaN if one is NaN, 0 of no values."""
+    largest = 0.0
+    for value in values:
+        if abs(value) > largest or value != value:
+            largest = abs(value)
+    return largest
+
+
+@part
 def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array) -> None:
     """Write the active set to be tried next: the violated bounds, and those whose multiplier has the right sign.
 
@@ -289,13 +299,10 @@ def solve_condensed(
             return NOT_FOUND, 0.0, 0.0, 0.0
         z += inverse * np.dot(correction, B)
         left = residual(B, z, p, hard, weights)
-        if np.abs(left).max() <= PRECISE:
+        if largest_of(left) <= PRECISE:
             break
     # Check.
-    lost = 0.0  # of the rows that higher levels keep
-    for i in range(own, top):
-        if abs(left[i]) > lost or left[i] != left[i]:  # NaN stays
-            lost = abs(left[i])
+    lost = largest_of(left[own:top])  # of the rows that higher levels keep
     for i in range(base):
         value[i] = -dot(base_map[i], z)
     for j in range(last):
