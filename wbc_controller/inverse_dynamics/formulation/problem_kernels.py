@@ -43,16 +43,9 @@ class LeastSquares(Struct):
 
 @part
 def dot(a: Array, b: Array) -> float:
-    """Return Σ aₖ bₖ, as four sums of every fourth product, which the processor computes side by side."""
-    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
-    end = len(b) - len(b) % 4
-    for k in range(0, end, 4):
-        s0 += a[k] * b[k]
-        s1 += a[k + 1] * b[k + 1]
-        s2 += a[k + 2] * b[k + 2]
-        s3 += a[k + 3] * b[k + 3]
-    total = (s0 + s1) + (s2 + s3)
-    for k in range(end, len(b)):
+    """Return Σ aₖ bₖ."""
+    total = 0.0
+    for k in range(len(b)):
         total += a[k] * b[k]
     return total
 

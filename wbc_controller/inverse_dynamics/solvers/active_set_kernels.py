@@ -1,7 +1,6 @@
 """The condensed system of a quadratic program with a known active set: eliminate, assemble, factorize, solve, check.
 
-`solvers.active_set` derives the equations. Inner loops run over the columns of one row, so that the compiler can make
-vectors of them without a change in the order of any sum.
+`solvers.active_set` derives the equations.
 """
 
 from __future__ import annotations
@@ -101,7 +100,7 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
 
 @part
 def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> Array:
-    """Compute K = B D⁻¹ Bᵀ + E on and above its diagonal, with E = 1 / w in the rows of the cost and 0 elsewhere.
+    """Compute K = B D⁻¹ Bᵀ + E, with E = 1 / w in the rows of the cost and 0 elsewhere.
 
     Args:
         B: (m, n).
@@ -109,17 +108,7 @@ def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> 
         first_soft: index of the first row of the cost.
         weights: w, (k,).
     """
-    m, n = B.shape
-    K, column = np.zeros((m, m)), np.empty(m)
-    for k in range(n):
-        if inverse[k] == 0.0:
-            continue
-        for i in range(m):
-            column[i] = B[i, k]
-        for i in range(m):
-            factor, source, target = inverse[k] * column[i], column[i:], K[i, i:]
-            for j in range(len(source)):
-                target[j] += factor * source[j]
+    K = np.dot(B * inverse, B.T)
     for i in range(len(weights)):
         K[first_soft + i, first_soft + i] += 1.0 / weights[i]
     return K
@@ -174,20 +163,8 @@ def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
 
 
 @part
-def move(z: Array, p: Array, B: Array, inverse: Array) -> None:
-    """Compute z += D⁻¹ Bᵀp."""
-    total = np.zeros(len(z))
-    for i in range(len(p)):
-        factor, row = p[i], B[i]
-        for j in range(len(total)):
-            total[j] += factor * row[j]
-    for j in range(len(total)):
-        z[j] += inverse[j] * total[j]
-
-
-@part
-def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array, out: Array) -> float:
-    """Compute the residual of the condensed system, β - B z - E p; return its largest magnitude.
+def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> Array:
+    """Compute the residual of the condensed system, β - B z - E p, (m,).
 
     Args:
         B: rows with β in the last column, (m, n + 1).
@@ -195,13 +172,20 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array, out:
         p: (m,).
         first_soft: index of the first row of the cost.
         weights: w, (k,).
-        out: for the residual, (m,).
     """
-    worst = 0.0
-    for i in range(len(out)):
-        out[i] = -dot(B[i], z) - (p[i] / weights[i - first_soft] if i >= first_soft else 0.0)
-        worst = max(worst, abs(out[i]))
-    return worst
+    out = -np.dot(B, z)
+    out[first_soft:] -= p[first_soft:] / weights
+    return out
+
+
+@part
+def largest_of(values: Array) -> float:
+    """Return the largest magnitude; NaN if one is NaN, 0 of no values."""
+    largest = 0.0
+    for value in values:
+        if abs(value) > largest or value != value:
+            largest = abs(value)
+    return largest
 
 
 @part
@@ -304,25 +288,21 @@ def solve_condensed(
     if above and np.count_nonzero(pivots[:top]) >= last:
         return NOTHING_FREE, 0.0, 0.0, 0.0
     # Solve, with up to two steps of iterative refinement: D⁻¹ magnifies the rounding of z, so z is moved on.
-    p, correction = np.zeros(len(B)), np.empty(len(B))
-    squares = 0.0
-    for refinement in range(4):
-        worst = residual(B, z, p, hard, weights, correction)
-        if refinement == 3 or (refinement > 0 and worst <= PRECISE):
-            break
-        if refinement == 0:
-            beta = correction.copy()
+    p = np.zeros(len(B))
+    beta = residual(B, z, p, hard, weights)
+    left = beta
+    for refinement in range(3):
+        correction = left.copy()
         solve_factorized(K, pivots, correction)
         p += correction
-        squares = dot(p, p)
-        if not squares <= LARGEST * LARGEST:
+        if not dot(p, p) <= LARGEST * LARGEST:
             return NOT_FOUND, 0.0, 0.0, 0.0
-        move(z, correction, B, inverse)
+        z += inverse * np.dot(correction, B)
+        left = residual(B, z, p, hard, weights)
+        if largest_of(left) <= PRECISE:
+            break
     # Check.
-    lost = 0.0  # of the rows that higher levels keep
-    for i in range(own, top):
-        if abs(correction[i]) > lost or correction[i] != correction[i]:  # NaN stays
-            lost = abs(correction[i])
+    lost = largest_of(left[own:top])  # of the rows that higher levels keep
     for i in range(base):
         value[i] = -dot(base_map[i], z)
     for j in range(last):
