@@ -19,7 +19,7 @@ from wbc_controller.nodes.simulated_clock import clock_of
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, CycleReport, Mode
 from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,

@@ -13,7 +13,7 @@ from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, E
 from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.target import CYCLE_LIMIT, Broken, OtherEnd, fuzzed_robot, saying_all, within
 
 #: Time for which the robot stands still at the start, s: short, as every episode begins with it.

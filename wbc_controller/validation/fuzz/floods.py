@@ -21,7 +21,7 @@ from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.recording.columns import columns
 from wbc_controller.recording.reading import Recorded
 from wbc_controller.validation.fuzz import DOMAIN
-from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.rig import MACHINE, Rig
 
 #: Messages per second of a flood, and of one whose messages are large.

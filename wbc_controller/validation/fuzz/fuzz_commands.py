@@ -60,7 +60,7 @@ def _live(function: F) -> F:
 @_common
 def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None, seed: int, folder: Path) -> None:
     """Send hostile messages on every input of every node, in memory, and see what they change."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import hostile_messages as run
 
     if replay is not None:
@@ -96,7 +96,7 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
 
 
 def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Path) -> None:
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz.files import fuzz_files
 
     say = _Progress()
@@ -144,7 +144,7 @@ def urdf(robots: str, count: int, first: int, seed: int, folder: Path) -> None:
 @_common
 def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, folder: Path) -> None:
     """Flood each kind of input, and see that an emergency stop passes, and that the loop goes on."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import floods as run
 
     done = run.flood_trials(
@@ -176,7 +176,7 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
 @_common
 def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None:
     """Kill, hang up and stop the controller and the mock robot at random moments."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import kills as run
 
     done = run.kill_trials(
@@ -200,7 +200,7 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
 @_common
 def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> None:
     """Run controller, mock robot and guard for long, and watch their memory and faults."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import soak as run
 
     say = _Progress()
@@ -232,7 +232,7 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
 @click.option("--seed", default=0, show_default=True, help="Of all choices.")
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
     """Ask for what no robot can do, and see that its joints keep their limits, whatever is relaxed."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import setpoints as run
 
     say = _Progress()
@@ -283,11 +283,16 @@ class _Progress:
 
 
 @contextmanager
-def _needing_mujoco() -> Iterator[None]:
-    """Say how MuJoCo is installed, where it is not."""
+def _needing_extras() -> Iterator[None]:
+    """Name the extra of a missing library.
+
+    Raises:
+        ConfigurationError: if MuJoCo or Hypothesis is not installed.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
+        extra = "fuzz" if error.name == "hypothesis" else "mock"
         raise ConfigurationError(
-            f"the fuzzers need the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
+            f"this fuzzer needs another library ({error}); install it with: pip install 'wbc_controller[{extra}]'"
         ) from error

@@ -28,7 +28,7 @@ from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
