@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import logging
 import math
 import time
 import zlib
@@ -41,6 +40,7 @@ from wbc_controller.validation.campaign.recordings import Place
 from wbc_controller.validation.campaign.user import User
 from wbc_controller.validation.campaign.user_faults import USER_KINDS, UserFault
 from wbc_controller.validation.campaign.watch import Watch
+from wbc_controller.validation.error_log import logged_errors
 
 #: Every kind of fault that a trial can have, by name.
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **USER_KINDS}
@@ -93,7 +93,7 @@ def run_trial(
     place = None if recordings is None else Place(recordings, f"{Path(robot).stem}-{kind}-{seed}")
     if place is not None:
         place.clear()
-    with _log() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
+    with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
         trial = _Trial(robot, fault, prepare, rng, place, synchronized=seed % 2 == 1)
         with _few_objects_to_collect():
             trial.run()
@@ -284,20 +284,3 @@ def _few_objects_to_collect() -> Iterator[None]:
         yield
     finally:
         gc.unfreeze()
-
-
-@contextlib.contextmanager
-def _log() -> Iterator[list[str]]:
-    """Keep the errors that are logged, and nothing of the rest: a campaign would print thousands of warnings."""
-    logger = logging.getLogger("wbc_controller")
-    kept: list[str] = []
-    handler = logging.Handler(logging.ERROR)
-    handler.emit = lambda record: kept.append(record.getMessage())  # type: ignore[method-assign]
-    before = logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
-    try:
-        yield kept
-    finally:
-        logger.propagate = before
-        logger.removeHandler(handler)

@@ -26,7 +26,7 @@ from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.estimator_target import EstimatorTarget
 from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
 from wbc_controller.validation.fuzz.strategies import drawn, requests
-from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, listening
+from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, watched
 
 #: The nodes under test, each with its share of the messages.
 TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
@@ -159,7 +159,7 @@ def _of(key: str) -> tuple[Callable[[str], Target], float]:
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
     """Send the messages of one episode to a fresh node; returns the failure, or None."""
     messages: list[Message] = []
-    with listening() as errors:
+    with watched() as errors:
         try:
             target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
             while target.alive and len(messages) < _EPISODE and outcome.sent < count:
@@ -197,7 +197,7 @@ def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
         robot: name of the robot.
         sent: topic and payload of each message.
     """
-    with listening() as errors:
+    with watched() as errors:
         try:
             target = _of(key)[0](robot)
             for name, payload in sent:
