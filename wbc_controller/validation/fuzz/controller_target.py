@@ -8,16 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.inputs import Inputs, Latched
-from wbc_controller.nodes.simulated_clock import clock_of
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, CycleReport, Mode
-from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
@@ -28,6 +24,7 @@ from wbc_controller.validation.fuzz.target import (
     fuzzed_robot,
     within,
 )
+from wbc_controller.validation.lockstep import Lockstep
 
 #: Topics whose messages count in the cycle that they come in.
 _STATES = ("joint_states", "odom", "clock")
@@ -70,21 +67,13 @@ class ControllerTarget(Target):
     """
 
     def __init__(self, robot: str) -> None:
-        """Build the controller and its robot, and activate it.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build the controller and its robot, and activate it."""
         fuzzed = fuzzed_robot(robot)
+        super().__init__(controller_endpoints(fuzzed.settings, fuzzed.model), ("effort",))
+        self._robot = Lockstep(fuzzed.settings, model=fuzzed.model, bus=self.bus, use_sim_time=True)
         self._settings, self._model = fuzzed.settings, fuzzed.model
+        self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
-        topics = controller_endpoints(self._settings, self._model)
-        super().__init__(topics, ("effort",))
-        self._mock = MockRobot(self._model, self._settings, self.transport())
-        self._controller = Controller(self._settings, preflight=False, model=self._model)
-        transport = self.transport()
-        self._clock = clock_of(topics, transport)
-        self._loop = make_loop(self._controller, transport, self._clock, topics)
         self._gate = _Gate(self._loop._inputs)
         self._loop._inputs = self._gate  # type: ignore[assignment]  # it delegates all other attributes
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
@@ -133,11 +122,11 @@ class ControllerTarget(Target):
             self._mock.publish()
             self._gate.passed.append(self._gate.read())
         limit = CYCLE_LIMIT if state else READ_LIMIT
-        now = self._clock.now()
+        now = self._robot.clock.now()
         with within(limit, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             latched = self._gate.read()
-        if self._clock.now() != now:
+        if self._robot.clock.now() != now:
             self._disturbed = True
         if latched.refused and (latched.commands or latched.changes):
             raise Broken(f"a message on {topic.name} was refused, and is used all the same: {latched.refused}")

@@ -32,11 +32,7 @@ class EstimatorTarget(Target):
     """The estimator of a robot that stands still, whose sensors go on between the messages."""
 
     def __init__(self, robot: str) -> None:
-        """Build the node, and let it begin its estimate.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build the node, and let it begin its estimate."""
         fuzzed = fuzzed_robot(robot)
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})

@@ -12,14 +12,7 @@ from wbc_controller.middleware.codec import TYPES, message
 
 
 def ordinary(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
-    """Make a message that is valid on the topics of its type.
-
-    Args:
-        type_name: its type.
-        names: joints, for messages about joints.
-        frame: frame of its header, or child frame.
-        stamp: time of its header, ns.
-    """
+    """Make a message that is valid on the topics of its type."""
     content = _blank(type_name)
     if hasattr(content, "header"):
         content.header.stamp.sec, content.header.stamp.nanosec = divmod(stamp, 1_000_000_000)

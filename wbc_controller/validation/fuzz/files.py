@@ -72,17 +72,7 @@ def fuzz_files(
     most_failures: int = 20,
     progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
 ) -> FilesOutcome:
-    """Read hostile files in a child process.
-
-    Args:
-        kind: ``configurations`` or ``urdf``.
-        robots: names of the shipped robots whose files are changed, in turn.
-        count: number of cases.
-        seed: of all choices.
-        folder: for the cases; those that went wrong stay there.
-        first: number of the first case.
-        most_failures: number of failures after which it ends.
-        progress: called after each case with its number.
+    """Read hostile ``configurations`` or ``urdf`` files, made from those of robots in turn, in a child process.
 
     Returns:
         What came out.
@@ -166,15 +156,7 @@ def _work(
 
 
 def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> None:
-    """Write the files of one case.
-
-    Args:
-        kind: ``configurations`` or ``urdf``.
-        robot: name of a shipped robot.
-        seed: of all choices.
-        number: of the case.
-        place: folder of the case; it is made.
-    """
+    """Write the files of one case of ``configurations`` or ``urdf`` to a folder, which is made."""
     configuration, urdf = _originals(robot)
     configuration = _URDF_KEY.sub(lambda found: f"{found.group(1)}{place / 'robot.urdf'}", configuration)
     files = {"robot.yaml": configuration.encode(), "robot.urdf": urdf.encode()}

@@ -12,7 +12,7 @@ import ctypes
 import faulthandler
 import gc
 import json
-import resource
+import os
 import sys
 import time
 from collections import Counter
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.nodes import processes
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.estimator_target import EstimatorTarget
 from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
@@ -104,15 +105,6 @@ def fuzz_messages(
 ) -> Outcome:
     """Send hostile messages to all nodes.
 
-    Args:
-        robot: name of a shipped robot with a floating base.
-        count: number of messages.
-        seed: of all choices.
-        first: number of the first episode of each node.
-        targets: keys of the nodes in `TARGETS`.
-        most_failures: number of failures after which it ends.
-        progress: called before each episode with the node and the number.
-
     Returns:
         The numbers of messages, and the failures.
 
@@ -146,8 +138,7 @@ def memory() -> int:
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() // 1024
+    return processes.memory(os.getpid())
 
 
 def _of(key: str) -> tuple[Callable[[str], Target], float]:
@@ -190,13 +181,7 @@ def _reduced(key: str, robot: str, messages: list[Message], error: Exception) ->
 
 
 def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
-    """Send messages to a fresh node; returns the invariant that did not hold, or None.
-
-    Args:
-        key: of the node in `TARGETS`.
-        robot: name of the robot.
-        sent: topic and payload of each message.
-    """
+    """Send messages to a fresh node; returns the invariant that did not hold, or None."""
     with watched() as errors:
         try:
             target = _of(key)[0](robot)

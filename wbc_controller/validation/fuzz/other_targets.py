@@ -51,11 +51,7 @@ class GuardTarget(Target):
     """The guard beside a controller that sends commands, and at times does not."""
 
     def __init__(self, robot: str) -> None:
-        """Build the guard, and let it hear commands.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build the guard, and let it hear commands."""
         fuzzed = fuzzed_robot(robot)
         settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
@@ -137,11 +133,7 @@ class MockTarget(Target):
     """Two mock robots on the same topics: one in real time, whose torques come by ``effort``, and one in lockstep."""
 
     def __init__(self, robot: str) -> None:
-        """Build both.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build both."""
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
         super().__init__(list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
@@ -190,11 +182,7 @@ class UrdfTarget(Target):
     """A node that waits for its URDF: whatever comes is refused, or is the text that was sent."""
 
     def __init__(self, robot: str) -> None:
-        """Make the topic.
-
-        Args:
-            robot: unused, as the node has none yet.
-        """
+        """Make the topic."""
         row = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
         super().__init__(())
         self.topics = {topic.name: topic for topic in endpoints(row, NODE_NAME)}

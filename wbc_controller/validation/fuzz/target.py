@@ -52,12 +52,7 @@ class Target:
     """
 
     def __init__(self, topics: Sequence[Endpoint], listen: Sequence[str] = ()) -> None:
-        """Open the other end of the node's topics.
-
-        Args:
-            topics: the node's.
-            listen: keys of the outgoing topics that are listened to.
-        """
+        """Open the other end of the node's topics."""
         self.bus, self.clock, self.alive = MemoryBus(), ManualClock(1.0), True
         self.topics: Mapping[str, Endpoint] = {
             topic.name: topic
@@ -125,11 +120,7 @@ class Robot:
 
 @cache
 def fuzzed_robot(name: str) -> Robot:
-    """A shipped robot with a task of every kind and a grip, all of them off, and activated without a ramp.
-
-    Args:
-        name: of a shipped robot with a floating base.
-    """
+    """Return a shipped floating-base robot with a task of every kind and a grip, all disabled, and without ramp."""
     settings = load_settings(find_configuration(name))
     content = settings.model_dump(exclude_unset=True)
     base = make_model(settings).base_link
