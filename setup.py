@@ -70,6 +70,7 @@ setup(
         "test": ["pytest>=7.4"],  # by this, colcon test knows that the tests are pytest's
         "plots": ["plotly>=7.1,<8"],
         "campaign": ["joblib>=1.4,<2"],  # for wbc faults
+        "fuzz": ["hypothesis>=6.100,<7"],  # for wbc fuzz messages, configurations and urdf
         # For wbc view and wbc play: the page, and what makes meshes small enough for a browser.
         "view": [
             "viser>=1.1.1,<1.2",

@@ -14,7 +14,6 @@ import numba
 import numpy as np
 from numba import types
 from serving import Elsewhere
-
 from wbc_controller.compiled import NUMBER, VECTOR, VECTOR_OUT, compile_all, compiled
 
 CALLS, ROUNDS, COLD = 20000, 15, 400

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 
 def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
     """Times of the updates and of whole cycles, s, and the number of contact points that the filter follows."""
-    rig = Rig(robot, {"estimation.base_state": "imu", "mock.sensors": "good"})
-    rig.stand()
+    trial = EstimationTrial(robot, {"estimation.base_state": "imu", "mock.sensors": "good"})
+    trial.stand()
     updates: list[float] = []
     cycles: list[float] = []
 
@@ -35,7 +35,7 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
 
         return run
 
-    estimator, loop = rig.estimator, rig._loop
+    estimator, loop = trial.estimator, trial._loop
     if estimator is None or estimator.filter is None:
         raise SystemExit(f"{robot} does not stand on an estimate")
 
@@ -45,7 +45,7 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
 
     estimator.update = timed(update, updates)  # type: ignore[method-assign]
     loop.cycle = timed(loop.cycle, cycles)  # type: ignore[method-assign]
-    rig.run(seconds)
+    trial.run(seconds)
     return updates, cycles, len(estimator.filter.names)
 
 

@@ -67,7 +67,7 @@ ROOMS = {
     ),
     "validation": Room(
         "settings inverse_dynamics estimation safety controller middleware recording simulation nodes",
-        "numpy scipy pinocchio click rich plotly pydantic rosbags joblib distributed ray",
+        "numpy scipy pinocchio click rich plotly pydantic rosbags hypothesis joblib distributed ray",
     ),
     "node": Room("nodes"),
     "cli": Room("settings controller middleware recording simulation nodes apps validation", "click"),

@@ -1,11 +1,8 @@
 """The comparison of `make bench`, with our own cycle in the place of the rivals."""
 
-import json
 import os
 import re
-import struct
 import subprocess
-import sys
 from types import SimpleNamespace
 
 import compare
@@ -16,7 +13,6 @@ import pytest
 import scenes
 from contestants import Answers
 from our_cycle import Cycle
-from serving import Elsewhere
 
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.records import Reference
@@ -53,19 +49,6 @@ def test_a_process_answers_what_our_cycle_answers_here_to_the_bit(scene):
     for answers in (first, second):
         assert np.allclose(answers.parts.sum(axis=1), answers.seconds)
         assert (answers.seconds > 0.0).all()
-
-
-def test_each_state_is_measured_a_period_after_the_one_before(scene):
-    """So that the supervisor's checks of consecutive states, which need their distance in time, are in its time."""
-    cycle = Cycle(scene.settings, scene.model)
-    rest = cycle.start(scene.q)
-    stamps = []
-    for row in scene.rows[:3]:
-        q, v, _ = np.split(row, [scene.model.nq, scene.model.nq + scene.model.nv])
-        state = cycle.state(q, v)
-        cycle.step(state, rest)
-        stamps.append(state.stamp)
-    assert stamps == [1_000_000, 2_000_000, 3_000_000]
 
 
 def test_the_floor_has_the_size_of_accelerations_and_forces(scene):
@@ -128,60 +111,6 @@ def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
         [*range(30 + filled, 50)],
     ]
     assert [block.seconds.tolist() for block in cold["a"]] == [[*range(20, 30)], [*range(50, 60)]]
-
-
-WATCHER = """
-import fcntl, gc, os, struct, termios
-import numpy as np
-from serving import serve
-
-copy, answers = os.dup, []
-os.dup = lambda number: answers.append(copy(number)) or answers[-1]
-
-class Watcher:
-    def __init__(self, scene):
-        pass
-
-    @property
-    def hello(self):  # asked when it is said
-        return {"sizes": [2000, 0, 0], "parts": [], "frozen": gc.get_freeze_count()}
-
-    def cycle(self, q, v, reference):
-        (unread,) = struct.unpack("i", fcntl.ioctl(answers[0], termios.FIONREAD, bytes(4)))
-        return np.full(2001, float(unread))
-
-serve(Watcher)
-"""
-
-
-def test_a_worker_disturbs_nobody_who_is_timed(tmp_path):
-    """It says hello when it is done with all else, and hands over no answer before the last."""
-    file = tmp_path / "watcher.py"
-    file.write_text(WATCHER)
-    question = struct.pack("<qq", 3, 0) + np.zeros((3, 7 + 6 + 9)).tobytes()
-    process = subprocess.Popen(
-        [sys.executable, file],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(contestants.HERE)},
-    )
-    process.stdin.write(b'{"nq": 7, "nv": 6}\n' + question)
-    process.stdin.close()
-    assert process.wait(timeout=120.0) == 0  # nothing has been read of what it wrote
-    with process.stdout as written:
-        hello, unread = written.readline(), np.frombuffer(written.read()).reshape(3, 2001)
-    assert json.loads(hello)["frozen"] > 0
-    assert (unread == len(hello)).all()
-
-
-def test_other_work_writes_all_the_memory_that_it_is_told_to():
-    elsewhere = Elsewhere()
-    elsewhere.work(0)
-    assert elsewhere._memory.nbytes == 0
-    for _ in range(3):
-        elsewhere.work(4096)
-    assert elsewhere._memory.nbytes == 4096
-    assert (elsewhere._memory == 3.0).all()
 
 
 @pytest.mark.parametrize("name", ["talos-double", "talos-full", "g1-single"])

@@ -6,7 +6,7 @@ import numpy as np
 
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.planar_transform import IDENTITY
-from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 FEET = {
     "left": np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.0, 0.15, 0.0]]),
@@ -88,20 +88,20 @@ def test_a_step_is_too_short_for_an_anchor():
 
 def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
     short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
-    rig = Rig("go2", {"estimation.base_state": "imu", **short})
-    rig.stand()
-    rig.run(0.3)
-    began, drift = rig.com(), np.array([0.0, 0.03, 0.0]) * rig.controller.period
-    turn = turned(0.02 * rig.controller.period)
+    trial = EstimationTrial("go2", {"estimation.base_state": "imu", **short})
+    trial.stand()
+    trial.run(0.3)
+    began, drift = trial.com(), np.array([0.0, 0.03, 0.0]) * trial.controller.period
+    turn = turned(0.02 * trial.controller.period)
     errors = []
 
     def look():
-        found = rig.estimator.filter
+        found = trial.estimator.filter
         found.rotation = turn @ found.rotation
         found.columns = turn @ found.columns
         found.columns[:, 1:] += drift[:, None]
-        errors.append(np.linalg.norm(rig.com() - began))
+        errors.append(np.linalg.norm(trial.com() - began))
 
-    rig.run(2.0, look)
-    assert np.linalg.norm(rig.estimator.filter.position - rig.robot.plant.state()[0][:3]) > 0.05
+    trial.run(2.0, look)
+    assert np.linalg.norm(trial.estimator.filter.position - trial.mock.plant.state()[0][:3]) > 0.05
     assert max(errors) < 0.012  # behind by 30 mm/s for a fifth of a second

@@ -9,7 +9,7 @@ from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.fault import LONGEST
 from wbc_controller.simulation.faults.world import FloorHole
-from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 FEET = {"left": np.array([3.0, -2.0, 100.0]), "right": np.array([0.0, 0.0, 80.0, 0.0, 0.0, 0.0])}
 
@@ -55,20 +55,20 @@ def test_one_that_is_switched_off_is_forgotten(forces):
 
 @pytest.mark.parametrize("robot", ["g1", "go2"])
 def test_a_foot_whose_floor_vanishes_is_found_and_said_and_a_sway_lifts_none(robot):
-    rig = Rig(load(robot).replace({"estimation.base_state": "imu", "mock.sensors": "good"}), {})
-    rig.stand()
-    rig.follow([0.4, 0.8], [rig.origin + np.array([0.0, 0.03, -0.02]), rig.origin])
+    trial = EstimationTrial(load(robot).replace({"estimation.base_state": "imu", "mock.sensors": "good"}), {})
+    trial.stand()
+    trial.follow([0.4, 0.8], [trial.origin + np.array([0.0, 0.03, -0.02]), trial.origin])
     lifted, said = [], []
 
     def note():
-        lifted.extend(rig.controller.model_error.unloaded_contacts)
-        said.extend(each for each in rig.report.refused if "carries nothing" in each)
+        lifted.extend(trial.controller.model_error.unloaded_contacts)
+        said.extend(each for each in trial.report.refused if "carries nothing" in each)
 
-    rig.run(1.0, note)
+    trial.run(1.0, note)
     assert lifted == said == []
-    contact = next(iter(rig.settings.contacts))
-    rig.robot.plan([FloorHole(duration=LONGEST, contact=contact)], since=rig.time)
-    rig.run(0.04, note)
+    contact = next(iter(trial.settings.contacts))
+    trial.mock.plan([FloorHole(duration=LONGEST, contact=contact)], since=trial.time)
+    trial.run(0.04, note)
     assert set(lifted) == {contact}
-    assert contact not in rig.controller.holding
+    assert contact not in trial.controller.holding
     assert said == [f"contact {contact!r} carries nothing, by how the robot moves: the base's estimate leaves it out"]

@@ -10,7 +10,7 @@ import pytest
 from domains import own_domain
 
 from wbc_controller.recording.reading import Cycle
-from wbc_controller.validation.fuzz.floods import CYCLES, STALL, StopTrial, _gaps, flood_trials
+from wbc_controller.validation.fuzz.floods import CYCLES, STALL, Stop, StopTrial, _gaps, flood_trials
 
 #: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
 KINDS, TRIALS = ("activate", "update", "large"), 2
@@ -30,25 +30,26 @@ def test_a_stop_passes_every_flood_within_two_cycles_and_the_loop_goes_on(tmp_pa
         assert trial.rate >= LEAST.get(trial.flood, LEAST_OF_SMALL), trial
         assert trial.obeyed, trial
         assert trial.steady, trial
-        assert trial.said or trial.flood not in NAMED, trial
+        assert trial.stop.said or trial.flood not in NAMED, trial
 
 
-TRIAL = StopTrial("activate", CYCLES, 0.01, STALL, 0.0, 5000, 10_000.0, True, 0.002)
+STOP = Stop(began=0, known=1, ended=2, seen=0.01, late=0.0, sent=5000, seconds=0.5, said=True)
+TRIAL = StopTrial("activate", STOP, CYCLES, STALL, period=0.002)
 
 
 @pytest.mark.parametrize(
-    ("change", "obeyed", "steady"),
+    ("change", "late", "obeyed", "steady"),
     [
-        ({}, True, True),
-        ({"cycles": CYCLES + 1}, False, True),
-        ({"cycles": CYCLES + 2, "late": 0.002}, True, True),
-        ({"cycles": CYCLES + 3, "late": 0.002}, False, True),
-        ({"slowest": STALL + 0.001}, True, False),
-        ({"slowest": STALL + 0.003, "late": 0.002}, True, True),
+        ({}, 0.0, True, True),
+        ({"cycles": CYCLES + 1}, 0.0, False, True),
+        ({"cycles": CYCLES + 2}, 0.002, True, True),
+        ({"cycles": CYCLES + 3}, 0.002, False, True),
+        ({"slowest": STALL + 0.001}, 0.0, True, False),
+        ({"slowest": STALL + 0.003}, 0.002, True, True),
     ],
 )
-def test_a_trial_is_judged_by_what_the_machine_was_late(change, obeyed, steady):
-    trial = dataclasses.replace(TRIAL, **change)
+def test_a_trial_is_judged_by_what_the_machine_was_late(change, late, obeyed, steady):
+    trial = dataclasses.replace(TRIAL, stop=dataclasses.replace(STOP, late=late), **change)
     assert (trial.obeyed, trial.steady) == (obeyed, steady)
 
 

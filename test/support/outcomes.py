@@ -1,5 +1,6 @@
 """Outcomes of trials that never were, for the tests of what counts and shows them."""
 
+import dataclasses
 from typing import Any
 
 from wbc_controller.validation.campaign.outcome import Outcome
@@ -13,3 +14,11 @@ def outcome(kind: str = "kick", seed: int = 0, **changes: Any) -> Outcome:
         "simulated": 1.2, "wall": 1.0, "violations": {},
     }  # fmt: skip
     return Outcome(**{**values, **changes})
+
+
+def repeatable(outcome):
+    """All values that are the same whenever a trial is repeated: without times of the machine and explanations."""
+    content = {
+        key: value for key, value in dataclasses.asdict(outcome).items() if key not in ("longest", "wall", "sentence")
+    }
+    return {**content, "violations": sorted(outcome.violations)}

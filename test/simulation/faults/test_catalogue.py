@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults_table import by_place, faults_table
 
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.simulation.faults.catalogue import KINDS, by_place, draw, faults_table, read_faults
+from wbc_controller.simulation.faults.catalogue import KINDS, draw, read_faults
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
 PAGE = (Path(__file__).parents[3] / "docs" / "faults.md").read_text(encoding="utf-8")

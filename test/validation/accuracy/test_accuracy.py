@@ -14,9 +14,9 @@ from wbc_controller.simulation.faults.fault import LONGEST
 from wbc_controller.simulation.faults.world import SlipperyFloor
 from wbc_controller.simulation.sensors import PARTS
 from wbc_controller.validation.accuracy.accuracy_commands import accuracy
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import FLAWS, Cost, chatter, cost_of
 from wbc_controller.validation.accuracy.mishaps import Outcome, come_of, longest
-from wbc_controller.validation.accuracy.rig import Rig
 from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, stand, told
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
@@ -41,15 +41,15 @@ def test_a_tall_robot_with_light_ankles_is_let_down_on_cheap_sensors(seed):
 
 
 def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
-    rig = Rig("go2", SHORT)
-    rig.stand()
-    error, P = error_of(rig)
+    trial = EstimationTrial("go2", SHORT)
+    trial.stand()
+    error, P = error_of(trial)
     assert np.abs(error[:6]).max() < 2e-3
     assert (np.diag(P) > 0.0).all()
-    filter = rig.estimator.filter
+    filter = trial.estimator.filter
     filter.columns[:, 0] += [0.1, 0.0, 0.0]
     filter.columns[:, 1] += [0.0, 0.2, 0.0]
-    np.testing.assert_allclose(error_of(rig)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
+    np.testing.assert_allclose(error_of(trial)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
 
 
 def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch):
@@ -66,8 +66,8 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
 
     error, P = np.arange(1.0, 10.0), np.eye(9)
     looks = iter([(error, P), (2.0 * error, P), (2.0 * error, 2.0 * P), (3.0 * error, 5.0 * P)])
-    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.Rig", Still)
-    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.error_of", lambda rig: next(looks))
+    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.EstimationTrial", Still)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.error_of", lambda trial: next(looks))
     found = stand("go2", "good", 3, 1.0)
     factor = np.sqrt((1.0 + 4.0 + 4.0 + 9.0) / 4.0)
     assert found.tilt == pytest.approx(factor * np.hypot(1.0, 2.0))
@@ -89,13 +89,13 @@ def test_the_filter_is_told_the_figures_of_its_sensors():
 
 
 def test_what_goes_wrong_is_said():
-    rig = Rig("go2", {"safety.activation_ramp": 0.0})
-    rig.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
+    trial = EstimationTrial("go2", {"safety.activation_ramp": 0.0})
+    trial.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
 
     def slip():
-        rig.stand()
-        rig.follow([0.3], [rig.origin + [0.1, 0.1, 0.0]])
-        rig.run(3.0)
+        trial.stand()
+        trial.follow([0.3], [trial.origin + [0.1, 0.1, 0.0]])
+        trial.run(3.0)
 
     with pytest.raises(NoSolution, match=r"FALLEN|IMPLAUSIBLE|NO_SOLUTION|fell"):
         slip()
@@ -120,7 +120,7 @@ def test_chatter_is_the_torque_above_8_hz():
 
 
 class Motions:
-    """In place of a rig: its centre of mass is off by 5 mm, and by twice that in the second motion."""
+    """In place of a trial: its centre of mass is off by 5 mm, and by twice that in the second motion."""
 
     made: Motions
     ends = False
@@ -155,7 +155,7 @@ class Motions:
 
 
 def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
-    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.Rig", Motions)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.EstimationTrial", Motions)
     cost = cost_of("go2", "joint friction 2 N·m", disturbance="never", known_friction=True)
     assert (cost.sway, cost.squat, cost.ended) == (pytest.approx(0.005), pytest.approx(0.010), "")
     settings, (sway, squat) = Motions.made.settings, Motions.made.asked

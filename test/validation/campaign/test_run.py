@@ -5,7 +5,7 @@ import sys
 
 import pytest
 from click.testing import CliRunner
-from outcomes import outcome
+from outcomes import outcome, repeatable
 from rich.console import Console
 
 from wbc_controller.cli import main
@@ -164,4 +164,4 @@ def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, m
 
 def test_a_trial_in_a_new_process_is_the_same_trial():
     key = Key("go2", "estop", 4)
-    assert run_module._in_new_process(key, run_module.run_trial).repeatable() == run_module.run_trial(*key).repeatable()
+    assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == repeatable(run_module.run_trial(*key))

@@ -5,13 +5,14 @@ import time
 
 import numpy as np
 import pytest
+from outcomes import repeatable
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import JointCommand
+from wbc_controller.validation.campaign.monitor import VIOLATIONS
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS
+from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
-from wbc_controller.validation.campaign.user_faults import USER_KINDS
-from wbc_controller.validation.campaign.watch import VIOLATIONS
 
 SHORT = {"start": 0.02, "duration": 0.06}
 
@@ -40,10 +41,10 @@ def test_the_controller_survives_what_is_harmless_and_is_damped_in_time_for_the_
 def test_a_trial_is_the_same_whenever_it_is_repeated_and_another_with_another_seed():
     given = {"start": 0.02}
     first = run_trial("go2", "joint_absurd", 2, parameters=given)
-    assert first.repeatable() == run_trial("go2", "joint_absurd", 2, parameters=given).repeatable()
+    assert repeatable(first) == repeatable(run_trial("go2", "joint_absurd", 2, parameters=given))
     other = run_trial("go2", "joint_absurd", 3, parameters=given)
     assert other.parameters["value"] != first.parameters["value"]
-    assert other.repeatable() != first.repeatable()
+    assert repeatable(other) != repeatable(first)
 
 
 def test_an_unknown_kind_is_refused_with_the_valid_ones():
@@ -182,5 +183,5 @@ def test_a_reason_that_a_fault_does_not_have_is_a_violation():
 
 def test_every_violation_has_a_meaning_and_every_kind_of_a_user_a_place():
     assert set(VIOLATIONS) < set(ALL_VIOLATIONS)
-    assert set(USER_KINDS) < set(ALL_KINDS)
-    assert {kind.place for kind in USER_KINDS.values()} == {"user"}
+    assert set(REQUEST_KINDS) < set(ALL_KINDS)
+    assert {kind.place for kind in REQUEST_KINDS.values()} == {"user"}

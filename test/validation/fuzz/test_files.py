@@ -7,13 +7,17 @@ import re
 import pytest
 from bad_readers import dies_and_hangs
 from click.testing import CliRunner
+from hypothesis import strategies as st
 
 from wbc_controller.cli import main
 from wbc_controller.validation.fuzz import files
-from wbc_controller.validation.fuzz.files import _STRUCTURES, case_folder, fuzz_files, make_case, read_case
+from wbc_controller.validation.fuzz.files import case_folder, fuzz_files, make_case, read_case
+from wbc_controller.validation.fuzz.hostile_files import structures
+from wbc_controller.validation.fuzz.strategies import drawn
 
 #: Cases here; `wbc fuzz configurations` and `urdf` read tens of thousands.
 COUNT = 20
+URDF = files._originals("go2")[1]
 
 
 @pytest.mark.parametrize("kind", ["configurations", "urdf"])
@@ -25,11 +29,13 @@ def test_hostile_files_work_or_are_refused(tmp_path, kind):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", _STRUCTURES)
-def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name, monkeypatch):
-    monkeypatch.setattr(files, "_hostile_urdf", _STRUCTURES[name])
+@pytest.mark.parametrize("name", structures(URDF))
+def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name):
+    make_case("urdf", "go2", 0, 0, tmp_path)
     for number in range(3):
-        make_case("urdf", "go2", 0, number, tmp_path)
+        text = drawn(structures(URDF)[name], name, number)
+        assert text != URDF
+        (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
         assert read_case(tmp_path) in ("works", "refused")
 
 
@@ -43,8 +49,7 @@ def test_a_case_follows_from_its_seed_and_number(tmp_path):
 
 
 def test_files_that_are_not_changed_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_hostile_urdf", lambda rng, text: text)
-    monkeypatch.setattr(files, "encoded", lambda rng, text: text.encode())
+    monkeypatch.setattr(files, "hostile_urdf", lambda text: st.just(text.encode()))
     make_case("urdf", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path) == "works"
 

@@ -30,48 +30,34 @@ def trips(sent, efforts, commands, period=PERIOD):
     )
 
 
-def test_torques_belong_to_the_state_of_the_command_that_follows_them():
-    found = trips([(0, 1), (2, 2), (4, 3)], [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)])
-    np.testing.assert_allclose(found.seconds, [0.9e-3, 0.8e-3, 0.7e-3])
-    assert (found.late, found.unanswered) == (0, 0)
+THREE = [(0, 1), (2, 2), (4, 3)]
 
 
-def test_a_cycle_longer_than_the_period_is_not_taken_for_a_short_one():
-    """The torques for the first state come after the second was sent; they are not the second's."""
-    found = trips([(0, 1), (2, 2), (4, 3)], [2.5, 5.0], [(2.6, 1), (5.1, 2)])
-    np.testing.assert_allclose(found.seconds, [2.5e-3, 3.0e-3, np.inf])
-    assert (found.late, found.unanswered) == (3, 1)
-
-
-def test_a_state_that_is_left_out_is_late_and_has_no_torques():
-    found = trips([(0, 1), (2, 2), (4, 3)], [1.0, 5.0], [(1.1, 1), (5.1, 3)])
-    np.testing.assert_allclose(found.seconds, [1.0e-3, np.inf, 1.0e-3])
-    assert (found.late, found.unanswered) == (1, 1)
-
-
-def test_where_torques_were_lost_the_command_counts_and_not_older_torques():
-    found = trips([(0, 1), (2, 2)], [1.0], [(1.1, 1), (3.3, 2)])
-    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.3e-3])
-
-
-def test_torques_of_somebody_else_in_between_do_not_count():
-    found = trips([(0, 1), (2, 2)], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)])
-    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.0e-3])
-
-
-def test_where_a_command_is_read_before_its_torques_it_counts_and_not_the_torques_before():
-    found = trips([(0, 1), (2, 2), (4, 3)], [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)])
-    np.testing.assert_allclose(found.seconds, [1.0e-3, 1.0e-3, 1.0e-3])
-
-
-def test_of_commands_with_one_stamp_the_first_counts():
-    found = trips([(0, 1)], [1.0, 60.0], [(1.1, 1), (60.1, 1)])
-    np.testing.assert_allclose(found.seconds, [1.0e-3])
-
-
-def test_a_command_for_a_state_from_before_counts_for_nothing():
-    found = trips([(2, 2)], [0.5, 3.0], [(0.6, 1), (3.1, 2)])
-    np.testing.assert_allclose(found.seconds, [1.0e-3])
+@pytest.mark.parametrize(
+    ("sent", "efforts", "commands", "seconds", "late"),
+    [
+        pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
+        # The torques for the first state come after the second was sent; they are not the second's.
+        pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
+        pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
+        pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
+        pytest.param(THREE[:2], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)], [1.0, 1.0], 0, id="torques of another node"),
+        pytest.param(
+            THREE,
+            [1.1, 3.1, 5.1],
+            [(1.0, 1), (3.0, 2), (5.0, 3)],
+            [1.0, 1.0, 1.0],
+            0,
+            id="a command before its torques",
+        ),
+        pytest.param(THREE[:1], [1.0, 60.0], [(1.1, 1), (60.1, 1)], [1.0], 0, id="two commands with one stamp"),
+        pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
+    ],
+)
+def test_torques_belong_to_the_state_of_the_command_that_follows_them(sent, efforts, commands, seconds, late):
+    found = trips(sent, efforts, commands)
+    np.testing.assert_allclose(found.seconds, np.array(seconds) * 1e-3)
+    assert (found.late, found.unanswered) == (late, seconds.count(np.inf))
 
 
 @pytest.mark.parametrize(("seconds", "late"), [(PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)])

@@ -1,9 +1,9 @@
-"""The table of all kinds of fault: reading them from YAML, drawing them at random, and printing the table."""
+"""All kinds of fault: reads them from YAML, and draws them at random."""
 
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -26,7 +26,7 @@ _WIDE = 15.0
 #: Faults in one text, at most.
 _MOST = 100
 _FORM = "a fault is a mapping such as {kind: joint_noise, sigma: 0.01, start: 0.0, duration: 2.0}"
-_COMMON = ("start", "duration", "seed")
+COMMON = ("start", "duration", "seed")
 
 
 def read_faults(text: str, source: str, *, script: bool = False) -> list[Fault]:
@@ -73,7 +73,8 @@ def _explain(problem: Any, name: str) -> str:
         return f"{name}: unknown key {key!r}; {valid_choices(key, KINDS[name].model_fields)}"
     field = KINDS[name].model_fields[key]
     reason = problem["msg"][0].lower() + problem["msg"][1:]
-    return f"{name}.{key} = {reprlib.repr(problem['input'])}: {reason}; valid: {_range(field)} ({field.description})"
+    valid = f"{valid_range(field)} ({field.description})"
+    return f"{name}.{key} = {reprlib.repr(problem['input'])}: {reason}; valid: {valid}"
 
 
 def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
@@ -86,9 +87,9 @@ def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
     """
     values: dict[str, Any] = {}
     for key, field in kind.model_fields.items():
-        if key in given or key in _COMMON:
+        if key in given or key in COMMON:
             continue
-        bounds = _bounds(field)
+        bounds = _limits(field)
         if get_origin(field.annotation) is Literal:
             values[key] = str(rng.choice(get_args(field.annotation)))
         elif bounds is not None:
@@ -99,34 +100,17 @@ def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
     return kind.model_validate({**values, **given})
 
 
-def faults_table(kinds: Iterable[type[Fault]]) -> str:
-    """The table of some kinds, as Markdown."""
-    rows = ["| Kind | What happens | Parameters: range (default) |", "|---|---|---|"]
-    for kind in kinds:
-        said = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
-        keys = [key for key in kind.model_fields if key not in _COMMON]
-        parameters = "; ".join(_described(key, kind.model_fields[key]) for key in keys) or "none"
-        rows.append(f"| `{kind.kind()}` | {said} | {parameters} |")
-    return "\n".join(rows) + "\n"
-
-
-def _described(key: str, field: FieldInfo) -> str:
-    default = f"{field.default:g}" if isinstance(field.default, float) else repr(field.default).strip("'")
-    shown = f" ({default})" if default else ""
-    return f"`{key}`, {field.description}: {_range(field)}{shown}" if _range(field) else f"`{key}`, {field.description}"
-
-
-def _range(field: FieldInfo) -> str:
+def valid_range(field: FieldInfo) -> str:
     """The valid values of a parameter in words; empty for a name."""
     if get_origin(field.annotation) is Literal:
         return ", ".join(map(str, get_args(field.annotation)))
-    bounds = _bounds(field)
+    bounds = _limits(field)
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else ""
     return f"{bounds[0]:g} to {bounds[1]:g}{f' {unit}' if unit else ''}" if bounds is not None else ""
 
 
-def _bounds(field: FieldInfo) -> tuple[float, float] | None:
+def _limits(field: FieldInfo) -> tuple[float, float] | None:
     """Lowest and highest value of a number."""
     found: dict[str, float] = {}
     for metadata in field.metadata:
@@ -134,11 +118,3 @@ def _bounds(field: FieldInfo) -> tuple[float, float] | None:
             if hasattr(metadata, name):
                 found[end] = float(getattr(metadata, name))
     return (found["low"], found["high"]) if len(found) == 2 else None
-
-
-def by_place(kinds: Iterable[type[Fault]]) -> dict[str, list[type[Fault]]]:
-    """Kinds by where they act."""
-    places: dict[str, list[type[Fault]]] = {}
-    for kind in kinds:
-        places.setdefault(kind.place, []).append(kind)
-    return places

@@ -17,7 +17,7 @@ from wbc_controller.simulation.faults.base_sensors import ImuNoise
 from wbc_controller.simulation.faults.fault import LONGEST, Fault
 from wbc_controller.simulation.faults.joint_sensors import JointNoise
 from wbc_controller.simulation.faults.world import MassError, SoftFloor
-from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 #: Amplitudes of sway and squat, m, and the time for each way, s.
 SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5
@@ -132,37 +132,37 @@ def cost_of(
     if known_friction:
         dry = config.settings.mock.joint_friction
         config = config.replace({"robot.friction": {joint: {"dry": dry} for joint in config.settings.robot.joints}})
-    rig = Rig(config, {}, force_sensors=flaw.force_sensors)
-    rig.faults = tuple(flaw.faults(rig.controller.model.actuators))
+    trial = EstimationTrial(config, {}, force_sensors=flaw.force_sensors)
+    trial.faults = tuple(flaw.faults(trial.controller.model.actuators))
     torques: list[Array] = []
     found: dict[str, float] = {}
     try:
-        rig.stand()
+        trial.stand()
         for name, points in (
             ("sway", ([0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.0, 0.0, 0.0])),
             ("squat", ([0.0, 0.0, -SQUAT], [0.0, 0.0, 0.0])),
         ):
-            found[name] = _error(rig, np.array(points), torques)
+            found[name] = _error(trial, np.array(points), torques)
     except WbcError as error:
         return Cost(found.get("sway", np.nan), np.nan, np.nan, str(error))
     return Cost(
         found["sway"],
         found["squat"],
-        chatter(np.array(torques), rig.settings.control.rate, rig.controller.model.effort_limits),
+        chatter(np.array(torques), trial.settings.control.rate, trial.controller.model.effort_limits),
     )
 
 
-def _error(rig: Rig, points: Array, torques: list[Array]) -> float:
+def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float:
     """Largest distance of the true centre of mass from where a motion should have it, m."""
     errors = [0.0]
     times = _BEAT * np.arange(1, len(points) + 1)
-    rig.follow(times.tolist(), list(rig.origin + points))
+    trial.follow(times.tolist(), list(trial.origin + points))
 
     def look() -> None:
-        errors.append(float(np.linalg.norm(rig.com() + rig.shift - rig.wanted())))
-        torques.append(rig.report.command.tau if rig.report.command is not None else torques[-1])
+        errors.append(float(np.linalg.norm(trial.com() + trial.shift - trial.wanted())))
+        torques.append(trial.report.command.tau if trial.report.command is not None else torques[-1])
 
-    rig.run(float(times[-1]) + 0.5, look)
+    trial.run(float(times[-1]) + 0.5, look)
     return max(errors)
 
 

@@ -18,7 +18,7 @@ from wbc_controller.simulation.faults.delivery import MessageDropout
 from wbc_controller.simulation.faults.fault import LONGEST, Fault
 from wbc_controller.simulation.faults.joint_sensors import JointBias
 from wbc_controller.simulation.faults.world import SlipperyFloor
-from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 #: Error of the base's velocity above which an estimate is wrong, m/s, and how long it may be so unsaid, s.
 WRONG, UNSAID = 0.2, 0.3
@@ -149,50 +149,50 @@ def come_of(
     """
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    rig = Rig(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
+    trial = EstimationTrial(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
     try:
         if mishap.hoist:
-            rig.settle()
+            trial.settle()
         else:
-            rig.stand()
+            trial.stand()
     except WbcError as error:
         return Outcome(np.nan, np.nan, (), (f"before the mishap: {error}",))
-    contact, spec = next(iter(rig.settings.contacts.items()))
-    model = rig.controller.model
+    contact, spec = next(iter(trial.settings.contacts.items()))
+    model = trial.controller.model
     moved_by = model.pinocchio.frames[model.frame_id(spec.frame, "the mishap")].parentJoint
-    watch = _Watch(rig)
+    watch = _Watch(trial)
     if not mishap.hoist:
-        points = [rig.origin + side * np.array([0.0, _SWAY, 0.0]) for side in (1.0, -1.0, 1.0, 0.0)]
-        rig.follow((_BEAT * np.arange(1, len(points) + 1)).tolist(), points)
+        points = [trial.origin + side * np.array([0.0, _SWAY, 0.0]) for side in (1.0, -1.0, 1.0, 0.0)]
+        trial.follow((_BEAT * np.arange(1, len(points) + 1)).tolist(), points)
         watch.follow(0.5 * _BEAT)
-    rig.robot.plan(mishap.faults(contact, model.pinocchio.names[moved_by]), since=rig.time)
+    trial.mock.plan(mishap.faults(contact, model.pinocchio.names[moved_by]), since=trial.time)
     if mishap.pull:
-        share = model.mass * model.gravity / len(rig.robot.plant.contacts)
-        rig.robot.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
+        share = model.mass * model.gravity / len(trial.mock.plant.contacts)
+        trial.mock.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
     watch.follow(_WATCHED)
-    return watch.outcome(_recovery(rig) if watch.ended or mishap.hoist else math.nan)
+    return watch.outcome(_recovery(trial) if watch.ended or mishap.hoist else math.nan)
 
 
-def _recovery(rig: Rig) -> float:
+def _recovery(trial: EstimationTrial) -> float:
     """Time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stays refused."""
-    rig.robot.plant.hold(True)
-    for _ in range(round(_LIFTED * rig.settings.control.rate)):
-        rig.cycle()
-    began = rig.time
-    rig.user.say("command", "reset")
-    while rig.time - began < _PATIENCE:
-        rig.cycle()
-        if rig.report.mode is Mode.ACTIVE:
-            return rig.time - began
-        rig.user.say("command", "activate")
+    trial.mock.plant.hold(True)
+    for _ in range(round(_LIFTED * trial.settings.control.rate)):
+        trial.cycle()
+    began = trial.time
+    trial.user.say("command", "reset")
+    while trial.time - began < _PATIENCE:
+        trial.cycle()
+        if trial.report.mode is Mode.ACTIVE:
+            return trial.time - began
+        trial.user.say("command", "activate")
     return math.inf
 
 
 class _Watch:
     """Compares the estimate with the truth, cycle by cycle."""
 
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+    def __init__(self, trial: EstimationTrial) -> None:
+        self._trial = trial
         self._errors: list[float] = []
         self._unsaid: list[bool] = []  # whether the estimate was wrong without a fault
         self._left_out: dict[str, None] = {}
@@ -201,20 +201,20 @@ class _Watch:
 
     def follow(self, seconds: float) -> None:
         """Let time pass, while the controller acts on the estimate and the robot has not fallen."""
-        for _ in range(round(seconds * self._rig.settings.control.rate)):
+        for _ in range(round(seconds * self._trial.settings.control.rate)):
             if self.ended or self._fell:
                 return
-            self._rig.cycle()
-            fault = self._rig.report.fault
+            self._trial.cycle()
+            fault = self._trial.report.fault
             if fault is not None:
                 self._said.setdefault(fault.code, f"{fault.code}: {fault.sentence}")
-            self.ended = fault is not None and self._rig.report.mode not in (Mode.ACTIVE, Mode.HOLDING)
-            self._fell = self._rig.robot.plant.fallen and not self.ended
+            self.ended = fault is not None and self._trial.report.mode not in (Mode.ACTIVE, Mode.HOLDING)
+            self._fell = self._trial.mock.plant.fallen and not self.ended
             if not self.ended:
                 self._look()
 
     def _look(self) -> None:
-        state, true, estimator = self._rig.report.inputs.state, self._rig.answered, self._rig.estimator
+        state, true, estimator = self._trial.report.inputs.state, self._trial.answered, self._trial.estimator
         if true is None or estimator is None:
             return
         if state is None:
@@ -225,17 +225,13 @@ class _Watch:
         self._left_out |= dict.fromkeys(estimator.slipping)
         error = float(np.linalg.norm(state.v[:3] - true[1][:3]))
         self._errors.append(error)
-        self._unsaid.append(error > WRONG and self._rig.report.fault is None)
+        self._unsaid.append(error > WRONG and self._trial.report.fault is None)
 
     def outcome(self, recovery: float) -> Outcome:
-        """Outcome of the mishap.
-
-        Args:
-            recovery: as in `Outcome`, s.
-        """
+        """Outcome of the mishap."""
         return Outcome(
             max(self._errors, default=0.0),
-            self._rig.controller.period * longest(np.array(self._unsaid, dtype=np.bool_)),
+            self._trial.controller.period * longest(np.array(self._unsaid, dtype=np.bool_)),
             tuple(self._left_out),
             tuple(self._said.values()),
             self.ended,

@@ -15,7 +15,7 @@ from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.simulation.sensors import PARTS
-from wbc_controller.validation.accuracy.rig import Rig
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 #: Time between two looks, s.
 _LOOK = 0.1
@@ -71,35 +71,29 @@ def told(sensors: SensorQuality) -> dict[str, Any]:
 
 
 def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stand:
-    """Let a robot stand on its estimate, which knows the figures of its sensors.
-
-    Args:
-        robot: name of a shipped robot, or the path of a file.
-        sensors: their quality.
-        seed: of the sensors.
-        seconds: how long.
+    """Let a robot stand for some seconds on its estimate, which knows the figures of its sensors.
 
     Raises:
         ConfigurationError: where the robot cannot be controlled or simulated so.
     """
     own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    rig = Rig(robot, {**told(sensors), **own})
+    trial = EstimationTrial(robot, {**told(sensors), **own})
     errors: list[Array] = []
     covariances: list[Array] = []
-    every = max(1, round(_LOOK * rig.settings.control.rate))
+    every = max(1, round(_LOOK * trial.settings.control.rate))
     ended, count = "", 0
 
     def look() -> None:
         nonlocal count
         count += 1
         if count % every == 0:
-            error, P = error_of(rig)
+            error, P = error_of(trial)
             errors.append(error)
             covariances.append(P)
 
     try:
-        rig.stand()
-        rig.run(seconds, look)
+        trial.stand()
+        trial.run(seconds, look)
     except WbcError as error:
         ended = str(error)
     if not errors:
@@ -123,16 +117,16 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
     )
 
 
-def error_of(rig: Rig) -> tuple[Array, Array]:
+def error_of(trial: EstimationTrial) -> tuple[Array, Array]:
     """The filter's error ξ of rotation, velocity and position, to first order, (9,), and its covariance, (9, 9).
 
     The right-invariant error X̂ X⁻¹ = exp(ξ) has R̂ Rᵀ, v̂ - R̂ Rᵀ v and p̂ - R̂ Rᵀ p as its columns. The filter is as old
     as the state that the last cycle has answered.
     """
-    estimator = rig.estimator
-    if estimator is None or estimator.filter is None or rig.answered is None:
+    estimator = trial.estimator
+    if estimator is None or estimator.filter is None or trial.answered is None:
         raise ConfigurationError("the robot has no estimate of its base: estimation.base_state has to be imu")
-    model, (q, v), found = rig.controller.model, rig.answered, estimator.filter
+    model, (q, v), found = trial.controller.model, trial.answered, estimator.filter
     data, frame = model.pinocchio.createData(), model.frame_id(estimator.imu_frame, "estimation.imu_frame")
     pin.forwardKinematics(model.pinocchio, data, q, v)
     placement = pin.updateFramePlacement(model.pinocchio, data, frame)

@@ -75,12 +75,7 @@ class Known:
 
 
 def expect(fault: Fault, settings: Settings) -> Expectation:
-    """What has to come of a fault.
-
-    Args:
-        fault: the fault.
-        settings: of the robot that it happens to.
-    """
+    """What has to come of a fault."""
     period = 1.0 / settings.control.rate
     known = Known(settings, 2.0 * period, settings.safety.state_timeout)
     return RULES[fault.kind()](fault, known)
@@ -123,16 +118,8 @@ def _absent(fault: Any, known: Known) -> Expectation:
     return HARMLESS if getattr(fault, "stream", "") == "imu" else known.refused(fault.duration)
 
 
-def _delayed(fault: Any, known: Known) -> Expectation:
-    if fault.stream == "imu":
-        return HARMLESS
-    return known.refused(min(fault.delay, fault.duration))
-
-
 def _delayed_ever_more(fault: Any, known: Known) -> Expectation:
-    """Without synchronized clocks, what the delay grows by in the time that passes looks like a slow clock."""
-    if fault.stream == "imu":
-        return HARMLESS
+    """Without synchronized clocks, the growth of the delay in the elapsed time looks like a slow clock."""
     seen = fault.growth if known.settings.safety.synchronized_clocks else fault.growth - 1.0
     if seen <= 0.0:
         return STALE_OR_BALANCE
@@ -140,16 +127,6 @@ def _delayed_ever_more(fault: Any, known: Known) -> Expectation:
     if too_old + known.timeout + known.cycle >= fault.duration:
         return STALE_OR_BALANCE
     return Expectation(STALE | BALANCE, too_old + known.timeout + known.cycle)
-
-
-def _replayed(fault: Any, known: Known) -> Expectation:
-    if fault.stream == "imu":
-        return HARMLESS
-    return known.refused(fault.duration - fault.length, fault.length)
-
-
-def _jumped_back(fault: Any, known: Known) -> Expectation:
-    return known.refused(min(fault.by, fault.duration))
 
 
 def _jumped_ahead(fault: Any, known: Known) -> Expectation:
@@ -164,17 +141,14 @@ def _clock(fault: Any, known: Known) -> Expectation:
     return known.seen(fault.by > _MARGIN * known.timeout, known.timeout, STALE | CLOCK)
 
 
-def _clock_frozen(fault: Any, known: Known) -> Expectation:
-    return known.seen(fault.duration > known.timeout + known.cycle, known.timeout, STALE | CLOCK)
-
-
-def _slow(fault: Any, known: Known) -> Expectation:
-    return known.refused(min(fault.period, fault.duration))
-
-
 def _no_stream(rule: _Rule) -> _Rule:
     """What concerns the inertial measurement unit is harmless: the controller does not read it."""
     return lambda fault, known: HARMLESS if fault.stream == "imu" else rule(fault, known)
+
+
+def _no_longer_than(key: str) -> _Rule:
+    """Messages are refused for a time that is a parameter, or for the duration."""
+    return lambda fault, known: known.refused(min(getattr(fault, key), fault.duration))
 
 
 def _small(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:
@@ -184,16 +158,8 @@ def _small(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rul
     )
 
 
-def _either(fault: Any, known: Known) -> Expectation:
-    return EITHER
-
-
-def _survives(fault: Any, known: Known) -> Expectation:
-    return HARMLESS
-
-
-def _estop(fault: Any, known: Known) -> Expectation:
-    return Expectation(frozenset({"ESTOP"}), known.cycle)
+def _always(expectation: Expectation) -> _Rule:
+    return lambda fault, known: expectation
 
 
 def _jump(key: str, threshold: str, share: float = 1.0) -> _Rule:
@@ -236,23 +202,30 @@ _SLOW_DRIFT = 0.01
 #: Least share of a random horizontal direction along one of two axes.
 _ALONG = float(np.sqrt(0.5))
 
+_EITHER, _SURVIVES = _always(EITHER), _always(HARMLESS)
+
+
+def _estop(fault: Any, known: Known) -> Expectation:
+    return Expectation(frozenset({"ESTOP"}), known.cycle)
+
+
 RULES: Mapping[str, _Rule] = {
     "joint_noise": _small({"sigma": 1e-4, "velocity_sigma": 1e-3}),
     "joint_bias": _ramp("bias", "joint_mismatch"),
-    "joint_scale": _either,
+    "joint_scale": _EITHER,
     "joint_quantization": _small({"step": 2e-4}),
-    "joint_lag": _either,
+    "joint_lag": _EITHER,
     "joint_spike": _spike,
     "joint_jump": _jump("size", "joint_mismatch"),
-    "joint_frozen": _either,
+    "joint_frozen": _EITHER,
     "joint_states_frozen": _frozen,
     "joint_not_a_number": _share_refused,
     "joint_absurd": lambda fault, known: known.seen(True, 0.0),
     "joint_missing": _absent,
-    "joints_swapped": _either,
+    "joints_swapped": _EITHER,
     "velocity_lag": _small({"time_constant": 0.002}),
-    "velocity_sign": _either,
-    "velocity_dead": _either,
+    "velocity_sign": _EITHER,
+    "velocity_dead": _EITHER,
     "odom_noise": _small({"sigma": 1e-4, "turn_sigma": 1e-4}),
     "odom_velocity_noise": _small({"sigma": 1e-3}),
     "odom_drift": _drift("speed", "base_mismatch", _ALONG),
@@ -262,63 +235,65 @@ RULES: Mapping[str, _Rule] = {
     "odom_tilt": _ramp("angle", "base_turn_mismatch", _ALONG),
     "odom_frozen": _frozen,
     "odom_lag": _small({"time_constant": 0.002}),
-    "odom_slow": _slow,
+    "odom_slow": _no_longer_than("period"),
     "odom_bad_quaternion": _absent,
     "odom_not_a_number": _share_refused,
     "odom_absurd": lambda fault, known: known.seen(True, 0.0),
     "odom_wrong_frame": _absent,
-    "imu_noise": _survives,
-    "imu_bias": _survives,
-    "imu_shock": _survives,
-    "message_delay": _delayed,
-    "message_growing_delay": _delayed_ever_more,
-    "message_jitter": _no_stream(lambda fault, known: STALE_OR_BALANCE),
+    "imu_noise": _SURVIVES,
+    "imu_bias": _SURVIVES,
+    "imu_shock": _SURVIVES,
+    "message_delay": _no_stream(_no_longer_than("delay")),
+    "message_growing_delay": _no_stream(_delayed_ever_more),
+    "message_jitter": _no_stream(_always(STALE_OR_BALANCE)),
     "message_loss": _lost,
     "message_dropout": _absent,
-    "message_duplication": _survives,
-    "message_reordering": _no_stream(lambda fault, known: STALE_OR_BALANCE),
-    "message_replay": _replayed,
+    "message_duplication": _SURVIVES,
+    "message_reordering": _no_stream(_always(STALE_OR_BALANCE)),
+    "message_replay": _no_stream(lambda fault, known: known.refused(fault.duration - fault.length, fault.length)),
     "message_queue": _absent,
     "command_loss": _small({"share": 0.02}),
-    "command_delay": _either,
-    "command_twice": _survives,
+    "command_delay": _EITHER,
+    "command_twice": _SURVIVES,
     "stamp_zero": _absent,
     "stamp_frozen": _absent,
-    "stamp_back": _jumped_back,
+    "stamp_back": _no_longer_than("by"),
     "stamp_ahead": _jumped_ahead,
     "stamp_drift": _small({"rate": 1e-3}, STALE_OR_BALANCE),
     "clock_jump": _clock,
-    "clock_frozen": _clock_frozen,
-    "clock_drift": lambda fault, known: Expectation(STALE | CLOCK | BALANCE),
-    "actuator_dead": _either,
-    "actuator_reversed": _either,
-    "actuator_gain": _either,
-    "actuator_weak": _either,
+    "clock_frozen": lambda fault, known: known.seen(
+        fault.duration > known.timeout + known.cycle, known.timeout, STALE | CLOCK
+    ),
+    "clock_drift": _always(Expectation(STALE | CLOCK | BALANCE)),
+    "actuator_dead": _EITHER,
+    "actuator_reversed": _EITHER,
+    "actuator_gain": _EITHER,
+    "actuator_weak": _EITHER,
     "actuator_bias": _small({"share": 0.005}),
     "actuator_noise": _small({"share": 0.002}),
     "actuator_lag": _small({"time_constant": 0.001}),
-    "actuator_delay": _either,
-    "joint_friction": _either,
-    "joint_locked": _either,
-    "payload": _either,
+    "actuator_delay": _EITHER,
+    "joint_friction": _EITHER,
+    "joint_locked": _EITHER,
+    "payload": _EITHER,
     "mass_error": _small({"share": 0.02}),
     "center_of_mass_error": _small({"offset": 0.005}),
-    "slippery_floor": _either,
-    "soft_floor": _either,
-    "floor_drop": _either,
-    "floor_hole": _either,
+    "slippery_floor": _EITHER,
+    "soft_floor": _EITHER,
+    "floor_drop": _EITHER,
+    "floor_hole": _EITHER,
     "floor_tilt": _small({"angle": 0.01}),
     "push": _small({"share": 0.01}),
     "kick": _small({"speed": 0.03}),
-    "garbage": _survives,
-    "unknown_words": _survives,
-    "request_flood": _survives,
-    "far_setpoint": _either,
-    "step_setpoint": _either,
-    "long_trajectory": _survives,
-    "huge_message": _survives,
+    "garbage": _SURVIVES,
+    "unknown_words": _SURVIVES,
+    "request_flood": _SURVIVES,
+    "far_setpoint": _EITHER,
+    "step_setpoint": _EITHER,
+    "long_trajectory": _SURVIVES,
+    "huge_message": _SURVIVES,
     "estop": _estop,
     "estop_in_flood": _estop,
-    "contact_off": _either,
-    "conflicting_updates": _either,
+    "contact_off": _EITHER,
+    "conflicting_updates": _EITHER,
 }

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from wbc_controller.validation.campaign.watch import VIOLATIONS
+from wbc_controller.validation.campaign.monitor import VIOLATIONS
 
 #: Longest time for which a robot may be fallen while its controller is active, s.
 UNSEEN = 0.2
-#: Every name of a violation, with its meaning: what the watch finds, and what the outcome tells.
+#: Every name of a violation, with its meaning: what the monitor finds, and what the outcome tells.
 ALL_VIOLATIONS: Mapping[str, str] = {
     **VIOLATIONS,
     "start": "the robot did not stand when the fault was to begin",
@@ -61,10 +60,3 @@ class Outcome:
     simulated: float
     wall: float
     violations: Mapping[str, str]
-
-    def repeatable(self) -> dict[str, Any]:
-        """All that is the same whenever the trial is repeated: times of the machine and explanations are not."""
-        content = dataclasses.asdict(self)
-        for key in ("longest", "wall", "sentence"):
-            del content[key]
-        return {**content, "violations": sorted(self.violations)}

@@ -37,12 +37,7 @@ class Place:
             file.unlink()
 
     def lacks(self, code: str, sentence: str) -> str:
-        """What is wrong with the recording of a fault, or nothing: it names the fault, and all its cycles come out.
-
-        Args:
-            code: of the fault.
-            sentence: its reason.
-        """
+        """What is wrong with the recording of a fault, or nothing: it names the fault, and all its cycles come out."""
         files = self._files()
         if not files:
             return f"there is none of {code}"

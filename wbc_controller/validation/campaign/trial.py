@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import logging
 import math
 import time
 import zlib
@@ -23,27 +22,24 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
 from wbc_controller.middleware.topics import counterpart
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
-from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.campaign.body import Body
 from wbc_controller.validation.campaign.expectations import Expectation, expect
+from wbc_controller.validation.campaign.fall import TrueFall
+from wbc_controller.validation.campaign.monitor import OutputMonitor
 from wbc_controller.validation.campaign.outcome import UNSEEN, Outcome
 from wbc_controller.validation.campaign.recordings import Place
-from wbc_controller.validation.campaign.user import User
-from wbc_controller.validation.campaign.user_faults import USER_KINDS, UserFault
-from wbc_controller.validation.campaign.watch import Watch
+from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault
+from wbc_controller.validation.error_log import logged_errors
+from wbc_controller.validation.lockstep import Lockstep
 
 #: Every kind of fault that a trial can have, by name.
-ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **USER_KINDS}
+ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
 #: Kinds for which the controller measures time by /clock.
 _BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")
 #: Earliest and latest beginning of a fault after the robot has begun to move, and shortest and longest duration, s.
@@ -93,29 +89,23 @@ def run_trial(
     place = None if recordings is None else Place(recordings, f"{Path(robot).stem}-{kind}-{seed}")
     if place is not None:
         place.clear()
-    with _log() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
-        trial = _Trial(robot, fault, prepare, rng, place, synchronized=seed % 2 == 1)
+    with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
+        trial = _Trial(robot, fault, rng, place, synchronized=seed % 2 == 1)
+        prepare(trial.controller)
         with _few_objects_to_collect():
             trial.run()
         if place is not None:
             trial.look_at(place)
     if logged:
-        trial.watch.found("logged", logged[0])
+        trial.monitor.found("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
 
 
-class _Trial:
-    """The robot, its controller and its user on one bus, and what is seen of them."""
+class _Trial(Lockstep):
+    """The robot, its controller and its user, and the observations."""
 
     def __init__(
-        self,
-        robot: str,
-        fault: Fault,
-        prepare: Callable[[Controller], None],
-        rng: np.random.Generator,
-        place: Place | None,
-        *,
-        synchronized: bool,
+        self, robot: str, fault: Fault, rng: np.random.Generator, place: Place | None, *, synchronized: bool
     ) -> None:
         changes = {
             **(place.settings if place is not None else {}),
@@ -126,124 +116,110 @@ class _Trial:
         }
         settings = load(robot).replace(changes).settings
         model = make_model(settings)
-        topics = controller_endpoints(settings, model)
-        bus = MemoryBus()
-        names = {topic.key: topic.name for topic in topics if topic.key in ("joint_states", "odom")}
-        if not model.floating_base:
-            del names["odom"]
-        self.watch = Watch(model, settings, names, stamps_lie=fault.place == "stamps and clock")
-        self._fault = fault
-        self._expected = expect(fault, settings)
-        self._settings = settings
-        self._period = 1.0 / settings.control.rate
-        self._robot = MockRobot(model, settings, MemoryTransport(bus))
-        self._robot.sent = self.watch.sent
-        controller = Controller(settings, preflight=False, model=model)
-        prepare(controller)
-        transport = MemoryTransport(bus)
+        streams = ("joint_states", "odom") if model.floating_base else ("joint_states",)
+        names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
+        self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
-        self._manual = ManualClock()
         self._read = 0.0  # processor time of reading in the last cycle, which a thread of its own does in a service
-        self._loop = make_loop(
-            controller,
-            transport,
-            clock_of(topics, transport) if fault.kind() in _BY_CLOCK else self._manual,
-            topics,
+        super().__init__(
+            settings,
+            model=model,
+            use_sim_time=fault.kind() in _BY_CLOCK,
             timer=time.thread_time,
-            observers=(self.watch.cycle, lambda report: setattr(self, "_read", report.stage_seconds["read"])),
+            observers=(self.monitor.cycle, lambda report: setattr(self, "_read", report.stage_seconds["read"])),
             recorder=self._recorder,
         )
-        user_transport = MemoryTransport(bus)
-        self._user = User(settings, model, topics, user_transport)
-        effort = next(topic for topic in topics if topic.key == "effort")
-        user_transport.subscribe(counterpart(effort), self.watch.torques)
-        self._body = Body(model, self._robot.plant)
-        self._act = fault.act(self._user, rng) if isinstance(fault, UserFault) else None
-        self._began = math.inf  # of the fault, on the watch's time
-        self._simulated = 0.0
+        self.mock.sent = self.monitor.sent
+        effort = next(topic for topic in self.topics if topic.key == "effort")
+        MemoryTransport(self.bus).subscribe(counterpart(effort), self.monitor.torques)
+        self._fault, self._expected = fault, expect(fault, settings)
+        self._fall = TrueFall(model, self.mock.plant)
+        self._act = fault.act(self.user, rng) if isinstance(fault, RequestFault) else None
+        self._began = math.inf  # of the fault, on the monitor's time
         self._moved = 0.0
 
     def run(self) -> None:
         """Stand up, move, let the fault happen, and see what comes of it."""
         try:
             self._stand()
-            if self.watch.mode is not Mode.ACTIVE or self._body.fallen():
-                self.watch.found("start", f"mode {self.watch.mode}")
+            if self.monitor.mode is not Mode.ACTIVE or self._fall.seen():
+                self.monitor.found("start", f"mode {self.monitor.mode}")
                 return
-            self._user.move(self._body.com())
-            plant = self._robot.plant
+            self.user.move(self.com())
+            plant = self.mock.plant
             begins = plant.time + self._fault.start
-            self._began = 1.0e-9 * self._robot.stamp + self._fault.start
+            self._began = 1.0e-9 * self.mock.stamp + self._fault.start
             if self._act is None:
-                self._robot.plan([self._fault], since=plant.time)
+                self.mock.plan([self._fault], since=plant.time)
             self._go_on(begins, begins + self._fault.duration)
         except WbcError as error:
-            self.watch.found("diverged", str(error))
+            self.monitor.found("diverged", str(error))
         finally:
-            self._simulated = self._robot.plant.time
             if self._recorder is not None:
                 self._recorder.close()
 
     def look_at(self, place: Place) -> None:
         """See whether the recording that a fault has left names it, and comes out again."""
-        left = self.watch.left
+        left = self.monitor.left
         if left is not None and left[2]:
             lacks = place.lacks(left[1], left[2])
             if lacks:
-                self.watch.found("recording", lacks)
+                self.monitor.found("recording", lacks)
 
     def _stand(self) -> None:
         """Activate with the base held until the torques are those of standing, and let it go."""
         for _ in range(_HELD):
             self._cycle()
-        self._user.say("command", "activate")
-        rising = 1.0 / self._settings.limits.torque_rate
-        for _ in range(_HELD + math.ceil(rising / self._period)):
+        self.user.say("command", "activate")
+        rising = 1.0 / self.settings.limits.torque_rate
+        for _ in range(_HELD + math.ceil(rising / self.controller.period)):
             self._cycle()
-        self._robot.plant.hold(False, ramp=0.0)
+        self.mock.plant.hold(False, ramp=0.0)
         for _ in range(_HELD):
             self._cycle()
 
     def _go_on(self, begins: float, ends: float) -> None:
         """Let the time of the fault come and pass."""
-        plant, looked, fallen_since, origin = self._robot.plant, -math.inf, math.inf, self._body.com()
+        plant, looked, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
         while plant.time < ends + _AFTER:
             now = plant.time
             if now - looked >= _LOOK:
-                looked, com = now, self._body.com()
+                looked, com = now, self.com()
                 if now < begins:
                     origin = com
                 self._moved = max(self._moved, float(np.linalg.norm(com - origin)))
-                if not self._body.fallen():
+                if not self._fall.seen():
                     fallen_since = math.inf
-                elif self.watch.left is None:
+                elif self.monitor.left is None:
                     fallen_since = min(fallen_since, now)
                     if now - fallen_since > UNSEEN:
-                        self.watch.found("fell", f"the mode is {self.watch.mode.value if self.watch.mode else ''}")
-            if self.watch.left is not None and now > self.watch.left[0] + _DAMPED:
+                        self.monitor.found(
+                            "fell", f"the mode is {self.monitor.mode.value if self.monitor.mode else ''}"
+                        )
+            if self.monitor.left is not None and now > self.monitor.left[0] + _DAMPED:
                 return
             if self._act is not None and begins - 1e-9 <= now < ends:
-                self._act(self._body.com())
+                self._act(self.com())
             self._cycle()
 
     def _cycle(self) -> None:
         """One control period: measure, compute where a cycle is due, act."""
-        self.watch.now = self._manual.time = 1.0e-9 * self._robot.stamp
-        self._robot.publish()
+        self.monitor.now = 1.0e-9 * self.mock.stamp
+        self.publish_state()
         before = time.thread_time()
         # The first cycles of a process take longer: code is made when it is first used.
-        if self._loop.run_due(self.watch.now, self._period) and self.watch.now >= self._began:
-            self.watch.spent(time.thread_time() - before - self._read)
-        self._robot.advance()
+        if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:
+            self.monitor.spent(time.thread_time() - before - self._read)
+        self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
         """Judge what has been seen."""
-        watch, expected = self.watch, self._expected
-        left = watch.left
+        monitor, expected = self.monitor, self._expected
+        left = monitor.left
         after = left[0] - self._began if left is not None and math.isfinite(self._began) else None
-        if "start" not in watch.violations and "diverged" not in watch.violations:
+        if "start" not in monitor.violations and "diverged" not in monitor.violations:
             self._judge(expected, after, left[1] if left is not None else "")
-        result = "violation" if watch.violations else "survived" if left is None else "damped"
+        result = "violation" if monitor.violations else "survived" if left is None else "damped"
         keys = [key for key in self._fault.model_fields_set if key not in ("start", "seed")]
         return Outcome(
             robot,
@@ -257,22 +233,22 @@ class _Trial:
             left[2] if left is not None else "",
             after,
             self._moved,
-            watch.longest,
-            self._simulated,
+            monitor.longest,
+            self.time,
             wall,
-            dict(watch.violations),
+            dict(monitor.violations),
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
         """Compare what came of the fault with what had to."""
         if after is not None and after < 0.0:
-            self.watch.found("early", f"{code} {-after:.3f} s before the fault")
+            self.monitor.found("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:
             valid = ", ".join(sorted(expected.codes)) or "none, as this fault is harmless"
-            self.watch.found("wrong_reason", f"{code}; valid: {valid}")
+            self.monitor.found("wrong_reason", f"{code}; valid: {valid}")
         elif expected.deadline is not None and not (after is not None and after <= expected.deadline + 1e-9):
             came = f"detected after {after:.4f} s" if after is not None else "not detected"
-            self.watch.found("undetected", f"{came}; it has to be within {expected.deadline:.4f} s")
+            self.monitor.found("undetected", f"{came}; it has to be within {expected.deadline:.4f} s")
 
 
 @contextlib.contextmanager
@@ -284,20 +260,3 @@ def _few_objects_to_collect() -> Iterator[None]:
         yield
     finally:
         gc.unfreeze()
-
-
-@contextlib.contextmanager
-def _log() -> Iterator[list[str]]:
-    """Keep the errors that are logged, and nothing of the rest: a campaign would print thousands of warnings."""
-    logger = logging.getLogger("wbc_controller")
-    kept: list[str] = []
-    handler = logging.Handler(logging.ERROR)
-    handler.emit = lambda record: kept.append(record.getMessage())  # type: ignore[method-assign]
-    before = logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
-    try:
-        yield kept
-    finally:
-        logger.propagate = before
-        logger.removeHandler(handler)

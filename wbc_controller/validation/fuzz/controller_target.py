@@ -1,4 +1,4 @@
-"""The controller under test: the service's loop in lockstep with a mock robot that hangs, on simulated time."""
+"""The controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
 
 from __future__ import annotations
 
@@ -7,28 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport, LatchedInputs, TakenRequests
 from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import Endpoint, counterpart
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.nodes.inputs import Inputs
-from wbc_controller.nodes.simulated_clock import clock_of
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
-from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
     Broken,
+    Target,
     check_torques,
     fuzzed_robot,
-    incoming,
     within,
 )
+from wbc_controller.validation.lockstep import Lockstep
 
 #: Topics whose messages count in the cycle that they come in.
 _STATES = ("joint_states", "odom", "clock")
@@ -38,8 +34,8 @@ _BATCH = 16
 _SETTLE = 8
 
 
-class _Sieve:
-    """Stands where a loop has its inputs: reads each message as it comes, and hands on what the fuzzer lets through."""
+class _Gate:
+    """Inputs of a loop in which each message is read on arrival, and passes if and when the fuzzer says so."""
 
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
@@ -48,12 +44,12 @@ class _Sieve:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inputs, name)
 
-    def sift(self) -> LatchedInputs:
-        """Read what has come since the last call."""
+    def read(self) -> LatchedInputs:
+        """Read the messages since the last call."""
         return self._inputs.latch()
 
     def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
-        """The newest state, and the requests that were let through; as `Inputs.latch`."""
+        """Return the newest state and the passed requests; as `Inputs.latch`."""
         passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
         requests = [latched.requests for latched in passed]
         return passed[-1]._replace(
@@ -67,49 +63,34 @@ class _Sieve:
         )
 
 
-class ControllerTarget:
-    """The controller's loop, active, with a user who sends anything at all.
+class ControllerTarget(Target):
+    """The controller's loop, active, with a user who sends any message.
 
-    Each message is read by itself, as the reader of requests does. Refused ones are given to a cycle together, in which
-    no reference, setting or mode may change; so are those that the cycle may refuse in the end, one by one.
+    Each message is read by itself, as the reader of requests does. A cycle gets several refused messages together, and
+    must not change any reference, setting or mode. It gets messages that it may refuse in the end one by one.
     """
 
     def __init__(self, robot: str) -> None:
-        """Build the controller and its robot, and activate it.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build the controller and its robot, and activate it."""
         fuzzed = fuzzed_robot(robot)
+        super().__init__(controller_endpoints(fuzzed.settings, fuzzed.model), ("effort",))
+        self._robot = Lockstep(fuzzed.settings, model=fuzzed.model, bus=self.bus, use_sim_time=True)
         self._settings, self._model = fuzzed.settings, fuzzed.model
+        self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
-        topics = controller_endpoints(self._settings, self._model)
-        self.topics: Mapping[str, Endpoint] = incoming(topics)
-        bus = self._bus = MemoryBus()
-        self._mock = MockRobot(self._model, self._settings, MemoryTransport(bus))
-        self._controller = Controller(self._settings, preflight=False, model=self._model)
-        transport = MemoryTransport(bus)
-        self._clock = clock_of(topics, transport)
-        self._loop = make_loop(self._controller, transport, self._clock, topics)
-        self._sieve = _Sieve(self._loop._inputs)
-        self._loop._inputs = self._sieve  # type: ignore[assignment]  # the loop's own seam is one layer further out
-        self._efforts: list[bytes] = []
-        (effort,) = [topic for topic in topics if topic.key == "effort"]
-        self._effort_type = effort.type
-        MemoryTransport(bus).subscribe(counterpart(effort), self._efforts.append)
-        self._command = next(topic for topic in self.topics.values() if topic.key == "command")
+        self._gate = _Gate(self._loop._inputs)
+        self._loop._inputs = self._gate  # type: ignore[assignment]  # it delegates all other attributes
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
         self._tau = np.zeros(self._model.na)
         self._refused: list[LatchedInputs] = []
         self._accepted: list[LatchedInputs] = []
         self._disturbed = False
-        self.alive = True
         self._start()
 
     def _start(self) -> None:
         for _ in range(3):  # the odometry and the joint states have to come before an activation
             self._cycle("the start", publish=True)
-        self.take(self._command, encode(message("std_msgs/msg/String", data="activate")))
+        self.take(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
         self.finish()
         for _ in range(_SETTLE):
             self._cycle("the start", publish=True)
@@ -143,13 +124,13 @@ class ControllerTarget:
         if state:
             self.finish()
             self._mock.publish()
-            self._sieve.passed.append(self._sieve.sift())
+            self._gate.passed.append(self._gate.read())
         limit = CYCLE_LIMIT if state else READ_LIMIT
-        now = self._clock.now()
+        now = self._robot.clock.now()
         with within(limit, f"reading {len(payload)} bytes on {topic.name}"):
-            self._send(topic, payload)
-            latched = self._sieve.sift()
-        if self._clock.now() != now:
+            self.publish(topic, payload)
+            latched = self._gate.read()
+        if self._robot.clock.now() != now:
             self._disturbed = True
         if latched.refused and (latched.requests.commands or latched.requests.changes):
             raise Broken(f"a message on {topic.name} was refused, and is used all the same: {latched.refused}")
@@ -164,12 +145,6 @@ class ControllerTarget:
         elif len(self._refused) + len(self._accepted) >= _BATCH:
             self.finish()
 
-    def _send(self, topic: Endpoint, payload: bytes) -> None:
-        """Publish as a participant that comes and goes: one that stayed would be a rival to the robot's odometry."""
-        user = MemoryTransport(self._bus)
-        user.advertise(counterpart(topic))(payload)
-        user.close()
-
     def finish(self) -> None:
         """Run the cycles of the messages that have been read; see `Target`."""
         if self._refused:
@@ -178,7 +153,7 @@ class ControllerTarget:
         together = [each for each in self._accepted if not (each.requests.commands or _may_be_late(each))]
         self._accepted = []
         for batch in [*([each] for each in alone), *([together] if together else [])]:
-            self._sieve.passed += batch
+            self._gate.passed += batch
             before, mode = self._parts(), self._controller.mode
             report = self._cycle("messages that were read", publish=True)
             late = [
@@ -191,7 +166,7 @@ class ControllerTarget:
 
     def _see_refused(self, publish: bool) -> None:
         """Run one cycle with all that was refused, in which nothing may change."""
-        self._sieve.passed += self._refused
+        self._gate.passed += self._refused
         self._refused = []
         before, mode = self._parts(), self._controller.mode
         self._see_unchanged(before, mode, self._cycle("messages that were refused", publish))
@@ -225,15 +200,15 @@ class ControllerTarget:
         """Run one cycle of the robot and the controller, and see that all holds that must hold."""
         if publish:
             self._mock.publish()
-        self._efforts.clear()
+        self.forget()
         with within(CYCLE_LIMIT, f"the cycle of {why}"):
             report = self._loop.cycle()
         self._mock.advance()
         if report.fault is not None and report.fault.code == "INTERNAL_ERROR":
             raise Broken(f"{why} led to {report.fault.code}: {report.fault.sentence}")
         stopped = report.fault is not None and report.fault.code == "ESTOP"
-        for payload in self._efforts:
-            tau: Array = np.asarray(decode(payload, self._effort_type).data)
+        for payload in self.heard["effort"]:
+            tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
             check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
             self._tau = tau

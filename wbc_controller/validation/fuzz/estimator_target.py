@@ -1,8 +1,7 @@
-"""The estimator of the base under test."""
+"""The base estimator as a target of the fuzzer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,15 @@ from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, E
 from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.fuzz.contents import ordinary
-from wbc_controller.validation.fuzz.target import CYCLE_LIMIT, Broken, OtherEnd, fuzzed_robot, saying_all, within
+from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.target import (
+    CYCLE_LIMIT,
+    Broken,
+    Target,
+    fuzzed_robot,
+    with_all_diagnostics,
+    within,
+)
 
 #: Time for which the robot stands still at the start, s: short, as every episode begins with it.
 _SETTLING = 0.1
@@ -22,30 +28,25 @@ _SETTLING = 0.1
 _STRIDE = 0.05
 
 
-class EstimatorTarget:
+class EstimatorTarget(Target):
     """The estimator of a robot that stands still, whose sensors go on between the messages."""
 
     def __init__(self, robot: str) -> None:
-        """Build the node, and let it begin its estimate.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build the node, and let it begin its estimate."""
         fuzzed = fuzzed_robot(robot)
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
-        settings = saying_all(fuzzed.settings).model_copy(update={"estimation": estimation})
+        settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
         self._model = fuzzed.model
         topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
-        self._user = user = OtherEnd(topics, ("odom", "diagnostics"))
-        self.topics: Mapping[str, Endpoint] = user.topics
-        self._node = EstimatorService(settings, self._model, topics, user.transport(), user.clock)
+        super().__init__(topics, ("odom", "diagnostics"))
+        self._node = EstimatorService(settings, self._model, topics, self.transport(), self.clock)
         self._period = 1.0 / settings.control.rate
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
             self._go_on("the start")
         for _ in range(round(AGREED / _STRIDE) + 2):
-            self._user.clock.time += _STRIDE - self._period
-            self._user.send("pose", self._sensed("pose"))
+            self.clock.time += _STRIDE - self._period
+            self.send("pose", self._sensed("pose"))
             self._go_on("the start of poses")
         self.alive = self._node.estimator.base is not None
         if not self.alive:
@@ -55,15 +56,15 @@ class EstimatorTarget:
         """An ordinary message of a topic, valid now."""
         if topic.key in STREAMS:
             return self._sensed(topic.key)
-        return ordinary(topic.type, self._model.joints, "", round(1e9 * self._user.clock.time))
+        return ordinary(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
 
     def take(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message between those of the sensors; see `Target`."""
         what = f"a message on {topic.name}"
-        self._user.clock.time += 0.5 * self._period
-        self._user.publish[topic.name](payload)
+        self.clock.time += 0.5 * self._period
+        self.publish(topic, payload)
         answers = self._cycle(what)
-        refused = "; ".join(self._user.refused().values())
+        refused = "; ".join(self.refused().values())
         if refused and answers:
             raise Broken(f"{what} was refused ({refused}), and is answered all the same")
         self._go_on(f"the cycle behind {what}")
@@ -74,24 +75,23 @@ class EstimatorTarget:
         self._go_on("the end")
 
     def _sensed(self, stream: str) -> Any:
-        self._standing.stamps = dict.fromkeys(STREAMS, round(1e9 * self._user.clock.time))
+        self._standing.stamps = dict.fromkeys(STREAMS, round(1e9 * self.clock.time))
         return self._standing.message(stream)
 
     def _go_on(self, what: str) -> None:
         """One period of the robot's own sensors."""
-        self._user.clock.time += self._period
+        self.clock.time += self._period
         for stream in ("imu", "joint_states"):
-            self._user.send(stream, self._sensed(stream))
+            self.send(stream, self._sensed(stream))
         self._cycle(what)
 
     def _cycle(self, what: str) -> int:
         """Run a cycle, and look at what it has published; gives the number of estimates."""
-        for kept in self._user.heard.values():
-            kept.clear()
+        self.forget()
         with within(CYCLE_LIMIT, what):
             self._node.cycle()
-        for payload in self._user.heard["odom"]:
-            odom = decode(payload, self._user.types["odom"])
+        for payload in self.heard["odom"]:
+            odom = decode(payload, self.types["odom"])
             pose, twist = odom.pose.pose, odom.twist.twist
             numbers = [getattr(part, axis) for part in (pose.position, twist.linear, twist.angular) for axis in "xyz"]
             turned = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
@@ -101,4 +101,4 @@ class EstimatorTarget:
                 variances = covariance.reshape(6, 6).diagonal()
                 if not (np.isfinite(covariance).all() and (variances >= 0.0).all()):
                     raise Broken(f"{what}: the covariance of the estimate is none: {variances.tolist()}")
-        return len(self._user.heard["odom"])
+        return len(self.heard["odom"])

@@ -7,8 +7,7 @@ import multiprocessing
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,10 @@ from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.recording.columns import columns
 from wbc_controller.recording.reading import Recorded
 from wbc_controller.validation.fuzz import DOMAIN
-from wbc_controller.validation.fuzz.contents import ordinary
-from wbc_controller.validation.fuzz.rig import MACHINE, Rig
+from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.lateness import MACHINE
+from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
+from wbc_controller.validation.user import com_trajectory
 
 #: Messages per second of a flood, and of one whose messages are large.
 _RATE, _SLOW_RATE = 10_000.0, 20.0
@@ -46,93 +47,94 @@ CYCLES = 2
 STALL = 0.02
 
 
-def _string(text: str) -> Callable[[Rig], bytes]:
-    return lambda rig: encode(message("std_msgs/msg/String", data=text))
+def _string(text: str) -> Callable[[], bytes]:
+    return lambda: encode(message("std_msgs/msg/String", data=text))
 
 
-def _trajectory(rig: Rig) -> bytes:
-    content = ordinary("trajectory_msgs/msg/MultiDOFJointTrajectory", (), "world", 0)
-    point = content.points[0]
-    content.points = [
-        message(
-            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-            transforms=point.transforms,
-            velocities=[],
-            accelerations=[],
-            time_from_start=message("builtin_interfaces/msg/Duration", sec=i + 1, nanosec=0),
-        )
-        for i in range(_POINTS)
-    ]
-    return encode(content)
+def _example(type_name: str, *arguments: Any) -> Callable[[], bytes]:
+    return lambda: encode(ordinary(type_name, *arguments))
 
 
-def _setpoint(rig: Rig) -> bytes:
-    return encode(ordinary("geometry_msgs/msg/PointStamped", (), "world", 0))
+def _trajectory() -> bytes:
+    return encode(com_trajectory(range(1, _POINTS + 1), np.tile([0.0, 0.0, 1.0], (_POINTS, 1))))
 
 
 #: The floods: the input, and the message.
-FLOODS: Mapping[str, tuple[str, Callable[[Rig], bytes]]] = {
+FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
     "activate": ("command", _string("activate")),
     "garbage": ("command", _string("\x7f%s{}é\n" * 30)),
-    "setpoint": ("setpoint/com", _setpoint),
+    "setpoint": ("setpoint/com", _example("geometry_msgs/msg/PointStamped", (), "world", 0)),
     "trajectory": ("trajectory/com", _trajectory),
     "update": ("update", _string("{tasks: {com: {stiffness: 101.0}}}")),
     "nonsense": ("update", _string("{tasks: {com: {stiffness: [" + "1, " * 1000 + "]}}}")),
-    "odometry": ("odom", lambda rig: encode(ordinary("nav_msgs/msg/Odometry", (), "world", 1))),
-    "joint_states": ("joint_states", lambda rig: encode(ordinary("sensor_msgs/msg/JointState", ("nose",), "", 1))),
+    "odometry": ("odom", _example("nav_msgs/msg/Odometry", (), "world", 1)),
+    "joint_states": ("joint_states", _example("sensor_msgs/msg/JointState", ("nose",), "", 1)),
     "large": ("update", _string("x" * _LARGE)),
 }
 
 
 @dataclass(frozen=True, slots=True)
+class Stop:
+    """An emergency stop, as its sender sees it.
+
+    Attributes:
+        began: stamp of the robot's state at the beginning of the flood, ns.
+        known: newest stamp that the sender knew when it sent the stop, ns.
+        ended: stamp at the end, ns.
+        seen: time from sending until the sender saw the zero torques, s.
+        late: lateness of the machine meanwhile, s.
+        sent: messages of the flood.
+        seconds: duration of the flood, s.
+        said: whether the diagnostics said that messages were lost or refused.
+    """
+
+    began: int
+    known: int
+    ended: int
+    seen: float
+    late: float
+    sent: int
+    seconds: float
+    said: bool
+
+
+@dataclass(frozen=True, slots=True)
 class StopTrial:
-    """One emergency stop under a flood.
+    """An emergency stop under a flood, with the controller's record of it.
 
     Attributes:
         flood: key of the flood.
-        cycles: cycles after the newest state that the sender knew, up to the first one in the controller's record with
-            zero torques and the fault, those that lack in the record meanwhile too.
-        seen: time from sending until the sender saw the zero torques, s.
-        slowest: longest cycle in the record while the flood lasted, s.
-        late: lateness of the machine meanwhile, s.
-        sent: messages of the flood.
-        rate: of the flood, messages per second.
-        said: whether the diagnostics said that messages were lost or refused.
+        stop: the stop.
+        cycles: cycles, with those missing in the record, from the newest state that the sender knew to the first cycle
+            with zero torques and the fault.
+        slowest: longest cycle while the flood lasted, s.
         period: of the controller, s.
     """
 
     flood: str
+    stop: Stop
     cycles: int
-    seen: float
     slowest: float
-    late: float
-    sent: int
-    rate: float
-    said: bool
     period: float
 
     @property
+    def rate(self) -> float:
+        """Messages of the flood per second."""
+        return self.stop.sent / self.stop.seconds
+
+    @property
     def obeyed(self) -> bool:
-        """Whether the stop was obeyed within `CYCLES`, beside those for which the machine was late."""
-        return self.cycles <= CYCLES + math.ceil(2.0 * self.late / self.period)
+        """Whether the stop was obeyed within `CYCLES`, and the cycles for which the machine was late."""
+        return self.cycles <= CYCLES + math.ceil(2.0 * self.stop.late / self.period)
 
     @property
     def steady(self) -> bool:
-        """Whether no cycle took longer than `STALL`, beside the lateness of the machine."""
-        return self.slowest <= STALL + 2.0 * self.late
+        """Whether no cycle took longer than `STALL`, and the lateness of the machine."""
+        return self.slowest <= STALL + 2.0 * self.stop.late
 
 
 def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any, count: Any) -> None:
-    """Send a message again and again, in a process of its own, while an event is set.
-
-    Args:
-        kind: key in `FLOODS`.
-        topic: the input.
-        payload: the message.
-        domain: DDS domain.
-        running: event while which it sends.
-        count: shared number of messages; negative to end the process.
-    """
+    """Send a message again and again while an event is set; a negative count ends the process."""
     rate = _SLOW_RATE if kind == "large" else _RATE
     count.value = 0
     while count.value >= 0:
@@ -153,10 +155,6 @@ def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any,
         transport.close()
 
 
-def _ready(count: Any) -> bool:
-    return bool(count.value == 0)
-
-
 def flood_trials(
     robot: str,
     folder: Path,
@@ -169,15 +167,6 @@ def flood_trials(
 ) -> list[StopTrial]:
     """Flood each kind of input of a running controller, and stop it in the middle, again and again.
 
-    Args:
-        robot: a robot that is shipped, or the path of a configuration.
-        folder: for logs and records.
-        trials: stops per flood.
-        kinds: keys of the floods in `FLOODS`.
-        domain: DDS domain.
-        seed: of the moments.
-        progress: called after each trial.
-
     Raises:
         ConfigurationError: if there is no such flood.
         WbcError: if a process does not do what it should.
@@ -186,77 +175,64 @@ def flood_trials(
         if kind not in FLOODS:
             raise ConfigurationError(f"no flood is named {kind!r}; {valid_choices(kind, FLOODS)}")
     rng, done = np.random.default_rng(seed), []
-    with Rig(robot, folder, domain, _CHANGES) as rig:
-        rig.start("mock")
+    with RobotProcesses(robot, folder, domain, _CHANGES) as nodes:
+        nodes.start("mock")
         for kind in kinds:
-            for trial in _under_one_flood(rig, kind, trials, rng, domain):
+            for trial in _under_one_flood(nodes, kind, trials, rng, domain):
                 done.append(trial)
                 progress(trial)
     return done
 
 
-def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator, domain: int) -> list[StopTrial]:
-    """The trials of one flood, with a controller of its own, whose record says what it did."""
+def _under_one_flood(
+    nodes: RobotProcesses, kind: str, trials: int, rng: np.random.Generator, domain: int
+) -> list[StopTrial]:
+    """Run the trials of one flood, with a controller of its own that records its cycles."""
     context = multiprocessing.get_context("spawn")
     running, count = context.Event(), context.Value("q", -1)
     name, make = FLOODS[kind]
-    flooder = context.Process(
-        target=flood, args=(kind, rig.inputs[name], make(rig), domain, running, count), daemon=True
-    )
-    rig.forget("controller")
-    rig.record.unlink(missing_ok=True)
-    rig.start("controller", "--record", str(rig.record))
+    topic = nodes.inputs[name]
+    flooder = context.Process(target=flood, args=(kind, topic, make(), domain, running, count), daemon=True)
+    nodes.forget("controller")
+    nodes.record.unlink(missing_ok=True)
+    nodes.start("controller", "--record", str(nodes.record))
     flooder.start()
     try:
-        rig.wait_for("mock", "controller")
-        rig.until(partial(_ready, count), "the flooder")
-        stops: list[_Stop] = []
-        for _ in range(_ATTEMPTS * trials):
-            stop = _stop_once(rig, running, count, float(rng.uniform(*_BEFORE)))
-            stops += [stop] if stop is not None else []
-            if len(stops) == trials:
-                break
-        else:
+        nodes.wait_for("mock", "controller")
+        nodes.until(lambda: bool(count.value == 0), "the flooder")
+        attempts = (_stop_once(nodes, running, count, float(rng.uniform(*_BEFORE))) for _ in range(_ATTEMPTS * trials))
+        stops = list(islice((stop for stop in attempts if stop is not None), trials))
+        if len(stops) < trials:
             raise WbcError(f"the machine was too late for {trials} stops under the flood {kind!r}")
     finally:
         count.value = -(2**62)  # ends it
         flooder.join(5.0)
         flooder.kill()
-    status = rig.stop("controller")
-    if status != 0 or not rig.record.exists():
+    status = nodes.stop("controller")
+    if status != 0 or not nodes.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
-    recorded = Recorded(rig.record)
-    gaps, record = _gaps(recorded), columns(recorded)
-    stamps, modes, totals = record["stamp"], record["mode"], record["seconds/total"]
-    stopped = ~record["tau"].any(axis=1) & (modes == "fault")
-    found, period = [], 1.0 / rig.settings.control.rate
-    for stop in stops:
-        after = stamps > stop.known
-        obeyed = np.flatnonzero(after & stopped)
-        most = math.ceil(stop.seen / period) + 1  # its sender waited no longer for the zero torques
-        if len(obeyed):
-            lost = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
-            cycles = int(after[: obeyed[0] + 1].sum()) + min(lost, most)
-        else:  # the record lacks all that followed
-            cycles = most
-        found.append(
-            StopTrial(
-                flood=kind,
-                cycles=cycles,
-                seen=stop.seen,
-                slowest=float(totals[(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)),
-                late=stop.late,
-                sent=stop.sent,
-                rate=stop.sent / stop.seconds,
-                said=stop.said,
-                period=period,
-            )
-        )
-    return found
+    recorded = Recorded(nodes.record)
+    record, gaps, period = columns(recorded), _gaps(recorded), 1.0 / nodes.settings.control.rate
+    return [_compared(kind, stop, record, gaps, period) for stop in stops]
+
+
+def _compared(
+    kind: str, stop: Stop, record: Mapping[str, np.ndarray], gaps: Sequence[tuple[int, int, int]], period: float
+) -> StopTrial:
+    """Find a stop in the controller's record."""
+    stamps = record["stamp"]
+    after = stamps > stop.known
+    obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
+    cycles = most = math.ceil(stop.seen / period) + 1  # the sender waited no longer for the zero torques
+    if len(obeyed):  # otherwise the record has none of the following cycles
+        missing = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
+        cycles = int(after[: obeyed[0] + 1].sum()) + min(missing, most)
+    slowest = record["seconds/total"][(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)
+    return StopTrial(kind, stop, cycles, float(slowest), period)
 
 
 def _gaps(recorded: Recorded) -> list[tuple[int, int, int]]:
-    """Where cycles lack in a recording: stamps of the cycles before and after, ns, and how many lack."""
+    """Gaps of a recording: stamps of the cycles before and after, ns, and the number of missing cycles."""
     known = [
         (each.number, int(each.number_of("stamp_seconds")) * 1_000_000_000 + int(each.number_of("stamp_nanoseconds")))
         for each in recorded.cycles()
@@ -266,52 +242,39 @@ def _gaps(recorded: Recorded) -> list[tuple[int, int, int]]:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _Stop:
-    """What the sender of a stop knows: stamps of the robot's states in ns, and times in s."""
-
-    began: int
-    known: int
-    ended: int
-    seen: float
-    late: float
-    sent: int
-    seconds: float
-    said: bool
-
-
-def _stop_once(rig: Rig, running: Any, count: Any, before: float) -> _Stop | None:
+def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -> Stop | None:
     """Activate, flood, and stop; None where the machine was so late that another fault came before.
 
     Raises:
         WbcError: where another fault came and the machine was not late.
     """
-    rig.activate()
-    rig.until(lambda: bool(rig.efforts(time.monotonic() - 0.05)[1].any()), "torques")
-    rig.lateness.forget()
+    nodes.activate()
+    nodes.wait_for_torques(time.monotonic())
+    nodes.lateness.forget()
     count.value = 0
     running.set()
-    rig.until(lambda: count.value > 0, "the first message of the flood")
-    began, start = time.monotonic(), rig.stamp()
+    nodes.until(lambda: count.value > 0, "the first message of the flood")
+    began, start = time.monotonic(), nodes.stamp()
     time.sleep(before)
-    known = rig.stamp()
-    sent_at = rig.command("estop")
-    rig.until(lambda: rig.said("controller").startswith("fault"), "the stop", patience=60.0)
+    known = nodes.stamp()
+    nodes.user.say("command", "estop")
+    sent_at = time.monotonic()
+    nodes.until(lambda: nodes.said("controller").startswith("fault"), "the stop", patience=60.0)
     time.sleep(_AFTER)
     running.clear()
-    if "ESTOP" not in (fault := rig.said("controller")):
-        if rig.lateness.worst < MACHINE * rig.settings.safety.state_timeout:
-            raise WbcError(f"before the stop came {fault!r}, and the machine was {rig.lateness.worst:.3f} s late")
+    if "ESTOP" not in (fault := nodes.said("controller")):
+        if nodes.lateness.worst < MACHINE * nodes.settings.safety.state_timeout:
+            raise WbcError(f"before the stop came {fault!r}, and the machine was {nodes.lateness.worst:.3f} s late")
         return None
     seconds = time.monotonic() - began
-    late, sent = rig.lateness.worst, count.value
-    times, torques = rig.efforts(sent_at)
+    late, sent = nodes.lateness.worst, count.value
+    times, torques = nodes.efforts(sent_at)
     said, told = False, time.monotonic() + _TOLD
     while not said and time.monotonic() < told:
         said = any(
-            entry.key.startswith("refused") for _, content in rig.heard("controller/diagnostics", began)
+            entry.key.startswith("refused") for _, content in nodes.heard("controller/diagnostics", began)
             for entry in content.status[0].values
         )  # fmt: skip
         time.sleep(0.02)
     seen = float(times[~torques.any(axis=1)][0] - sent_at)
-    return _Stop(start, known, rig.stamp(), seen, late, sent, seconds, said)
+    return Stop(start, known, nodes.stamp(), seen, late, sent, seconds, said)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +15,7 @@ import click
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.signals import exit_by_signals
+from wbc_controller.validation.fuzz import DOMAIN
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,25 +31,36 @@ def fuzz() -> None:
     status 1 where something broke, and repeat themselves by their seed.
     """
     exit_by_signals()
+    # Hypothesis keeps a cache there, by default in the current folder.
+    os.environ.setdefault(
+        "HYPOTHESIS_STORAGE_DIRECTORY", str(Path(tempfile.gettempdir()) / "wbc_controller_hypothesis")
+    )
 
 
-def _common(function: F) -> F:
-    """Options of every command."""
-    options = [
-        click.option("--seed", default=0, show_default=True, help="Of all choices."),
-        click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"), show_default=True,
-                     help="Folder for what broke, and for logs."),
-    ]  # fmt: skip
-    for option in reversed(options):
-        function = option(function)
-    return function
+def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+    """Combine options, in the order of the help text."""
+
+    def add(function: F) -> F:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
 
 
-def _live(function: F) -> F:
-    """Options of the commands with real processes."""
-    from wbc_controller.validation.fuzz import DOMAIN
-
-    return click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes.")(function)
+_seed = click.option("--seed", default=0, show_default=True, help="Of all choices.")
+#: Options of the commands that write files, of those with real processes, and of those that read files.
+_common = _options(_seed, click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"),
+                                       show_default=True, help="Folder for what broke, and for logs."))  # fmt: skip
+_live = _options(
+    click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes."), _common
+)
+_of_files = _options(
+    click.argument("robots", default="go2,g1,talos"),
+    click.option("--count", default=20_000, show_default=True, help="Number of files."),
+    click.option("--first", default=0, show_default=True, help="Number of the first file."),
+    _common,
+)
 
 
 @fuzz.command()
@@ -60,7 +74,7 @@ def _live(function: F) -> F:
 @_common
 def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None, seed: int, folder: Path) -> None:
     """Send hostile messages on every input of every node, in memory, and see what they change."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import hostile_messages as run
 
     if replay is not None:
@@ -96,7 +110,7 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
 
 
 def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Path) -> None:
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz.files import fuzz_files
 
     say = _Progress()
@@ -117,23 +131,17 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
 
 
 @fuzz.command()
-@click.argument("robots", default="go2,g1,talos")
-@click.option("--count", default=20_000, show_default=True, help="Number of files.")
-@click.option("--first", default=0, show_default=True, help="Number of the first file.")
-@_common
-def configurations(robots: str, count: int, first: int, seed: int, folder: Path) -> None:
+@_of_files
+def configurations(**options: Any) -> None:
     """Read hostile configuration files: each works, or is refused in a sentence with its path."""
-    _files("configurations", robots, count, first, seed, folder)
+    _files("configurations", **options)
 
 
 @fuzz.command()
-@click.argument("robots", default="go2,g1,talos")
-@click.option("--count", default=20_000, show_default=True, help="Number of files.")
-@click.option("--first", default=0, show_default=True, help="Number of the first file.")
-@_common
-def urdf(robots: str, count: int, first: int, seed: int, folder: Path) -> None:
+@_of_files
+def urdf(**options: Any) -> None:
     """Read hostile URDFs: each works, or is refused in a sentence with the path of its configuration."""
-    _files("urdf", robots, count, first, seed, folder)
+    _files("urdf", **options)
 
 
 @fuzz.command()
@@ -141,10 +149,9 @@ def urdf(robots: str, count: int, first: int, seed: int, folder: Path) -> None:
 @click.option("--trials", default=100, show_default=True, help="Emergency stops under each flood.")
 @click.option("--kinds", help="Floods; all of them where none is named.")
 @_live
-@_common
 def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, folder: Path) -> None:
     """Flood each kind of input, and see that an emergency stop passes, and that the loop goes on."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import floods as run
 
     done = run.flood_trials(
@@ -159,12 +166,12 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
     for kind in dict.fromkeys(trial.flood for trial in done):
         of_kind = [trial for trial in done if trial.flood == kind]
         rates, cycles = [trial.rate for trial in of_kind], max(trial.cycles for trial in of_kind)
-        seen, slowest = (1e3 * max(getattr(trial, what) for trial in of_kind) for what in ("seen", "slowest"))
+        seen, slowest = 1e3 * max(t.stop.seen for t in of_kind), 1e3 * max(t.slowest for t in of_kind)
         click.echo(
             f"{kind:14} at {min(rates):.0f} to {max(rates):.0f} messages/s: obeyed within {run.CYCLES} cycles in "
             f"{sum(t.obeyed for t in of_kind)} of {len(of_kind)} (at most {cycles}), seen after {seen:.1f} ms at most; "
             f"slowest cycle {slowest:.1f} ms, steady in {sum(t.steady for t in of_kind)}; losses said in "
-            f"{sum(t.said for t in of_kind)}"
+            f"{sum(t.stop.said for t in of_kind)}"
         )
     sys.exit(0 if all(trial.obeyed and trial.steady for trial in done) else 1)
 
@@ -173,10 +180,9 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
 @click.argument("robot", default="go2")
 @click.option("--trials", default=50, show_default=True, help="Trials of each process in each way.")
 @_live
-@_common
 def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None:
     """Kill, hang up and stop the controller and the mock robot at random moments."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import kills as run
 
     done = run.kill_trials(
@@ -197,10 +203,9 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
 @click.argument("robot", default="go2")
 @click.option("--minutes", default=30.0, show_default=True, help="Duration.")
 @_live
-@_common
 def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> None:
     """Run controller, mock robot and guard for long, and watch their memory and faults."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import soak as run
 
     say = _Progress()
@@ -232,7 +237,7 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
 @click.option("--seed", default=0, show_default=True, help="Of all choices.")
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
     """Ask for what no robot can do, and see that its joints keep their limits, whatever is relaxed."""
-    with _needing_mujoco():
+    with _needing_extras():
         from wbc_controller.validation.fuzz import setpoints as run
 
     say = _Progress()
@@ -283,11 +288,16 @@ class _Progress:
 
 
 @contextmanager
-def _needing_mujoco() -> Iterator[None]:
-    """Say how MuJoCo is installed, where it is not."""
+def _needing_extras() -> Iterator[None]:
+    """Name the extra of a missing library.
+
+    Raises:
+        ConfigurationError: if MuJoCo or Hypothesis is not installed.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
+        extra = "fuzz" if error.name == "hypothesis" else "mock"
         raise ConfigurationError(
-            f"the fuzzers need the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
+            f"this fuzzer needs another library ({error}); install it with: pip install 'wbc_controller[{extra}]'"
         ) from error

@@ -1,8 +1,7 @@
 """The fuzzer of messages: every incoming topic of every node gets random bytes, mutated and hostile messages.
 
-Messages are sent in episodes. Each begins with a fresh node, and its messages follow from the seed, the node and the
-number of the episode alone. What breaks a node is written to a file, with as many of the messages
-before it as are needed.
+Each episode begins with a fresh node. Its messages follow from the seed, the node and the number of the episode. The
+messages that break a node are written to a file, with as many of the messages before them as are needed.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import ctypes
 import faulthandler
 import gc
 import json
-import resource
+import os
 import sys
 import time
 from collections import Counter
@@ -22,17 +21,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.validation.fuzz.contents import hostile, hostile_text
+from wbc_controller.nodes import processes
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.estimator_target import EstimatorTarget
-from wbc_controller.validation.fuzz.mutations import mutated_bytes, pick
 from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
-from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, listening
+from wbc_controller.validation.fuzz.strategies import drawn, requests
+from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, watched
 
 #: The nodes under test, each with its share of the messages.
 TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
@@ -46,30 +41,26 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
 _EPISODE = 400
 #: Wall time after which an episode counts as hanging, s; the process then ends with a traceback.
 _HANG = 120.0
-#: Share of the messages after which the memory is to stay as it is, and by how much it may grow, kB.
+#: Share of the messages after which the memory has to be constant, and its allowed growth, kB.
 WARM_UP, _GROWTH = 0.2, 40_000
-#: Episodes between two collections of garbage, as a collection in mid-cycle would count as the cycle's time.
-_COLLECT = 20
-#: Longest random payload, in bytes.
-_LONGEST_NOISE = 400
 
-Sent = tuple[str, bytes]
+Message = tuple[str, bytes]
 
 
 @dataclass(slots=True)
 class Failure:
-    """What broke a node.
+    """A broken node.
 
     Attributes:
         target: key of the node in `TARGETS`.
-        why: what did not hold.
+        why: the invariant that did not hold.
         messages: topic and payload of the messages that led to it.
         repeated: whether it broke again in a fresh node.
     """
 
     target: str
     why: str
-    messages: list[Sent]
+    messages: list[Message]
     repeated: bool
 
 
@@ -79,7 +70,7 @@ class Outcome:
 
     Attributes:
         counts: number of messages, by node and kind of topic.
-        failures: what broke a node.
+        failures: the broken nodes.
         seconds: duration, s.
         processor: processor time, s.
         growth: growth of the memory after the warm-up, kB.
@@ -98,7 +89,7 @@ class Outcome:
 
     @property
     def flat(self) -> bool:
-        """Whether the memory stayed as it was after the warm-up, but for what is fragmented."""
+        """Whether the memory was constant after the warm-up, apart from fragmentation."""
         return self.growth <= _GROWTH
 
 
@@ -114,75 +105,40 @@ def fuzz_messages(
 ) -> Outcome:
     """Send hostile messages to all nodes.
 
-    Args:
-        robot: name of a shipped robot with a floating base.
-        count: number of messages.
-        seed: of all choices.
-        first: number of the first episode of each node.
-        targets: keys of the nodes in `TARGETS`.
-        most_failures: number of failures after which it ends.
-        progress: called before each episode with the node and the number.
-
     Returns:
-        What was sent, and what broke.
+        The numbers of messages, and the failures.
 
     Raises:
         ConfigurationError: if there is no such node.
     """
     shares = {key: _of(key)[1] for key in targets}
-    sent, episodes = dict.fromkeys(targets, 0), dict.fromkeys(targets, first)
+    done, episodes = dict.fromkeys(targets, 0), dict.fromkeys(targets, first)
     outcome, warm, began, before_all = Outcome(), 0, time.monotonic(), time.process_time()
-    with listening() as errors:
-        while outcome.sent < count and len(outcome.failures) < most_failures:
-            key = min(targets, key=lambda key: sent[key] / shares[key])
-            progress(outcome, key, episodes[key])
-            rng = np.random.default_rng([seed, list(TARGETS).index(key), episodes[key]])
-            before = outcome.sent
-            faulthandler.dump_traceback_later(_HANG, exit=True, file=sys.__stderr__ or 2)
-            failure = _episode(key, robot, rng, outcome, count, errors)
-            if sum(episodes.values()) % _COLLECT == 0:
-                gc.collect()
-            faulthandler.cancel_dump_traceback_later()
-            if failure is not None:
-                outcome.failures.append(failure)
-            sent[key] += outcome.sent - before
-            episodes[key] += 1
-            if not warm and outcome.sent >= WARM_UP * count:
-                warm = memory()
-            outcome.seconds = time.monotonic() - began
-            outcome.processor = time.process_time() - before_all
+    while outcome.sent < count and len(outcome.failures) < most_failures:
+        key = min(targets, key=lambda key: done[key] / shares[key])
+        progress(outcome, key, episodes[key])
+        before = outcome.sent
+        faulthandler.dump_traceback_later(_HANG, exit=True, file=sys.__stderr__ or 2)
+        failure = _episode(key, robot, f"{seed} {key} {episodes[key]}", outcome, count)
+        faulthandler.cancel_dump_traceback_later()
+        if failure is not None:
+            outcome.failures.append(failure)
+        done[key] += outcome.sent - before
+        episodes[key] += 1
+        if not warm and outcome.sent >= WARM_UP * count:
+            warm = memory()
+        outcome.seconds = time.monotonic() - began
+        outcome.processor = time.process_time() - before_all
     outcome.growth = memory() - warm if warm else 0
     return outcome
 
 
 def memory() -> int:
-    """Memory of this process that is in use now, kB, without what the allocator keeps for later where it is glibc's."""
+    """Return the memory of this process that is in use, kB, without the reserve of glibc's allocator."""
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() // 1024
-
-
-def payload_for(rng: np.random.Generator, target: Target, topic: Endpoint, names: Sequence[str]) -> bytes:
-    """A message for a topic: noise, a mutated one, one with hostile fields or a hostile text, or an ordinary one.
-
-    Args:
-        rng: source of the choices.
-        target: the node.
-        topic: one of its incoming topics.
-        names: joints of the robot.
-    """
-    kind = rng.random()
-    if kind < 0.08:
-        return bytes(rng.bytes(int(rng.integers(_LONGEST_NOISE))))
-    if topic.type == "std_msgs/msg/String" and kind < 0.8:
-        # A text that holds no valid character for a while may stand in a message all the same.
-        return encode(message(topic.type, data=hostile_text(rng, topic.key)))
-    content = target.example(topic)
-    if kind < 0.4:
-        return mutated_bytes(rng, encode(content))
-    return encode(hostile(rng, content, names) if kind < 0.96 else content)
+    return processes.memory(os.getpid())
 
 
 def _of(key: str) -> tuple[Callable[[str], Target], float]:
@@ -191,66 +147,49 @@ def _of(key: str) -> tuple[Callable[[str], Target], float]:
     return TARGETS[key]
 
 
-def _episode(
-    key: str, robot: str, rng: np.random.Generator, outcome: Outcome, count: int, errors: list[str]
-) -> Failure | None:
-    """Send the messages of one episode; what broke, if anything."""
-    sent: list[Sent] = []
-    errors.clear()
-    try:
-        target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
-        by_key: dict[str, list[Endpoint]] = {}
-        for topic in target.topics.values():
-            by_key.setdefault(topic.key, []).append(topic)
-        kinds, topics = sorted(by_key), list(target.topics.values())
-        while target.alive and len(sent) < _EPISODE and outcome.sent < count:
-            # At times by kind: there are many topics of setpoints, and a single one of updates.
-            topic = pick(rng, topics if rng.integers(3) else by_key[pick(rng, kinds)])
-            payload = payload_for(rng, target, topic, names)
-            sent.append((topic.name, payload))
-            outcome.counts[f"{key}: {topic.key}"] += 1
-            target.take(topic, payload)
-            _see_no_error(errors)
-        target.finish()
-        _see_no_error(errors)
-    except Exception as error:
-        return _shrunk(key, robot, sent, error)
+def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
+    """Send the messages of one episode to a fresh node; returns the failure, or None."""
+    messages: list[Message] = []
+    with watched() as errors:
+        try:
+            target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
+            while target.alive and len(messages) < _EPISODE and outcome.sent < count:
+                topic, payload = drawn(requests(target, names), seed, len(messages))
+                messages.append((topic.name, payload))
+                outcome.counts[f"{key}: {topic.key}"] += 1
+                target.take(topic, payload)
+                _check_log(errors)
+            target.finish()
+            _check_log(errors)
+        except Exception as error:
+            return _reduced(key, robot, messages, error)
     return None
 
 
-def _see_no_error(errors: list[str]) -> None:
+def _check_log(errors: list[str]) -> None:
     if errors:
         raise Broken(f"an error was logged: {errors[0]}")
 
 
-def _shrunk(key: str, robot: str, sent: list[Sent], error: Exception) -> Failure | None:
+def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
     """Find the fewest of the last messages that break a fresh node; slowness that does not recur is the machine's."""
-    lengths = [length for length in (1, 2, 4, 16, 64) if length < len(sent)]
-    for length in [*lengths, len(sent)]:
-        why = replay(key, robot, sent[-length:])
+    for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE)}):
+        why = replay(key, robot, messages[-length:])
         if why is not None:
-            return Failure(key, why, sent[-length:], True)
-    if isinstance(error, Slow):
-        return None
-    return Failure(key, _sentence(error), sent, False)
+            return Failure(key, why, messages[-length:], True)
+    return None if isinstance(error, Slow) else Failure(key, _sentence(error), messages, False)
 
 
-def replay(key: str, robot: str, sent: Sequence[Sent]) -> str | None:
-    """Send messages to a fresh node; what broke, None if nothing.
-
-    Args:
-        key: of the node in `TARGETS`.
-        robot: name of the robot.
-        sent: topic and payload of each message.
-    """
-    with listening() as errors:
+def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
+    """Send messages to a fresh node; returns the invariant that did not hold, or None."""
+    with watched() as errors:
         try:
             target = _of(key)[0](robot)
             for name, payload in sent:
                 target.take(target.topics[name], payload)
-                _see_no_error(errors)
+                _check_log(errors)
             target.finish()
-            _see_no_error(errors)
+            _check_log(errors)
         except Exception as error:
             return _sentence(error)
     return None
@@ -267,14 +206,14 @@ def save(failure: Failure, robot: str, path: Path) -> None:
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
-def load(path: Path) -> tuple[str, str, list[Sent]]:
+def load(path: Path) -> tuple[str, str, list[Message]]:
     """Read a file of `save`.
 
     Returns:
         Key of the node, name of the robot, and the messages.
 
     Raises:
-        ConfigurationError: if the file is none.
+        ConfigurationError: if the file has another content.
     """
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))

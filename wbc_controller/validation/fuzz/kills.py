@@ -16,7 +16,7 @@ import numpy as np
 
 from wbc_controller.errors import WbcError
 from wbc_controller.validation.fuzz import DOMAIN
-from wbc_controller.validation.fuzz.rig import Rig
+from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Ways to end or stop a process.
 WAYS: Mapping[str, signal.Signals] = {
@@ -88,71 +88,61 @@ def kill_trials(
 ) -> list[KillTrial]:
     """Kill, hang up and stop the controller and the mock robot at random moments.
 
-    Args:
-        robot: a robot that is shipped, or the path of a configuration.
-        folder: for the logs.
-        trials: number of trials of each process in each way.
-        domain: DDS domain.
-        seed: of the moments.
-        progress: called after each trial.
-
     Raises:
         WbcError: if a process does not do what it should.
     """
     rng, done = np.random.default_rng(seed), []
-    with Rig(robot, folder, domain, {"safety.activation_ramp": 0.1, "safety.damping_time": 0.5}) as rig:
-        for name in ("mock", "guard", "controller"):
-            rig.start(name)
-        rig.wait_for("mock", "controller")
+    with RobotProcesses(robot, folder, domain, {"safety.activation_ramp": 0.1, "safety.damping_time": 0.5}) as nodes:
+        nodes.start_and_wait("mock", "guard", "controller")
         for _ in range(trials):
             for victim in ("controller", "mock"):
                 for way in WAYS:
-                    trial = _kill_once(rig, victim, way, rng)
+                    trial = _kill_once(nodes, victim, way, rng)
                     done.append(trial)
                     progress(trial)
     return done
 
 
-def _kill_once(rig: Rig, victim: str, way: str, rng: np.random.Generator) -> KillTrial:
+def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Generator) -> KillTrial:
     moment = float(rng.uniform(*_MOMENT))
     stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
-    _stand(rig, moment)
-    rig.lateness.forget()
-    process = rig.processes[victim]
+    _stand(nodes, moment)
+    nodes.lateness.forget()
+    process = nodes.processes[victim]
     struck = time.monotonic()
     process.send_signal(WAYS[way])
     if way == "stop":
         time.sleep(stopped)
         process.send_signal(signal.SIGCONT)
     time.sleep(_WATCH)
-    gap, stale = _longest_hold(rig, struck), _stalest(rig, struck)
+    gap, stale = _longest_hold(nodes, struck), _stalest(nodes, struck)
     time.sleep(_SETTLED)  # where all stood still just now, the lateness is known only after this
-    late = rig.lateness.worst
-    settings = rig.settings
+    late = nodes.lateness.worst
+    settings = nodes.settings
     period = 1.0 / settings.control.rate
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
-    sentence, right = _sentence(rig, victim, way, stopped, late, struck)
-    restarted = _restart(rig, victim, way)
+    sentence, right = _sentence(nodes, victim, way, stopped, late, struck)
+    restarted = _restart(nodes, victim, way)
     return KillTrial(
         victim, way, stopped, gap, period + patience, stale, settings.safety.state_timeout, late, sentence, right,
         restarted,
     )  # fmt: skip
 
 
-def _stand(rig: Rig, seconds: float) -> None:
+def _stand(nodes: RobotProcesses, seconds: float) -> None:
     """Let the robot stand for a while: again where the machine was so late meanwhile that the controller damps."""
     for _ in range(_ATTEMPTS):
-        rig.activate()
-        rig.until(lambda: rig.said("guard") == "watching", "the guard to watch")
+        nodes.activate()
+        nodes.until(lambda: nodes.said("guard") == "watching", "the guard to watch")
         time.sleep(seconds)
-        if rig.said("controller") == "active" and rig.said("guard") == "watching":
+        if nodes.said("controller") == "active" and nodes.said("guard") == "watching":
             return
     raise WbcError(f"the machine was too late for the robot to stand for {seconds:.1f} s")
 
 
-def _longest_hold(rig: Rig, since: float) -> float:
+def _longest_hold(nodes: RobotProcesses, since: float) -> float:
     """Longest time for which torques that are not zero stayed as they were at the joints, s."""
-    times, torques = rig.efforts(since - 0.1)
+    times, torques = nodes.efforts(since - 0.1)
     times = np.append(times, time.monotonic())
     longest, began = 0.0, times[0]
     for i in range(len(torques)):
@@ -163,16 +153,16 @@ def _longest_hold(rig: Rig, since: float) -> float:
     return longest
 
 
-def _stalest(rig: Rig, since: float) -> float:
+def _stalest(nodes: RobotProcesses, since: float) -> float:
     """Age of the oldest state but one from which a solution came, by the arrival of the state, s.
 
     Between its last look at the ages and the write, a process can be stopped as anywhere: it sends that one message
     when it goes on.
     """
-    states = rig.heard("mock/joint_states", since - 0.5)
+    states = nodes.heard("mock/joint_states", since - 0.5)
     came = {(content.header.stamp.sec, content.header.stamp.nanosec): when for when, content in states}
     ages = [0.0, 0.0]
-    for when, content in rig.heard("controller/joint_commands", since):
+    for when, content in nodes.heard("controller/joint_commands", since):
         stamp = content.header.stamp
         solved = np.isfinite(content.position).all()
         if solved and (stamp.sec, stamp.nanosec) in came:
@@ -180,15 +170,17 @@ def _stalest(rig: Rig, since: float) -> float:
     return sorted(ages)[-2]
 
 
-def _sentence(rig: Rig, victim: str, way: str, stopped: float, late: float, since: float) -> tuple[str, bool]:
+def _sentence(
+    nodes: RobotProcesses, victim: str, way: str, stopped: float, late: float, since: float
+) -> tuple[str, bool]:
     """What the controller or the guard has said since a moment, and whether it says what happened."""
-    settings = rig.settings
-    guard = [str(content.data) for _, content in rig.heard("guard/state", since)]
+    settings = nodes.settings
+    guard = [str(content.data) for _, content in nodes.heard("guard/state", since)]
     took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")
-    said = rig.said("controller")
+    said = nodes.said("controller")
     if victim == "controller":
         if way == "hang up":  # it ends with zeros, and nobody has to take over
-            return said, said.startswith("stopped") and rig.processes[victim].wait(10.0) == 0
+            return said, said.startswith("stopped") and nodes.processes[victim].wait(10.0) == 0
         long = stopped == 0.0 or stopped > settings.guard.patience + 1.0 / settings.control.rate + SLACK + 2.0 * late
         back = way == "kill" or stopped < settings.safety.state_timeout or said == "active" or "STALE_INPUT" in said
         return took_over or said, (bool(took_over) or not long) and back
@@ -196,14 +188,12 @@ def _sentence(rig: Rig, victim: str, way: str, stopped: float, late: float, sinc
     return said, "STALE_INPUT: joint_states is" in said or "STALE_INPUT: odom is" in said or not silent
 
 
-def _restart(rig: Rig, victim: str, way: str) -> bool:
+def _restart(nodes: RobotProcesses, victim: str, way: str) -> bool:
     """Start again what has ended; whether the robot can be activated."""
     if way != "stop":
-        rig.stop(victim)
-        rig.forget(victim)
-        rig.start(victim)
-        rig.wait_for(victim)
-    rig.activate()
-    since = time.monotonic()
-    rig.until(lambda: bool(rig.efforts(since)[1].any()), "torques after the restart")
+        nodes.stop(victim)
+        nodes.forget(victim)
+        nodes.start_and_wait(victim)
+    nodes.activate()
+    nodes.wait_for_torques(time.monotonic())
     return True

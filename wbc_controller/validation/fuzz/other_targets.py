@@ -1,9 +1,8 @@
-"""The guard, the mock robot and the wait for a URDF under test."""
+"""The guard, the mock robot and the wait for a URDF as targets of the fuzzer."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,18 +27,16 @@ from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.fuzz.contents import ordinary
+from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
     Broken,
-    OtherEnd,
+    Target,
     check_torques,
     fuzzed_robot,
-    incoming,
-    saying_all,
+    with_all_diagnostics,
     within,
-    writers,
 )
 
 #: Messages to the guard between two silences of the controller, in which it takes over.
@@ -50,34 +47,28 @@ _SILENCE = 40
 _UNTIL_RESTORED = 100
 
 
-class GuardTarget:
+class GuardTarget(Target):
     """The guard beside a controller that sends commands, and at times does not."""
 
     def __init__(self, robot: str) -> None:
-        """Build the guard, and let it hear commands.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build the guard, and let it hear commands."""
         fuzzed = fuzzed_robot(robot)
-        settings, self._model = saying_all(fuzzed.settings), fuzzed.model
+        settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
         self._limits = description.effort_limits
         topics = list(endpoints(GUARD_TOPICS, GUARD_NODE))
-        self._user = user = OtherEnd(topics, ("effort", "diagnostics"))
-        self.topics: Mapping[str, Endpoint] = user.topics
-        self._guard = GuardService(settings, description, topics, user.transport(), user.clock)
+        super().__init__(topics, ("effort", "diagnostics"))
+        self._guard = GuardService(settings, description, topics, self.transport(), self.clock)
         self._period = 1.0 / settings.control.rate
         self._step = settings.limits.torque_rate * self._period * self._limits
         self._count = 0
         self._tau: Array | None = None
-        self.alive = True
         self._command()
         self._cycle("the start")
 
     def example(self, topic: Endpoint) -> Any:
         """An ordinary message of a topic, valid now."""
-        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self._user.clock.time))
+        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
@@ -85,13 +76,13 @@ class GuardTarget:
     def take(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message between a joint state and the command that answers it; see `Target`."""
         mode = self._guard.guard.mode
-        self._user.clock.time += self._period
+        self.clock.time += self._period
         self._send("joint_states")
         with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
-            self._user.publish[topic.name](payload)
+            self.publish(topic, payload)
         self._command()
         self._cycle(f"a message on {topic.name}")
-        refused = self._user.refused().get(topic.key)
+        refused = self.refused().get(topic.key)
         if refused and self._guard.guard.mode is not mode:
             raise Broken(f"a message that was refused ({refused}) led the guard to {self._guard.guard.mode.value}")
         self._count += 1
@@ -104,12 +95,12 @@ class GuardTarget:
 
     def _fall_silent(self) -> None:
         """End the commands but not the joint states, until the guard damps, then return."""
-        self._user.send("controller_state", message("std_msgs/msg/String", data="active"))
+        self.send("controller_state", message("std_msgs/msg/String", data="active"))
         self._command()
         self._cycle("commands")
         takeovers = self._guard.guard.takeovers
         for _ in range(_SILENCE):
-            self._user.clock.time += self._period
+            self.clock.time += self._period
             self._send("joint_states")
             self._cycle("silence")
         if self._guard.guard.takeovers != takeovers + 1:
@@ -120,49 +111,39 @@ class GuardTarget:
             raise Broken(f"after a command the guard is {self._guard.guard.mode.value}: {self._guard.guard.reason}")
 
     def _send(self, key: str) -> None:
-        self._user.send(key, self.example(self._user.by_key[key]))
+        self.send(key, self.example(self.by_key[key]))
 
     def _command(self) -> None:
         self._send("joint_commands")
         self._tau = np.zeros(self._model.na)
 
     def _cycle(self, why: str) -> None:
-        for kept in self._user.heard.values():
-            kept.clear()
+        self.forget()
         with within(CYCLE_LIMIT, f"the guard's cycle after {why}"):
             self._guard.cycle()
-        if self._user.heard["effort"] and why.startswith("a message"):
+        if self.heard["effort"] and why.startswith("a message"):
             raise Broken(f"the guard sent torques while commands came, after {why}")
-        for payload in self._user.heard["effort"]:
-            tau: Array = np.asarray(decode(payload, self._user.types["effort"]).data)
+        for payload in self.heard["effort"]:
+            tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             check_torques(tau, tau if self._tau is None else self._tau, self._limits, self._step, "the guard")
             self._tau = tau
 
 
-class MockTarget:
+class MockTarget(Target):
     """Two mock robots on the same topics: one in real time, whose torques come by ``effort``, and one in lockstep."""
 
     def __init__(self, robot: str) -> None:
-        """Build both.
-
-        Args:
-            robot: name of a shipped robot.
-        """
+        """Build both."""
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
-        topics = list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts))
-        self.topics: Mapping[str, Endpoint] = incoming(topics)
-        bus = MemoryBus()
+        super().__init__(list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
         self._robots = [
-            MockRobot(self._model, self._settings, MemoryTransport(bus), lockstep=lockstep)
-            for lockstep in (False, True)
+            MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
         ]
-        self._publish = writers(self.topics, MemoryTransport(bus))
         self._stop = threading.Event()
         self._stop.set()  # so that nobody waits for an answer
         self._start = self._robots[0].plant.state()
         self._count = 0
-        self.alive = True
 
     def example(self, topic: Endpoint) -> Any:
         """An ordinary message of a topic, valid now."""
@@ -172,7 +153,7 @@ class MockTarget:
     def take(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message, and simulate a period; see `Target`."""
         with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
-            self._publish[topic.name](payload)
+            self.publish(topic, payload)
             self._robots[1].wait_for_answer(self._stop)
         for robot in self._robots:
             try:
@@ -197,20 +178,16 @@ class MockTarget:
             robot.publish()
 
 
-class UrdfTarget:
+class UrdfTarget(Target):
     """A node that waits for its URDF: whatever comes is refused, or is the text that was sent."""
 
     def __init__(self, robot: str) -> None:
-        """Make the topic.
-
-        Args:
-            robot: unused, as the node has none yet.
-        """
+        """Make the topic."""
         row = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
-        self.topics: Mapping[str, Endpoint] = {topic.name: topic for topic in endpoints(row, NODE_NAME)}
+        super().__init__(())
+        self.topics = {topic.name: topic for topic in endpoints(row, NODE_NAME)}
         self._stop = threading.Event()
         self._stop.set()
-        self.alive = True
 
     def example(self, topic: Endpoint) -> Any:
         """A small URDF."""
@@ -223,7 +200,4 @@ class UrdfTarget:
         with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             text = wait_for_urdf(MemoryTransport(bus), self._stop, CONTROLLER_TOPICS, NODE_NAME)
         if text and text != decode(payload, topic.type).data:
-            raise Broken("the URDF that was waited for is not the one that came")
-
-    def finish(self) -> None:
-        """Nothing is held back."""
+            raise Broken("the node got another URDF than was published")

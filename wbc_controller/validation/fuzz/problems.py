@@ -19,7 +19,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.errors import NoSolution, WbcError
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
-from wbc_controller.inverse_dynamics.formulation.relaxation import relaxations, soften
+from wbc_controller.inverse_dynamics.formulation.relaxation import Relaxable, relaxations, soften
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -66,14 +66,9 @@ def fuzz_problems(
     first: int = 0,
     progress: Callable[[ProblemsOutcome], None] = lambda outcome: None,
 ) -> Iterator[ProblemsOutcome]:
-    """Solve random problems of each robot, and judge what was relaxed; one outcome per robot.
+    """Solve random problems of each robot, and judge the relaxations; one outcome per robot.
 
-    Args:
-        robots: names of shipped robots, or paths of configurations.
-        count: number of problems of each robot.
-        seed: added to the number of each problem: the sum decides everything.
-        first: number of the first problem.
-        progress: called after each problem.
+    The sum of `seed` and the number of a problem decides everything.
 
     Raises:
         ConfigurationError: where there is no such robot.
@@ -141,33 +136,23 @@ def random_problem(
 
 
 def too_much(qp: WholeBodyQP, given: tuple[RobotState, References, Array | None], relaxed: Sequence[str]) -> str | None:
-    """Say what was wrong with relaxing so much; None where it had to be.
-
-    Args:
-        qp: the quadratic program.
-        given: state, references and torques before.
-        relaxed: what was relaxed; `HELD` where there was no solution.
-    """
+    """Return the mistake in relaxing so much, with `HELD` for no solution; None if it was necessary."""
     if not relaxed:
         return None
     layout = qp.formulation.build(*given)
-    problem = layout.problem
-    least = room(problem)
-    if least > _ROOM:
-        return f"feasible with a room of {least:.3g}, and {', '.join(relaxed)} was relaxed"
-    if tuple(relaxed) == ("torque_rate",):
-        return None
     *rate, everything = relaxations(qp.formulation, layout, given[1])
-    for groups in rate:
-        soften(layout, groups)
-        least = room(problem)
-        if least > _ROOM:
-            return f"feasible with a room of {least:.3g} without the torque rate, and {', '.join(relaxed)} was relaxed"
+    result = "no solution was found" if HELD in relaxed else f"{', '.join(relaxed)} was relaxed"
+    steps: list[tuple[Sequence[Relaxable], str]] = [((), "")]  # groups to soften one after the other, in words
+    if tuple(relaxed) != ("torque_rate",):
+        steps += [(groups, " without the torque rate") for groups in rate]
     if HELD in relaxed:
-        soften(layout, everything)
-        least = room(problem)
+        steps.append((everything, " with everything relaxed"))
+    for groups, without in steps:
+        if groups:
+            soften(layout, groups)
+        least = room(layout.problem)
         if least > _ROOM:
-            return f"feasible with a room of {least:.3g} with everything relaxed, and no solution was found"
+            return f"feasible with a room of {least:.3g}{without}, and {result}"
     return None
 
 

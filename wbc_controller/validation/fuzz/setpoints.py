@@ -82,35 +82,22 @@ def fuzz_setpoints(
 ) -> list[SetpointTrial]:
     """Run trials until each robot was under control for a time.
 
-    Args:
-        robots: names of shipped robots, or paths of configurations.
-        minutes: simulated time for each robot, min.
-        seed: of all choices.
-        first: number of each robot's first trial.
-        progress: called after each trial.
-
     Raises:
         ConfigurationError: where there is no such robot.
     """
-    level = _log.level
-    _log.setLevel(logging.ERROR)  # falls and cycles without a solution are what is asked for
+    level, trials = _log.level, list[SetpointTrial]()
+    _log.setLevel(logging.ERROR)  # falls and cycles without a solution are expected
     try:
-        return list(_trials(robots, 60.0 * minutes, seed, first, progress))
+        for robot in robots:
+            left, number, simulation = 60.0 * minutes, first, Simulation(load(robot))
+            while left > 0.0:
+                trials.append(run_trial(simulation, robot, seed, number))
+                left -= trials[-1].seconds
+                number += 1
+                progress(trials[-1])
     finally:
         _log.setLevel(level)
-
-
-def _trials(
-    robots: Sequence[str], seconds: float, seed: int, first: int, progress: Callable[[SetpointTrial], None]
-) -> Iterator[SetpointTrial]:
-    for robot in robots:
-        left, number, simulation = seconds, first, Simulation(load(robot))
-        while left > 0.0:
-            trial = run_trial(simulation, robot, seed, number)
-            left -= trial.seconds
-            number += 1
-            progress(trial)
-            yield trial
+    return trials
 
 
 def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> SetpointTrial:

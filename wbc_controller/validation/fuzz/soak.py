@@ -1,4 +1,4 @@
-"""A long run: controller, mock robot and guard for minutes, with memory, faults and the machine's lateness watched."""
+"""A long run of controller, mock robot and guard: memory, faults and the lateness of the machine."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from wbc_controller.middleware.codec import encode, header, message
-from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.nodes.processes import memory
 from wbc_controller.validation.fuzz import DOMAIN
-from wbc_controller.validation.fuzz.rig import MACHINE, Rig
+from wbc_controller.validation.fuzz.lateness import MACHINE
+from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Time between two looks at the processes, s, and between two setpoints.
 _LOOK, _SETPOINT = 1.0, 3.0
@@ -68,42 +68,30 @@ def soak(
 ) -> SoakResult:
     """Run everything for a while, with a robot that sways.
 
-    Args:
-        robot: a robot that is shipped, or the path of a configuration.
-        folder: for the logs.
-        seconds: duration, s.
-        domain: DDS domain.
-        progress: called after each look.
-
     Raises:
         WbcError: if a process does not do what it should.
     """
-    result = SoakResult()
-    with Rig(robot, folder, domain) as rig:
-        for name in ("mock", "guard", "controller"):
-            rig.start(name)
-            result.memory[name] = []
-        rig.wait_for("mock", "controller", "guard")
-        rig.activate()
-        rig.until(lambda: rig.said("guard") == "watching", "the guard to watch")
-        time.sleep(2.0 * rig.settings.safety.activation_ramp)
-        sway = rig.advertise(counterpart(rig.inputs["setpoint/com"]))
-        start = rig.centre_of_mass()
-        rig.forget("controller", "guard")
-        rig.lateness.forget()
-        began = time.monotonic()
-        due, side, count = began, 1.0, 0
-        seen = began
+    result, names = SoakResult(), ("mock", "guard", "controller")
+    with RobotProcesses(robot, folder, domain) as nodes:
+        nodes.start_and_wait(*names)
+        result.memory = {name: [] for name in names}
+        nodes.activate()
+        nodes.until(lambda: nodes.said("guard") == "watching", "the guard to watch")
+        time.sleep(2.0 * nodes.settings.safety.activation_ramp)
+        start = nodes.centre_of_mass()
+        nodes.forget("controller", "guard")
+        nodes.lateness.forget()
+        began = seen = due = time.monotonic()
+        side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
                 due, side = due + _SETPOINT, -side
-                x, y, z = (start + [0.0, side * _SWAY, 0.0]).tolist()
-                point = message("geometry_msgs/msg/Point", x=x, y=y, z=z)
-                sway(encode(message("geometry_msgs/msg/PointStamped", header=header(0, "world"), point=point)))
+                there = start + [0.0, side * _SWAY, 0.0]
+                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", there), "com")
             time.sleep(_LOOK)
             now = time.monotonic()
-            count += len(rig.heard("controller/joint_commands", seen))
-            _look(rig, result, seen)
+            count += len(nodes.heard("controller/joint_commands", seen))
+            _look(nodes, result, seen)
             seen = now
             result.seconds = now - began
             result.rate = count / result.seconds
@@ -111,20 +99,20 @@ def soak(
     return result
 
 
-def _look(rig: Rig, result: SoakResult, since: float) -> None:
+def _look(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
     """Note the memory of each process, and what was said; activate again after a fault."""
-    late = rig.lateness.worst
-    rig.lateness.forget()
+    late = nodes.lateness.worst
+    nodes.lateness.forget()
     result.late = max(result.late, late)
     for name, kept in result.memory.items():
-        kept.append(memory(rig.processes[name].pid))
-    settings = rig.settings
+        kept.append(memory(nodes.processes[name].pid))
+    settings = nodes.settings
     for node, usual, allowed in (
         ("controller", ("active",), settings.safety.state_timeout),
         ("guard", ("watching",), settings.guard.patience),
     ):
-        said = [str(content.data) for _, content in rig.heard(f"{node}/state", since)]
+        said = [str(content.data) for _, content in nodes.heard(f"{node}/state", since)]
         result.faults += [(text, late, allowed) for text in said if text not in usual]
-    if rig.said("controller") not in ("", "active"):
-        rig.activate()
-        rig.forget("controller")
+    if nodes.said("controller") not in ("", "active"):
+        nodes.activate()
+        nodes.forget("controller")

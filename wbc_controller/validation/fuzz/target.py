@@ -1,15 +1,14 @@
-"""What the fuzzer of messages needs of a node: topics, ordinary messages, and a look at what each message did."""
+"""The fuzzer's base class of nodes under test: their robot, the other end of their topics, and checks of outputs."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
-import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,56 +17,97 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.topics import TASK_TYPES, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
+from wbc_controller.validation.error_log import logged_errors
 
 #: Most processor time for reading a request, s: the largest trajectory takes half of it on a slow core.
 READ_LIMIT = 0.5
 #: Most processor time of one cycle, s, and for reading a message that a cycle reads itself.
 CYCLE_LIMIT = 0.02
-#: Room for rounding in comparisons of torques, N·m.
+#: Rounding in comparisons of torques, N·m.
 _ROUNDING = 1.0e-9
-
-_log = logging.getLogger("wbc_controller")
 
 
 class Broken(Exception):
-    """What must hold whatever arrives does not hold: one sentence."""
+    """An invariant does not hold after a message: one sentence."""
 
 
 class Slow(Broken):
     """A message or cycle took too much processor time."""
 
 
-class Target(Protocol):
-    """A node under test, fresh; everything about it is deterministic.
+class Target:
+    """A fresh node under test on a bus of its own, on simulated time; everything about it is deterministic.
 
     Attributes:
-        topics: its incoming topics, by name.
-        alive: whether it still does its work; a message that is valid may end that.
+        topics: its incoming topics, by name; without its URDF, which is read before the node exists.
+        by_key: the same, by key.
+        types: type of each topic, by key.
+        alive: whether it still works; a valid message may end that.
+        clock: the node's clock.
+        heard: messages on the outgoing topics that are listened to, by key.
     """
 
-    topics: Mapping[str, Endpoint]
-    alive: bool
+    def __init__(self, topics: Sequence[Endpoint], listen: Sequence[str] = ()) -> None:
+        """Open the other end of the node's topics."""
+        self.bus, self.clock, self.alive = MemoryBus(), ManualClock(1.0), True
+        self.topics: Mapping[str, Endpoint] = {
+            topic.name: topic
+            for topic in topics
+            if topic.direction is Direction.IN and topic.key != "robot_description"
+        }
+        self.by_key = {topic.key: topic for topic in self.topics.values()}
+        self.types = {topic.key: topic.type for topic in topics}
+        self.heard: dict[str, list[bytes]] = {key: [] for key in listen}
+        other_end = self.transport()
+        for topic in topics:
+            if topic.key in self.heard:
+                other_end.subscribe(counterpart(topic), self.heard[topic.key].append)
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of one of its topics, valid now."""
-        ...
+        """Make an ordinary message of one of its topics, valid now."""
+        raise NotImplementedError
 
     def take(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message, and see that all holds that must hold.
+        """Deliver a message, and check the invariants of the node.
 
         Raises:
-            Broken: if it does not.
+            Broken: if one does not hold.
         """
-        ...
+        raise NotImplementedError
 
     def finish(self) -> None:
-        """Deliver what is held back; raises as `take`."""
-        ...
+        """Deliver delayed messages; raises as `take`."""
+
+    def transport(self) -> MemoryTransport:
+        """Make a transport on the node's bus."""
+        return MemoryTransport(self.bus)
+
+    def publish(self, topic: Endpoint, payload: bytes) -> None:
+        """Write bytes to an incoming topic as a temporary participant: a permanent one would be a second publisher."""
+        user = self.transport()
+        user.advertise(counterpart(topic))(payload)
+        user.close()
+
+    def send(self, key: str, content: Any) -> None:
+        """Write a message to the incoming topic of a key."""
+        self.publish(self.by_key[key], encode(content))
+
+    def forget(self) -> None:
+        """Forget all messages heard."""
+        for messages in self.heard.values():
+            messages.clear()
+
+    def refused(self) -> dict[str, str]:
+        """Return the reasons for refusals in the newest diagnostics, by topic."""
+        if not self.heard["diagnostics"]:
+            return {}
+        (status,) = decode(self.heard["diagnostics"][-1], self.types["diagnostics"]).status
+        said = {entry.key: str(entry.value) for entry in status.values}
+        return {key.removeprefix("refused/"): reason for key, reason in said.items() if key.startswith("refused/")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +120,7 @@ class Robot:
 
 @cache
 def fuzzed_robot(name: str) -> Robot:
-    """A shipped robot with a task of every kind and a grip, all of them off, and activated without a ramp.
-
-    Args:
-        name: of a shipped robot with a floating base.
-    """
+    """Return a shipped floating-base robot with a task of every kind and a grip, all disabled, and without ramp."""
     settings = load_settings(find_configuration(name))
     content = settings.model_dump(exclude_unset=True)
     base = make_model(settings).base_link
@@ -109,81 +145,21 @@ def fuzzed_robot(name: str) -> Robot:
     return Robot(settings, make_model(settings))
 
 
-def writers(topics: Mapping[str, Endpoint], transport: Transport) -> dict[str, Publish]:
-    """Open the other end of incoming topics, by name."""
-    return {name: transport.advertise(counterpart(topic)) for name, topic in topics.items()}
-
-
-def incoming(topics: list[Endpoint]) -> dict[str, Endpoint]:
-    """The incoming ones of a node's topics, by name, but for its URDF, which is read before the node is there."""
-    return {
-        topic.name: topic for topic in topics if topic.direction is Direction.IN and topic.key != "robot_description"
-    }
-
-
-class OtherEnd:
-    """The other end of a node's topics: the fuzzer's own clock, writers, and what the node has said.
-
-    Attributes:
-        topics: the node's incoming topics, by name.
-        by_key: the same, by key.
-        types: type of each topic, by key.
-        clock: the node's clock.
-        publish: writes to an incoming topic, by name.
-        heard: what came on the outgoing topics that are listened to, by key.
-    """
-
-    def __init__(self, topics: list[Endpoint], listen: Sequence[str]) -> None:
-        """Open it, before the node is built.
-
-        Args:
-            topics: the node's.
-            listen: keys of the outgoing topics that are listened to.
-        """
-        self._bus = MemoryBus()
-        self.clock = ManualClock(1.0)
-        self.topics = incoming(topics)
-        self.by_key = {topic.key: topic for topic in self.topics.values()}
-        self.types = {topic.key: topic.type for topic in topics}
-        own = self.transport()
-        self.publish = writers(self.topics, own)
-        self.heard: dict[str, list[bytes]] = {key: [] for key in listen}
-        for topic in topics:
-            if topic.key in self.heard:
-                own.subscribe(counterpart(topic), self.heard[topic.key].append)
-
-    def transport(self) -> MemoryTransport:
-        """A transport for the node."""
-        return MemoryTransport(self._bus)
-
-    def send(self, key: str, content: Any) -> None:
-        """Write a message to the incoming topic of a key."""
-        self.publish[self.by_key[key].name](encode(content))
-
-    def refused(self) -> dict[str, str]:
-        """What the newest diagnostics say to be refused: the reasons by topic."""
-        if not self.heard["diagnostics"]:
-            return {}
-        (status,) = decode(self.heard["diagnostics"][-1], self.types["diagnostics"]).status
-        said = {entry.key: str(entry.value) for entry in status.values}
-        return {key.removeprefix("refused/"): reason for key, reason in said.items() if key.startswith("refused/")}
-
-
-def saying_all(settings: Settings) -> Settings:
-    """The settings of a node that publishes diagnostics with every cycle: each says what was refused."""
+def with_all_diagnostics(settings: Settings) -> Settings:
+    """Return settings of a node that publishes diagnostics, and with them its refusals, in every cycle."""
     control = settings.control.model_copy(update={"diagnostics_rate": 1000.0})
     return settings.model_copy(update={"control": control})
 
 
 def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:
-    """See that torques are finite, within their limits, and changed by no more than a step.
+    """Check that torques are finite, within their limits, and changed by no more than a step.
 
     Args:
         tau: torques, (na,) in N·m.
-        before: those before, (na,).
+        before: torques before, (na,).
         limits: effort limits, (na,).
         step: largest change, (na,).
-        what: who sent them, for the sentence.
+        what: sender, for the sentence.
 
     Raises:
         Broken: if they are not.
@@ -198,7 +174,7 @@ def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: s
 
 @contextlib.contextmanager
 def within(seconds: float, what: str) -> Iterator[None]:
-    """Hold a piece of work to a processor time of this thread, s.
+    """Limit the processor time of this thread for a piece of work, s.
 
     Raises:
         Slow: if it takes longer.
@@ -210,36 +186,17 @@ def within(seconds: float, what: str) -> Iterator[None]:
         raise Slow(f"{what} took {1e3 * spent:.0f} ms of processor time; at most {1e3 * seconds:.0f} ms are allowed")
 
 
-class _Errors(logging.Handler):
-    """Keeps the records of errors."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.ERROR)
-        self.records: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        error = record.exc_info[1] if record.exc_info else None
-        self.records.append(f"{record.getMessage()}: {type(error).__name__}: {error}")
-
-
 @contextlib.contextmanager
-def listening() -> Iterator[list[str]]:
-    """Collect the errors that this package logs; keep its warnings, those of overflows, and Python's garbage back.
+def watched() -> Iterator[list[str]]:
+    """Collect the logged errors, without warnings of overflows and without garbage collections.
 
-    The control loop itself collects next to no garbage, as it freezes what lives at its start.
+    The control loop collects next to no garbage, as it freezes its objects at its start.
     """
-    handler, level = _Errors(), _log.level
-    _log.addHandler(handler)
-    _log.setLevel(logging.ERROR)
-    propagate, _log.propagate = _log.propagate, False
     collecting = gc.isenabled()
     gc.disable()
     try:
-        with np.errstate(all="ignore"):
-            yield handler.records
+        with np.errstate(all="ignore"), logged_errors() as errors:
+            yield errors
     finally:
-        _log.removeHandler(handler)
-        _log.setLevel(level)
-        _log.propagate = propagate
         if collecting:
             gc.enable()

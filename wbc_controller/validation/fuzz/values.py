@@ -61,3 +61,11 @@ ATTRIBUTES = (
     "nan nan nan", "0 0 0", "1e308 1e308 1e308", "é", "\u202e", "a" * 5000, "world", "base", "universe", "root_joint",
     "fixed", "floating", "planar", "continuous", "revolute", "prismatic", "spherical", "&lt;", "../..", "%s", "٣",
 )  # fmt: skip
+
+#: Updates that are valid for a robot with these tasks, to be mutated.
+UPDATES = (
+    "{tasks: {com: {weight: 5.0, enabled: true, setpoint: [0.0, 0.0, 0.3]}}}",
+    "{tasks: {com: {stiffness: 90.0, damping: [19.0, 19.0, 19.0], setpoint_duration: 2.0}, posture: {weight: 0.01}}}",
+    "{contacts: {front_left_foot: {enabled: false, ramp: 0.2}}, control: {weight_ramp: 0.4}}",
+    "{limits: {acceleration: 200.0, position_margin: 0.02}, tasks: {base: {weight: 3}}}",
+)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
-import dataclasses
 import math
 import multiprocessing
 import signal
@@ -34,6 +33,7 @@ from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN
 from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
 from wbc_controller.validation.latency.robots import StandingRobot, echo, opened
+from wbc_controller.validation.user import deep, words_to_activate
 
 #: Duration of a block, s: shorter than the time after which DDS takes a process that is stopped for gone.
 _BLOCK = 3.0
@@ -226,11 +226,7 @@ class _Bench:
         )
 
     def _inactive_share(self, seconds: float) -> float:
-        """Measure the share of one processor that the controller uses before its first activation.
-
-        Args:
-            seconds: duration; at most a block is measured, s.
-        """
+        """Return the share of one processor that the controller uses before its first activation, over a block."""
         self._until(lambda: self._mode() == "inactive", "the controller to be inactive", lambda: None)
         time.sleep(_SETTLE)
         controller = self._processes.processes["controller"].pid
@@ -239,11 +235,10 @@ class _Bench:
         return (processor_time(controller) - used) / (time.monotonic() - began)
 
     def _listen(self, meter: Meter, topics: list[Endpoint], keys: tuple[str, ...]) -> None:
-        """Open the topics that the meter notes, deep enough that no message is lost while this process is busy."""
+        """Open the topics that the meter notes."""
         for topic in topics:
             if topic.key in keys:
-                deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
-                meter.subscribe(deep, lambda payload: None)
+                meter.subscribe(deep(topic), lambda payload: None)
 
     def _send(self, word: str) -> None:
         self._command(encode(message("std_msgs/msg/String", data=word)))
@@ -255,9 +250,8 @@ class _Bench:
         """Activate the controller, from any mode; with a mock robot, let it stand on its own feet."""
 
         def ask() -> None:
-            if not self._mode().startswith("inactive"):
-                self._send("reset")
-            self._send("activate")
+            for word in words_to_activate(self._mode()):
+                self._send(word)
 
         self._until(lambda: self._mode() == "active", "the activation", ask)
         time.sleep(_SETTLE)

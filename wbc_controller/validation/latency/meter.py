@@ -99,11 +99,7 @@ class Meter:
     """A transport that notes when states go out, and when torques and joint commands come in."""
 
     def __init__(self, transport: Transport) -> None:
-        """Put a meter on a transport.
-
-        Args:
-            transport: carries the messages.
-        """
+        """Put a meter on a transport."""
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._forget()
@@ -155,11 +151,7 @@ class Meter:
         return bool(self._efforts)
 
     def measure(self, seconds: float, period: float) -> Callable[[], RoundTrips]:
-        """Let some time pass in which states are sent on another thread, and note what comes.
-
-        Args:
-            seconds: duration, s.
-            period: of the states, s.
+        """Let `seconds` pass in which another thread sends states of a period, s, and note the answers.
 
         Returns:
             Finds the round trips: for when that thread has ended, as it takes the interpreter for hundreds of periods.

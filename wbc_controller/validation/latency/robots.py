@@ -38,11 +38,6 @@ _SWAY, _PACE = 5.0e-4, 2.0 * math.pi
 def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
     """A transport on a domain of this computer.
 
-    Args:
-        kind: one of `TRANSPORTS`.
-        node: name of its node.
-        domain: DDS domain.
-
     Raises:
         ConfigurationError: if there is no such transport, or rclpy is not importable, or two ROS 2 would be mixed.
         TransportError: if the transport cannot be started.
@@ -73,14 +68,7 @@ class StandingRobot:
     """Sends the states of a robot that stands and sways a little, whatever torques come."""
 
     def __init__(self, model: RobotModel, settings: Settings, transport: Transport, topics: Sequence[Endpoint]) -> None:
-        """Open the topics of its states.
-
-        Args:
-            model: the robot.
-            settings: the configuration that the model was built from.
-            transport: carries the messages.
-            topics: endpoints of the controller that takes the states.
-        """
+        """Open the topics of its states."""
         standing = measure(model, Plant(model, settings), 0, imu_frame(settings, model))
         self._period = 1.0 / settings.control.rate
         self._position = standing.position
@@ -119,14 +107,6 @@ def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: An
     """Answer each joint state at once with torques of zero, and with its own bytes in place of joint commands.
 
     Runs in a process of its own.
-
-    Args:
-        kind: one of `TRANSPORTS`.
-        domain: DDS domain.
-        topics: endpoints of the controller in whose place it answers.
-        size: number of torques.
-        stop: event that ends it.
-        realtime: the processors of the controller.
     """
     apply(realtime)
     payload = encode(torques(np.zeros(size)))

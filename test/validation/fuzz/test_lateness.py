@@ -1,4 +1,4 @@
-"""How late the machine is, as the live trials see it."""
+"""The lateness of the machine, as the live trials measure it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from wbc_controller.nodes.processes import until
-from wbc_controller.validation.fuzz.rig import Lateness
+from wbc_controller.validation.fuzz.lateness import Lateness
 
 SPIN = [sys.executable, "-c", "while True: pass"]
 

@@ -1,7 +1,9 @@
-"""Faults on the user's side: what other programs may send to the controller's topics."""
+"""Faults of requests: messages of other programs on the controller's topics."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -10,7 +12,7 @@ from pydantic import Field
 from wbc_controller.middleware.codec import message
 from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import Fault, number
-from wbc_controller.validation.campaign.user import User, com_trajectory
+from wbc_controller.validation.user import User, com_trajectory
 
 _PLACE = "user"
 #: Topics whose messages are a single number or switch, so that random bytes are mostly a valid request.
@@ -19,17 +21,17 @@ _ANY_BYTES = ("weight", "task_enable", "contact_enable")
 Act = Callable[[Array], None]
 
 
-class UserFault(Fault):
-    """A fault on the user's side: campaigns have it, the mock robot does not."""
+class RequestFault(Fault):
+    """A fault of requests: campaigns have it, the mock robot does not."""
 
     place = _PLACE
 
     def act(self, user: User, rng: np.random.Generator) -> Act:
-        """Begin: give what is done in each control period."""
+        """Return the act of each control period."""
         raise NotImplementedError
 
 
-class Garbage(UserFault):
+class Garbage(RequestFault):
     """Random bytes on random topics for requests."""
 
     messages: int = number(5, 1, 20, "messages", "in each control period")
@@ -49,7 +51,7 @@ class Garbage(UserFault):
         return send
 
 
-class UnknownWords(UserFault):
+class UnknownWords(RequestFault):
     """Words that are no command, on the topic for commands."""
 
     def act(self, user: User, rng: np.random.Generator) -> Act:
@@ -58,7 +60,7 @@ class UnknownWords(UserFault):
         return lambda com: user.say("command", str(rng.choice(words)))
 
 
-class RequestFlood(UserFault):
+class RequestFlood(RequestFault):
     """The request for activation comes again and again, many times in each period."""
 
     messages: int = number(20, 1, 200, "messages", "in each control period")
@@ -73,7 +75,7 @@ class RequestFlood(UserFault):
         return send
 
 
-class FarSetpoint(UserFault):
+class FarSetpoint(RequestFault):
     """The centre of mass is sent to where the robot cannot go, once."""
 
     distance: float = number(0.5, 0.05, 5.0, "m", "in a random direction")
@@ -85,7 +87,7 @@ class FarSetpoint(UserFault):
         return _once(lambda com: _to_coms(user, [0.5], com[None, :] + target))
 
 
-class StepSetpoint(UserFault):
+class StepSetpoint(RequestFault):
     """The centre of mass is sent to another side in each of a few periods."""
 
     distance: float = number(0.05, 0.005, 0.5, "m", "to a random side")
@@ -93,17 +95,13 @@ class StepSetpoint(UserFault):
 
     def act(self, user: User, rng: np.random.Generator) -> Act:
         """Send short trajectories."""
-        count = [0]
-
-        def send(com: Array) -> None:
-            if count[0] % self.every == 0:
-                _to_coms(user, [0.2], com[None, :] + self.distance * rng.uniform(-1.0, 1.0, 3))
-            count[0] += 1
-
-        return send
+        return _every(
+            self.every,
+            lambda com: _to_coms(user, [0.2], com[None, :] + self.distance * rng.uniform(-1.0, 1.0, 3)),
+        )
 
 
-class LongTrajectory(UserFault):
+class LongTrajectory(RequestFault):
     """Trajectories with thousands of points that stay where the robot is, in each of some periods."""
 
     points: int = number(1000, 100, 4900, "points", "of each trajectory")
@@ -111,20 +109,16 @@ class LongTrajectory(UserFault):
 
     def act(self, user: User, rng: np.random.Generator) -> Act:
         """Send the first one at once."""
-        count, first = [0], list[Array]()
+        first, times = list[Array](), np.linspace(0.1, 10.0, self.points).tolist()
 
         def send(com: Array) -> None:
-            if not first:
-                first.append(com.copy())
-            if count[0] % self.every == 0:
-                times = np.linspace(0.1, 10.0, self.points)
-                _to_coms(user, times.tolist(), np.repeat(first[0][None, :], self.points, axis=0))
-            count[0] += 1
+            first.append(com.copy())
+            _to_coms(user, times, np.repeat(first[0][None, :], self.points, axis=0))
 
-        return send
+        return _every(self.every, send)
 
 
-class HugeMessage(UserFault):
+class HugeMessage(RequestFault):
     """Messages of megabytes on the topics for commands and updates, once each."""
 
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
@@ -139,7 +133,7 @@ class HugeMessage(UserFault):
         return _once(send)
 
 
-class Estop(UserFault):
+class Estop(RequestFault):
     """An emergency stop, once."""
 
     def act(self, user: User, rng: np.random.Generator) -> Act:
@@ -147,7 +141,7 @@ class Estop(UserFault):
         return _once(lambda com: user.say("command", "estop"))
 
 
-class EstopInFlood(UserFault):
+class EstopInFlood(RequestFault):
     """An emergency stop among many other requests."""
 
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
@@ -163,7 +157,7 @@ class EstopInFlood(UserFault):
         return send
 
 
-class ContactOff(UserFault):
+class ContactOff(RequestFault):
     """A contact that carries the robot is switched off, once; at the end nobody switches it on."""
 
     contact: str = Field("", description="name of the contact; empty for one at random")
@@ -175,26 +169,23 @@ class ContactOff(UserFault):
         return _once(lambda com: user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name))
 
 
-class ConflictingUpdates(UserFault):
+class ConflictingUpdates(RequestFault):
     """Updates that contradict each other: weights, gains and times go up and down in each of some periods."""
 
     every: int = number(5, 1, 50, "periods", "between two")
 
     def act(self, user: User, rng: np.random.Generator) -> Act:
         """Send random changes within their ranges."""
-        count, names = [0], list(user.settings.tasks)
+        names = list(user.settings.tasks)
 
         def send(com: Array) -> None:
-            if count[0] % self.every == 0:
-                name = names[int(rng.integers(len(names)))]
-                task = user.settings.tasks[name]
-                factor = float(np.exp(rng.uniform(-1.0, 1.0)))
-                user.say("update", f"{{tasks: {{{name}: {{weight: {task.weight * factor}}}}}}}")
-                user.say("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
-                user.say("update", f"{{tasks: {{{name}: {{weight: {task.weight / factor}, wieght: 1}}}}}}")
-            count[0] += 1
+            name = names[int(rng.integers(len(names)))]
+            weight, factor = user.settings.tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
+            user.say("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
+            user.say("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
+            user.say("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
-        return send
+        return _every(self.every, send)
 
 
 def _to_coms(user: User, times: list[float], positions: Array) -> None:
@@ -202,19 +193,22 @@ def _to_coms(user: User, times: list[float], positions: Array) -> None:
         user.send("trajectory", com_trajectory(times, positions), name)
 
 
-def _once(act: Act) -> Act:
-    """Do it in the first period only."""
-    done = [False]
+def _every(periods: float, act: Act) -> Act:
+    """Act in the first period, and then once in some periods."""
+    count = itertools.count()
 
-    def once(com: Array) -> None:
-        if not done[0]:
-            done[0] = True
+    def due(com: Array) -> None:
+        if next(count) % periods == 0:
             act(com)
 
-    return once
+    return due
 
 
-USER_KINDS: Mapping[str, type[UserFault]] = {
+def _once(act: Act) -> Act:
+    return _every(math.inf, act)
+
+
+REQUEST_KINDS: Mapping[str, type[RequestFault]] = {
     kind.kind(): kind
     for kind in (
         Garbage, UnknownWords, RequestFlood, FarSetpoint, StepSetpoint, LongTrajectory, HugeMessage, Estop,

@@ -1,7 +1,8 @@
-"""The user of a trial, who talks to the controller by topics: activates it, and keeps the robot moving."""
+"""The user of a trial: sends requests to the controller by topics, and moves the robot."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -74,6 +75,16 @@ class User:
             for name, task in self.settings.tasks.items()
             if task.type == kind and ("trajectory", name) in self.requests
         ]
+
+
+def deep(topic: Endpoint) -> Endpoint:
+    """Return the other end of a topic, with a queue that loses no message while this process is busy."""
+    return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
+
+
+def words_to_activate(mode: str) -> tuple[str, ...]:
+    """Return the commands that activate a controller in a mode, after a fault too."""
+    return ("activate",) if mode.startswith("inactive") else ("reset", "activate")
 
 
 def com_trajectory(times: Sequence[float], positions: Array) -> Any:

@@ -23,7 +23,7 @@ _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
 #: Latency that clocks which are not synchronized cannot tell from a slow clock (docs/safety.md, the age of a state): as
 #: a share of the time that passes, and at most in a gap between two messages, s.
 _SLOW_CLOCK, _GAP = 0.5, 0.025
-#: Every name of a violation that `Watch` can find, with its meaning.
+#: Every name of a violation that `OutputMonitor` can find, with its meaning.
 VIOLATIONS: Mapping[str, str] = {
     "unreadable": "a message with torques that cannot be read, or of another size",
     "not_finite": "a torque that is not finite",
@@ -36,7 +36,7 @@ VIOLATIONS: Mapping[str, str] = {
 }
 
 
-class Watch:
+class OutputMonitor:
     """Checks every message with torques, and the report of every cycle.
 
     Attributes:
@@ -50,14 +50,7 @@ class Watch:
     def __init__(
         self, model: RobotModel, settings: Settings, names: Mapping[str, str], *, stamps_lie: bool = False
     ) -> None:
-        """Make a watch.
-
-        Args:
-            model: the robot.
-            settings: its settings.
-            names: topic name of each stream of the state, by stream.
-            stamps_lie: whether stamps may be ahead, of which ``safety.clock_tolerance`` is accepted.
-        """
+        """Name the topic of each stream of the state; `stamps_lie` if stamps may be ahead by the tolerated time."""
         self.now = 0.0
         self.violations: dict[str, str] = {}
         self.mode: Mode | None = None

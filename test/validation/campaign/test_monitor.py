@@ -1,4 +1,4 @@
-"""The watch sees each violation at its threshold, and nothing below it."""
+"""The monitor sees each violation at its threshold, and nothing below it."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import encode, torques
 from wbc_controller.records import Fault, Mode
 from wbc_controller.settings.config import load
-from wbc_controller.validation.campaign.watch import STALL, Watch
+from wbc_controller.validation.campaign.monitor import STALL, OutputMonitor
 
 CONFIG = load("go2")
 MODEL = make_model(CONFIG.settings)
@@ -22,17 +22,17 @@ class Cycles:
 
     def __init__(self, **changes) -> None:
         settings = CONFIG.replace(changes).settings
-        self.watch = Watch(MODEL, settings, NAMES)
-        self.watch.now = 1.0
+        self.monitor = OutputMonitor(MODEL, settings, NAMES)
+        self.monitor.now = 1.0
 
     def state(self, **taken) -> None:
         for stream, time in taken.items():
-            self.watch.sent(stream, round(1e9 * time))
+            self.monitor.sent(stream, round(1e9 * time))
 
     def cycle(self, tau, *, passed=0.002, mode=Mode.ACTIVE, code=None, solution=True, refused=()) -> dict:
-        self.watch.now += passed
-        self.watch.torques(encode(torques(np.asarray(tau, dtype=float))))
-        self.watch.cycle(
+        self.monitor.now += passed
+        self.monitor.torques(encode(torques(np.asarray(tau, dtype=float))))
+        self.monitor.cycle(
             SimpleNamespace(
                 mode=mode,
                 fault=Fault(code, "why") if code else None,
@@ -41,7 +41,7 @@ class Cycles:
                 refused=refused,
             )
         )
-        return self.watch.violations
+        return self.monitor.violations
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_torques_change_by_their_rate_in_time_and_by_one_period_at_most(cycles, 
     more = share * STEP
     more[3] += share * STEP[3] + 1e-3
     assert set(cycles.cycle(more, passed=passed)) == {"over_rate"}
-    assert "FR_hip_joint" in cycles.watch.violations["over_rate"]
+    assert "FR_hip_joint" in cycles.monitor.violations["over_rate"]
 
 
 def test_an_emergency_stop_is_exempt_from_the_rate_and_nothing_else_is(cycles):
@@ -86,17 +86,17 @@ def test_a_state_is_stale_by_the_true_time_of_what_it_tells(cycles, stream):
     """Latency that jumps up is seen, whatever the arrival says."""
     fresh = {"joint_states", "odom"} - {stream}
     for _ in range(25):
-        cycles.state(**dict.fromkeys(fresh, cycles.watch.now + 0.002))
+        cycles.state(**dict.fromkeys(fresh, cycles.monitor.now + 0.002))
         assert cycles.cycle(0.5 * STEP) == {}
-    cycles.state(**dict.fromkeys(fresh, cycles.watch.now + 0.002))
+    cycles.state(**dict.fromkeys(fresh, cycles.monitor.now + 0.002))
     assert stream in cycles.cycle(0.5 * STEP)["stale"]
 
 
 def test_a_message_that_was_refused_does_not_count(cycles):
     for _ in range(25):
-        cycles.state(joint_states=cycles.watch.now + 0.002, odom=cycles.watch.now + 0.002)
+        cycles.state(joint_states=cycles.monitor.now + 0.002, odom=cycles.monitor.now + 0.002)
         assert cycles.cycle(0.5 * STEP, refused=("/odom: header.stamp is 0",)) == {}
-    cycles.state(joint_states=cycles.watch.now + 0.002, odom=cycles.watch.now + 0.002)
+    cycles.state(joint_states=cycles.monitor.now + 0.002, odom=cycles.monitor.now + 0.002)
     assert "odom" in cycles.cycle(0.5 * STEP, refused=("/odom: header.stamp is 0",))["stale"]
 
 
@@ -111,13 +111,13 @@ def test_zero_torques_and_torques_that_sink_are_not_stale(cycles):
 def test_constant_latency_counts_where_clocks_are_synchronized(synchronized, found):
     cycles = Cycles(**{"safety.synchronized_clocks": synchronized})
     for _ in range(3):
-        cycles.state(joint_states=cycles.watch.now - 0.1, odom=cycles.watch.now - 0.1)
+        cycles.state(joint_states=cycles.monitor.now - 0.1, odom=cycles.monitor.now - 0.1)
         cycles.cycle(0.1 * STEP)
-    assert ("stale" in cycles.watch.violations) == found
+    assert ("stale" in cycles.monitor.violations) == found
 
 
 def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
-    late = cycles.watch.now + 0.002
+    late = cycles.monitor.now + 0.002
     cycles.state(joint_states=late, odom=late)
     cycles.cycle(STEP)
     cycles.state(joint_states=late + 0.002, odom=late + 0.002)
@@ -126,18 +126,18 @@ def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
 
 def test_a_defect_and_a_stall_are_violations(cycles):
     assert "internal_error" in cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="INTERNAL_ERROR", solution=False)
-    cycles.watch.spent(0.99 * STALL)
-    assert "stall" not in cycles.watch.violations
-    cycles.watch.spent(1.01 * STALL)
-    assert "stall" in cycles.watch.violations
+    cycles.monitor.spent(0.99 * STALL)
+    assert "stall" not in cycles.monitor.violations
+    cycles.monitor.spent(1.01 * STALL)
+    assert "stall" in cycles.monitor.violations
 
 
 @pytest.mark.parametrize("through", [(), (Mode.HOLDING,)])
 def test_the_moment_at_which_control_was_left_is_kept_with_its_reason(cycles, through):
     for mode in through:
         cycles.cycle(np.zeros(12), mode=mode, code="NO_SOLUTION", solution=False)
-    assert cycles.watch.left is None
+    assert cycles.monitor.left is None
     cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="FALLEN", solution=False)
     cycles.cycle(np.zeros(12), mode=Mode.FAULT, code="OTHER", solution=False)
-    time, code, sentence = cycles.watch.left
+    time, code, sentence = cycles.monitor.left
     assert (round(time, 4), code, sentence) == (round(1.002 + 0.002 * len(through), 4), "FALLEN", "why")

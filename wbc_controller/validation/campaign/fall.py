@@ -1,35 +1,26 @@
-"""The true robot of a trial: where its centre of mass is, and whether it lies on the ground."""
+"""The true fall of a robot in a trial."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-import pinocchio as pin
-
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.records import Array
 from wbc_controller.simulation.plant import Plant
 
-#: A robot has truly fallen if its base is tilted by more, rad, or is less high above its lowest foot than this share.
+#: A robot has fallen if its base is tilted by more, rad, or its height above the lowest foot is a smaller share.
 _TILT, _HEIGHT = math.radians(75.0), 0.3
 
 
-class Body:
-    """The true robot."""
+class TrueFall:
+    """Compares the robot with its posture at the start."""
 
     def __init__(self, model: RobotModel, plant: Plant) -> None:
-        """Keep the robot as it stands now as the measure of a fallen one."""
+        """Keep the present height of the base."""
         self._model, self._plant = model, plant
-        self._data = model.pinocchio.createData()
         self._height = self._above_feet()
 
-    def com(self) -> Array:
-        """Its centre of mass, (3,) in m; of the model, whatever loads it carries."""
-        return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self._plant.state()[0]))
-
-    def fallen(self) -> bool:
-        """Whether it lies on the ground."""
+    def seen(self) -> bool:
+        """Whether the robot lies on the ground."""
         if not self._model.floating_base:
             return False
         x, y = self._plant.state()[0][3:5].tolist()

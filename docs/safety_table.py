@@ -1,0 +1,61 @@
+"""Prints the table of the supervisor's checks for docs/safety.md, with the test of each."""
+
+from __future__ import annotations
+
+from wbc_controller.safety.checks import CHECKS
+
+#: Test of each check, as ``<file>::<function>`` in test/.
+TESTS = {
+    "age of the joint states, and of the odometry or the IMU data":
+        "safety/test_checks.py::test_an_input_over_the_limit_is_named_with_its_age",
+    "age of the states by synchronized clocks":
+        "nodes/test_clock.py::test_with_synchronized_clocks_a_constant_latency_does_not_activate",
+    "stamps ahead of this computer's clock, with synchronized clocks":
+        "nodes/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much",
+    "the estimated base: finite, its slowest contact below 0.12 m/s":
+        "nodes/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size",
+    "magnitude of joint positions and base coordinates":
+        "safety/test_plausibility.py::test_positions_that_no_robot_has_are_a_fault_and_are_not_compared_with",
+    "speeds of the joints and the base": "safety/test_plausibility.py::test_velocities_that_no_robot_has_are_a_fault",
+    "joint positions against joint velocities": "safety/test_plausibility.py::test_a_joint_that_jumps_is_named",
+    "a joint position that repeats against its velocity":
+        "safety/test_plausibility.py::test_a_joint_whose_position_is_dead_is_named",
+    "joint states or odometry that repeat bit for bit while moving":
+        "safety/test_plausibility.py::test_values_that_are_frozen_under_fresh_stamps_are_named",
+    "position of the base against its velocity": "safety/test_plausibility.py::test_odometry_that_jumps_is_a_fault",
+    "orientation of the base against its angular velocity":
+        "safety/test_plausibility.py::test_an_orientation_that_jumps_is_a_fault",
+    "tilt of a floating base since the activation":
+        "safety/test_plausibility.py::test_a_base_that_tilts_too_far_has_fallen",
+    "height of a floating base above the lowest end of a limb":
+        "safety/test_plausibility.py::test_a_base_that_sinks_between_its_limbs_has_fallen",
+    "time without a usable solution, without interruption or in all":
+        "safety/test_plausibility.py::test_single_solutions_do_not_renew_the_time_for_holding",
+    "the solution's torques: finite, and within their limits":
+        "safety/test_supervisor.py::test_torques_that_are_not_usable_never_leave",
+    "time with relaxed constraints":
+        "safety/test_plausibility.py::test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed",
+    "change of the torques in time":
+        "safety/test_plausibility.py::test_the_torque_rate_is_per_second_however_often_the_states_come",
+    "joint velocities that damping uses":
+        "safety/test_plausibility.py::test_a_velocity_that_no_joint_has_is_not_damped_and_the_others_are",
+    "damping in discrete time":
+        "safety/test_plausibility.py::test_damping_changes_no_velocity_s_sign_whatever_is_configured",
+    "other nodes that publish torques":
+        "nodes/test_loop.py::test_while_another_node_publishes_torques_activation_is_refused",
+}  # fmt: skip
+
+
+def safety_table() -> str:
+    """Return the table as Markdown."""
+    rows = ["| Checked | Threshold | Unit | Response | Code | Test in `test/` |", "|---|---|---|---|---|---|"]
+    for check in CHECKS:
+        keys = ", ".join(f"`{key}`" for key in check.keys) or "fixed"
+        file, _, test = TESTS[check.name].partition("::")
+        code = f"`{check.code}`" if check.code else "none"
+        rows.append(f"| {check.name} | {keys} | {check.unit} | {check.response} | {code} | `{file}`: `{test}` |")
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    print(safety_table(), end="")

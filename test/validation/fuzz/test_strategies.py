@@ -1,0 +1,107 @@
+"""The strategies: hostile values of every kind occur, messages stay well-formed, and values follow from their key."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbc_controller.cli import main
+from wbc_controller.errors import InputRefused
+from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.strategies import drawn, encoded, hostile, mutated_bytes, mutated_text, scaled_text
+from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, TEXTS
+
+TYPES = (
+    "sensor_msgs/msg/JointState",
+    "nav_msgs/msg/Odometry",
+    "trajectory_msgs/msg/JointTrajectory",
+    "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "std_msgs/msg/Float64MultiArray",
+    "geometry_msgs/msg/WrenchStamped",
+    "std_msgs/msg/Bool",
+)
+
+
+def values(strategy, count):
+    return [drawn(strategy, number) for number in range(count)]
+
+
+@pytest.mark.parametrize("type_name", TYPES)
+def test_hostile_messages_are_well_formed_and_other_than_the_ordinary_one(type_name):
+    content = ordinary(type_name, ("a", "b"), "world", 7)
+    before = encode(content)
+    payloads = [encode(each) for each in values(hostile(content, ("a", "b")), 100)]
+    assert encode(content) == before
+    assert sum(payload != before for payload in payloads) > (25 if type_name.endswith("Bool") else 70)
+    for payload in payloads:
+        decode(payload, type_name)
+
+
+def test_hostile_fields_reach_every_hostile_number():
+    content = ordinary("std_msgs/msg/Float64", (), "", 0)
+    seen = {repr(each.data) for each in values(hostile(content, ()), 500)}  # as text, since -0 is 0 and NaN is nothing
+    assert seen == {repr(value) for value in FLOATS}
+
+
+def test_sequences_of_texts_get_other_lengths_and_orders():
+    names = [
+        tuple(each.name) for each in values(hostile(ordinary("sensor_msgs/msg/JointState", "abc", "", 7), ()), 300)
+    ]
+    assert {("c", "b", "a"), ("a", "b"), ()} <= set(names)
+    assert max(map(len, names)) > 10
+
+
+@settings(database=None, deadline=None)
+@given(st.data())
+def test_mutated_bytes_are_refused_or_read_and_never_raise_anything_else(data):
+    payload = data.draw(mutated_bytes(encode(ordinary("sensor_msgs/msg/JointState", ("a", "b"), "world", 7))))
+    try:
+        content = decode(payload, "sensor_msgs/msg/JointState")
+    except InputRefused:
+        return
+    assert len(encode(content)) <= len(payload) + 64
+
+
+def test_a_mutated_text_is_another_one_and_follows_from_the_key():
+    text = "{tasks: {com: {weight: 5.0}}}\n{contacts: 3}"
+    made = values(mutated_text(text, SCALARS), 200)
+    assert made == values(mutated_text(text, SCALARS), 200)
+    assert sum(each != text for each in made) > 150
+    assert len(set(made)) > 80
+
+
+def test_a_scaled_text_keeps_its_form():
+    weights = {yaml.safe_load(text)["weight"] for text in values(scaled_text("{weight: 5.0, a1: 2}"), 200)}
+    assert {-5.0, 0, 5000, 5.0, 2.5} <= weights
+    assert drawn(scaled_text("no number")) == "no number"
+
+
+def test_encodings_other_than_utf_8_occur():
+    made = values(encoded("é" * 20), 300)
+    assert made.count(("é" * 20).encode()) > 230
+    assert len(set(made)) > 3
+
+
+def test_every_hostile_text_and_value_fits_into_a_message():
+    for text in (*TEXTS, *SCALARS):
+        assert text.encode() is not None
+
+
+@pytest.mark.parametrize(("library", "extra"), [("hypothesis", "fuzz"), ("mujoco", "mock")])
+def test_a_missing_library_is_named_with_its_extra(monkeypatch, library, extra):
+    for module in (
+        "simulation.plant",
+        *(f"validation.fuzz.{name}" for name in ("strategies", "hostile_files", "files")),
+    ):
+        monkeypatch.delitem(sys.modules, f"wbc_controller.{module}", raising=False)
+    monkeypatch.setitem(sys.modules, library, None)
+    result = CliRunner().invoke(main, ["fuzz", "urdf", "--count", "1"])
+    assert result.exit_code == 2
+    assert f"import of {library} halted" in result.output
+    assert f"pip install 'wbc_controller[{extra}]'" in result.output

@@ -1,0 +1,115 @@
+"""A robot without odometry on simulated time: controller, sensors and physics, and the truth for comparison."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import NoSolution
+from wbc_controller.estimation.base_estimator import BaseEstimator
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.records import Array, CycleReport, Mode
+from wbc_controller.settings.config import Config, load
+from wbc_controller.simulation.faults.fault import Fault
+from wbc_controller.validation.lockstep import Lockstep
+from wbc_controller.validation.user import com_trajectory
+
+#: Time for the torques to ramp in, and to come to rest after the base is let go, beside those of the settings, s.
+_RAMPED, _RESTED = 0.2, 1.0
+#: Patience with an estimate that does not begin, s.
+_PATIENCE = 5.0
+
+
+class EstimationTrial(Lockstep):
+    """A mock robot that stands on its estimate, with a user who moves its centre of mass.
+
+    Attributes:
+        faults: faults of the robot besides its sensors', from the release of its base on.
+        report: of the last cycle.
+        answered: true q and v of the state that the last cycle answered; None before the first.
+        origin: wanted centre of mass while it stands, (3,) in m; set by `stand`.
+        shift: from the true world to the world of the estimate when the robot had come to rest, (3,) in m.
+    """
+
+    report: CycleReport
+
+    def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
+        """Build a robot that hangs on its hoist.
+
+        Raises:
+            ConfigurationError: if the robot cannot be controlled or simulated.
+        """
+        settings = load(robot).replace({"control.markers_rate": 0.0, **changes}).settings
+        model = make_model(settings)
+        measured = [each for each in controller_endpoints(settings, model) if each.key == "measured_wrench"]
+        remappings = {f"~/contacts/{each.subject}/wrench": each.name for each in measured if force_sensors}
+        super().__init__(settings, model=model, remappings=remappings)
+        self.faults: Sequence[Fault] = ()
+        self.answered: tuple[Array, Array] | None = None
+        self._com = next(iter(self.user.tasks("com")), "")
+
+    @property
+    def estimator(self) -> BaseEstimator | None:
+        """The base estimator, if the settings have one."""
+        return self.loop.estimator
+
+    def cycle(self) -> None:
+        """Let one control period pass."""
+        self.answered = self.mock.plant.state()
+        self.publish_state()
+        self.report = self.loop.cycle()
+        self.mock.advance()
+
+    def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
+        """Let `seconds` pass; `each` is called after every cycle.
+
+        Raises:
+            NoSolution: if the controller has left its active mode, or the robot has fallen.
+        """
+        for _ in range(round(seconds * self.settings.control.rate)):
+            self.cycle()
+            if self.report.mode is not Mode.ACTIVE or self.mock.plant.fallen:
+                fault = self.report.fault
+                why = f"{fault.code}: {fault.sentence}" if fault is not None else "the robot fell"
+                raise NoSolution(why, self.report.mode.value, None)
+            each()
+
+    def settle(self) -> None:
+        """Wait for the estimate, with the base held."""
+        settled = 0.0 if self.estimator is None else self.settings.estimation.settling
+        for _ in range(math.ceil((settled + 0.05) * self.settings.control.rate)):
+            self.cycle()
+
+    def stand(self) -> None:
+        """Wait for the estimate, activate, and let the base go.
+
+        Raises:
+            NoSolution: if one of them fails.
+        """
+        self.settle()
+        deadline = self.time + _PATIENCE
+        while self.report.mode is not Mode.ACTIVE:
+            self.user.say("command", "activate")
+            self.cycle()
+            if self.time > deadline:
+                raise NoSolution("; ".join(self.report.refused), self.report.mode.value, None)
+        self.run(self.settings.safety.activation_ramp + _RAMPED)
+        self.mock.plan(self.faults, since=self.time)
+        self.mock.plant.hold(False)
+        self.run(_RESTED)
+        self.origin = self.wanted()
+        base = None if self.estimator is None else self.estimator.base
+        true, _ = self.mock.plant.state() if self.answered is None else self.answered
+        self.shift = np.zeros(3) if base is None else base[0][:3] - true[:3]
+
+    def wanted(self) -> Array:
+        """Return the wanted centre of mass now, (3,) in m."""
+        return np.array(self.controller.board.present(self._com, 1.0e-9 * self.mock.stamp).position)
+
+    def follow(self, times: Sequence[float], points: Sequence[Array]) -> None:
+        """Send the centre of mass along points at rest, (3,) in m in the world of the estimate, at times from now."""
+        self.user.send("trajectory", com_trajectory(times, np.array(points)), self._com)

@@ -1,0 +1,30 @@
+"""Collects the errors that this package logs during a trial."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def logged_errors() -> Iterator[list[str]]:
+    """Collect the errors that this package logs, and print nothing: trials cause thousands of warnings."""
+    logger, errors = logging.getLogger("wbc_controller"), list[str]()
+
+    def emit(record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        errors.append(f"{record.getMessage()}: {type(error).__name__}: {error}")
+
+    handler = logging.Handler(logging.ERROR)
+    handler.emit = emit  # type: ignore[method-assign]
+    level, propagate = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.ERROR)
+    logger.propagate = False
+    try:
+        yield errors
+    finally:
+        logger.propagate = propagate
+        logger.setLevel(level)
+        logger.removeHandler(handler)

@@ -1,0 +1,261 @@
+"""Hypothesis strategies of hostile bytes, texts and messages, and values of them that follow from a key."""
+
+from __future__ import annotations
+
+import copy
+import re
+import struct
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import hypothesis
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.strategies import DrawFn, SearchStrategy
+from rosbags.interfaces import Nodetype
+
+from wbc_controller.middleware.codec import TYPES, encode, message
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.validation.fuzz.target import Target
+from wbc_controller.validation.fuzz.values import FLOATS, INTEGERS, LENGTHS, SCALARS, STRINGS, TEXTS, UPDATES, WORDS
+
+T = TypeVar("T")
+
+#: Settings with which a strategy only generates: no database, no shrinking, no limits of time.
+_GENERATE = hypothesis.settings(
+    max_examples=2,
+    phases=[hypothesis.Phase.generate],
+    database=None,
+    deadline=None,
+    derandomize=False,
+    suppress_health_check=list(hypothesis.HealthCheck),
+)
+#: Number of mutations of one payload or text; a single one gets furthest into the reader.
+_MUTATIONS = (1, 1, 1, 2, 4)
+#: Longest run of bytes that is repeated or inserted.
+_LONGEST_RUN = 64
+#: Longest random payload, in bytes.
+_LONGEST_NOISE = 400
+#: Share of the fields that get a very long array or text, and their lengths: characters of a text, values of an array.
+_LARGE, _LARGEST = 0.002, (20_000, 300_000)
+#: Most elements of a hostile sequence of messages or texts.
+_MANY = 100
+#: A number, a word, or any other visible character.
+_TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")
+#: A number in a text, and its factors: signs, mistaken units, degrees for radians.
+_NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")
+_FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
+#: Characters that some encoding, or YAML or XML, does not allow.
+_STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", "-", "[", "}", "&", "*", "!", "<", ">")
+
+
+def drawn(strategy: SearchStrategy[T], *key: object) -> T:
+    """Draw a value of a strategy that follows from a key alone.
+
+    Hypothesis also draws constants from the code of all imported local modules: the value is the same in each process
+    with the same code that has imported all modules before.
+    """
+    values: list[T] = []
+
+    # Hypothesis begins with the simplest example, and with another first choice in the next one: a number takes that.
+    @hypothesis.seed(str(key))
+    @_GENERATE
+    @hypothesis.given(st.tuples(st.integers(0, 2**32), strategy))
+    def keep(example: tuple[int, T]) -> None:
+        values.append(example[1])
+
+    keep()
+    return values[-1]
+
+
+def share(probability: float) -> SearchStrategy[bool]:
+    """True with a probability, to within 0.001."""
+    return st.integers(0, 999).map(lambda value: value >= 1000 * (1.0 - probability))
+
+
+@st.composite
+def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
+    """A serialized message with changed bits, lengths or values, truncated, or with repeated or inserted bytes."""
+    data = bytearray(payload)
+    for _ in range(draw(st.sampled_from(_MUTATIONS))):
+        if not data:
+            return draw(st.binary(max_size=_LONGEST_RUN))
+        at, run = draw(st.integers(0, len(data) - 1)), draw(st.integers(1, _LONGEST_RUN))
+        kind = draw(st.integers(0, 7))
+        if kind == 0:
+            data[at] ^= 1 << draw(st.integers(0, 7))
+        elif kind == 1:
+            data[at] = draw(st.sampled_from((0, 1, 0x7F, 0x80, 0xFF)))
+        elif kind == 2:
+            data[at - at % 4 : at - at % 4 + 4] = struct.pack("<I", draw(st.sampled_from(LENGTHS)))
+        elif kind == 3:
+            data[at - at % 8 + 4 : at - at % 8 + 12] = struct.pack("<d", draw(st.sampled_from(FLOATS)))
+        elif kind == 4:
+            del data[at:]
+        elif kind == 5:
+            del data[at : at + run]
+        elif kind == 6:
+            data[at:at] = data[at : at + run] * draw(st.integers(1, 3))
+        else:
+            data[at:at] = draw(st.binary(min_size=run, max_size=run))
+    return bytes(data)
+
+
+@st.composite
+def mutated_text(draw: DrawFn, text: str, values: Sequence[str]) -> str:
+    """A text with tokens replaced by `values` or by each other, and lines deleted, repeated, moved or indented."""
+    for _ in range(draw(st.sampled_from(_MUTATIONS))):
+        tokens, lines = list(_TOKEN.finditer(text)), text.split("\n")
+        line, kind = draw(st.integers(0, len(lines) - 1)), draw(st.integers(0, 11))
+        if kind >= 9:
+            text = draw(scaled_text(text))
+        elif kind <= 4 and tokens:
+            token = draw(st.sampled_from(tokens))
+            by = draw(st.sampled_from(values)) if kind <= 3 else draw(st.sampled_from(tokens)).group()
+            text = text[: token.start()] + by + text[token.end() :]
+        elif kind <= 5:
+            at = draw(st.integers(0, len(text)))
+            text = text[:at] + draw(st.sampled_from(_STRAY)) + text[at:]
+        else:
+            if kind == 6:
+                del lines[line]
+            elif kind == 7:
+                lines.insert(draw(st.integers(0, len(lines))), lines[line])
+            else:
+                lines[line] = " " * draw(st.integers(0, 8)) + lines[line].strip()
+            text = "\n".join(lines)
+    return text
+
+
+def scaled_text(text: str) -> SearchStrategy[str]:
+    """A text with one number multiplied by one of `_FACTORS`."""
+
+    def scaled(at: re.Match[str], factor: float) -> str:
+        return f"{text[: at.start()]}{float(at.group()) * factor:.12g}{text[at.end() :]}"
+
+    numbers = list(_NUMBER.finditer(text))
+    return st.builds(scaled, st.sampled_from(numbers), st.sampled_from(_FACTORS)) if numbers else st.just(text)
+
+
+def encoded(text: str) -> SearchStrategy[bytes]:
+    """The bytes of a text: mostly UTF-8, at times in another encoding, or invalid bytes."""
+    encodings = st.sampled_from(("utf-16", "utf-32", "utf-8-sig", "latin-1"))
+    others = encodings.map(lambda name: text.encode(name, errors="replace")) | mutated_bytes(text.encode())
+    return share(0.06).flatmap(lambda other: others if other else st.just(text.encode()))
+
+
+def _is_number(kind: Any) -> bool:
+    return bool(kind[0] == Nodetype.BASE and kind[1][0] != "string")
+
+
+def _places(content: Any) -> list[tuple[Any, str, Any]]:
+    """Owner, name and kind of each field that holds no message; of a sequence of messages, only of its ends."""
+    found = []
+    for name, kind in TYPES.fielddefs[content.__msgtype__][1]:
+        node, detail = kind
+        if node == Nodetype.NAME:
+            found += _places(getattr(content, name))
+            continue
+        found.append((content, name, kind))
+        if node in (Nodetype.SEQUENCE, Nodetype.ARRAY) and detail[0][0] == Nodetype.NAME:
+            elements = getattr(content, name)
+            found += [place for element in [*elements[:1], *elements[-1:]] for place in _places(element)]
+    return found
+
+
+@st.composite
+def hostile(draw: DrawFn, content: Any, names: Sequence[str]) -> Any:
+    """A copy of a message with some fields replaced: numbers, texts, and sequences of other lengths and orders."""
+    content = copy.deepcopy(content)
+    for _ in range(draw(st.integers(1, 3))):
+        owner, name, (node, detail) = draw(st.sampled_from(_places(content)))
+        value = getattr(owner, name)
+        if node == Nodetype.BASE:
+            value = draw(scalar(detail[0], names))
+        elif _is_number(detail[0]):
+            value = draw(_numbers(value, detail[0][1][0], detail[1]))
+        elif len(value):
+            elements: SearchStrategy[Any] = st.sampled_from(list(value))
+            if detail[0][0] == Nodetype.BASE:
+                elements = st.one_of(elements, elements, scalar("string", names))
+            at, other = draw(st.integers(0, len(value) - 1)), draw(elements)
+            one = ([*value[:at], *value[at + 1 :]], [*value[:at], other, *value[at + 1 :]], [*value, other])
+            orders, lists = st.permutations(list(value)), st.lists(elements, max_size=_MANY)
+            value = draw(st.one_of(orders, lists, st.sampled_from(one)))
+            if value and draw(share(_LARGE)):
+                value = [value[i % len(value)] for i in range(6000)]
+            value = copy.deepcopy(value)
+        setattr(owner, name, value)
+    return content
+
+
+@st.composite
+def _numbers(draw: DrawFn, value: Any, type_name: str, size: int) -> Any:
+    """An array with one or all values replaced, or of another length if its type has no fixed one."""
+    change = draw(st.integers(0, 2))
+    length = size or len(value)
+    if not size and draw(share(_LARGE)):
+        length = draw(st.sampled_from(_LARGEST))
+    elif not size and change == 0:
+        length = draw(st.integers(0, len(value) + 2))
+    result = np.resize(value if len(value) else np.zeros(1, dtype=type_name), length)
+    if length and change == 1:
+        result[draw(st.integers(0, length - 1))] = draw(scalar(type_name, ()))
+    elif change == 2:
+        result = np.full(length, draw(scalar(type_name, ())), dtype=type_name)
+    return result
+
+
+@st.composite
+def scalar(draw: DrawFn, type_name: str, names: Sequence[str]) -> Any:
+    """A hostile value of a primitive type; of a string, also one of some names."""
+    if type_name == "string":
+        if draw(share(_LARGE)):
+            return "x" * draw(st.sampled_from(_LARGEST))
+        is_name = bool(names) and draw(share(0.3))
+        return draw(st.sampled_from(names if is_name else STRINGS))
+    if type_name == "bool":
+        return draw(st.booleans())
+    if "float" in type_name:
+        return draw(st.sampled_from(FLOATS))
+    bits = int(re.sub(r"\D", "", type_name) or 8)  # byte and octet have 8
+    value = draw(st.sampled_from(INTEGERS)) % (1 << bits)
+    unsigned = type_name.startswith("u") or not type_name.startswith("int")
+    return value if unsigned or value < 1 << (bits - 1) else value - (1 << bits)
+
+
+def hostile_text(key: str) -> SearchStrategy[str]:
+    """A text for a topic of texts: a word, an update or a URDF."""
+    strings = st.sampled_from(STRINGS)
+    if key == "update":
+        mutated = st.sampled_from(UPDATES).flatmap(lambda update: mutated_text(update, SCALARS))
+        return st.one_of(strings, st.sampled_from(TEXTS), mutated, mutated)
+    if key == "robot_description":
+        return strings | mutated_text("<robot name='r'>\n<link name='a'/>\n<link name='b'/>\n</robot>", STRINGS)
+    words = st.sampled_from(WORDS)
+    mutated = words.flatmap(lambda word: mutated_text(word, STRINGS))
+    return st.one_of(strings, words, mutated, mutated)
+
+
+@st.composite
+def payloads(draw: DrawFn, topic: Endpoint, example: Any, names: Sequence[str]) -> bytes:
+    """A message for a topic: noise, mutated bytes, hostile fields, a hostile text, or its ordinary example."""
+    kind = draw(st.integers(0, 99))
+    if kind >= 92:
+        return draw(st.binary(max_size=_LONGEST_NOISE))
+    if topic.type == "std_msgs/msg/String" and kind >= 20:
+        return encode(message(topic.type, data=draw(hostile_text(topic.key))))
+    if kind >= 60:
+        return draw(mutated_bytes(encode(example)))
+    return encode(draw(hostile(example, names)) if kind >= 4 else example)
+
+
+@st.composite
+def requests(draw: DrawFn, target: Target, names: Sequence[str]) -> tuple[Endpoint, bytes]:
+    """A topic of a node, and a message for it; a third of the choices is by kind of topic."""
+    topics = list(target.topics.values())
+    if draw(share(0.33)):  # there are many topics of setpoints, and a single one of updates
+        key = draw(st.sampled_from(sorted({topic.key for topic in topics})))
+        topics = [topic for topic in topics if topic.key == key]
+    topic = draw(st.sampled_from(topics))
+    return topic, draw(payloads(topic, target.example(topic), names))

@@ -1,0 +1,81 @@
+"""A controller, its mock robot and its user on one thread and simulated time: the base of trials in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.records import Array
+from wbc_controller.settings import Settings
+from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.user import User
+
+
+class Lockstep:
+    """The three on one memory bus.
+
+    Attributes:
+        settings: of the robot.
+        model: of the robot.
+        topics: endpoints of the controller.
+        bus: carries all messages.
+        mock: the mock robot.
+        controller: the controller.
+        clock: of the controller's loop.
+        loop: the controller's loop.
+        user: sends requests to the controller.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        model: RobotModel | None = None,
+        bus: MemoryBus | None = None,
+        use_sim_time: bool = False,
+        remappings: Mapping[str, str] | None = None,
+        **options: Any,
+    ) -> None:
+        """Build a robot that hangs on its hoist.
+
+        Raises:
+            ConfigurationError: if the robot cannot be controlled or simulated.
+        """
+        self.settings = settings
+        self.model = make_model(settings) if model is None else model
+        self.topics = controller_endpoints(settings, self.model)
+        self.bus = MemoryBus() if bus is None else bus
+        self.mock = MockRobot(self.model, settings, MemoryTransport(self.bus), remappings=remappings or {})
+        self.controller = Controller(settings, preflight=False, model=self.model)
+        transport = MemoryTransport(self.bus)
+        self._manual = ManualClock()
+        self.clock = clock_of(self.topics, transport) if use_sim_time else self._manual
+        self.loop = make_loop(self.controller, transport, self.clock, self.topics, **options)
+        self.user = User(settings, self.model, self.topics, MemoryTransport(self.bus))
+        self._data = self.model.pinocchio.createData()
+
+    def com(self) -> Array:
+        """Return the true centre of mass of the model, without loads, (3,) in m."""
+        return np.array(pin.centerOfMass(self.model.pinocchio, self._data, self.mock.plant.state()[0]))
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.mock.plant.time
+
+    def publish_state(self) -> float:
+        """Publish the robot's state, and set the clock to its stamp, which is returned in s."""
+        self._manual.time = 1.0e-9 * self.mock.stamp
+        self.mock.publish()
+        return self._manual.time
