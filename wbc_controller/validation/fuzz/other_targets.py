@@ -221,7 +221,7 @@ class UrdfTarget:
         bus = MemoryBus()
         MemoryTransport(bus).advertise(counterpart(topic))(payload)
         with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
-            text = wait_for_urdf(MemoryTransport(bus), self._stop, CONTROLLER_TOPICS, NODE_NAME)
+            text = wait_for_urdf(MemoryTransport(bus), self._stop, [topic])
         if text and text != decode(payload, topic.type).data:
             raise Broken("the URDF that was waited for is not the one that came")
 
