@@ -70,7 +70,8 @@ ROOMS = {
         "numpy scipy pinocchio click rich plotly pydantic rosbags hypothesis joblib distributed ray",
     ),
     "node": Room("nodes"),
-    "cli": Room("settings controller middleware recording simulation nodes apps validation", "click"),
+    # It names the modules of the commands, and imports each when it is needed.
+    "cli": Room("", "click"),
     "__main__": Room("cli"),
     "__init__": Room("settings inverse_dynamics controller simulation"),
 }

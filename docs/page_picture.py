@@ -18,8 +18,8 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from wbc_controller.apps.page.playing import free_domain
-from wbc_controller.apps.terminal.sentences import read_sentence
+from wbc_controller.apps.page.play import free_domain
+from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings.config import load
 
@@ -65,7 +65,7 @@ def take(path: Path) -> None:
 
 def _act(session: Session, settings: object) -> None:
     for sentence in SENTENCES:
-        session.ask(read_sentence(sentence.split(" ", 1) if "{" in sentence else sentence.split(), settings))
+        session.ask(parse_request(sentence.split(" ", 1) if "{" in sentence else sentence.split(), settings))
 
 
 def _picture(address: str, act: object) -> bytes:

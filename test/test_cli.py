@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 import yaml
 from click.testing import CliRunner
 
-from wbc_controller.cli import main
+from wbc_controller.cli import COMMANDS, main
 
 
 def invoke(*words):
@@ -145,3 +148,38 @@ def test_the_table_of_topics_is_printed():
     result = invoke("topics")
     assert result.exit_code == 0
     assert "`~/command`" in result.output
+
+
+def test_every_command_is_where_the_table_says():
+    assert list(COMMANDS) == sorted(COMMANDS)
+    for name in COMMANDS:
+        assert main.get_command(None, name).name == name
+
+
+#: Parts of the package that only their own commands may import.
+WORKSHOP = ("validation", "simulation", "apps.demo")
+IMPORTED = """
+import sys
+print([name for name in sys.modules if name.removeprefix("wbc_controller.").startswith({workshop!r})])
+"""
+SHOW_HELP = """
+from click.testing import CliRunner
+from wbc_controller.cli import main
+assert CliRunner().invoke(main, [{command!r}, "--help"]).exit_code == 0
+"""
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        *(SHOW_HELP.format(command=name) for name in ("send", "status", "echo", "run", "guard", "view", "check")),
+        "from wbc_controller.apps.terminal import session, status_view",
+        "from wbc_controller.nodes import controller_service, guard_service, estimator_service",
+        "from wbc_controller.nodes.ros2 import security_policy",
+        "from wbc_controller.recording.replay import replay_commands",
+    ],
+)
+def test_only_their_own_commands_import_simulation_validation_and_demo(code):
+    script = code + IMPORTED.format(workshop=WORKSHOP)
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout == "[]\n"

@@ -16,26 +16,26 @@ from wbc_controller.nodes.ros2.installation import refuse_mixture
 
 def main() -> None:
     """Run the controller's node: the executable `wbc_controller`."""
-    _run("controller_node", "wbc run g1")
+    _run("controller_node", "serve", "wbc run g1")
 
 
 def mock_main() -> None:
     """Run the mock robot's node: the executable `mock_robot`."""
-    _run("mock_node", "wbc mock g1")
+    _run("plain_nodes", "serve_mock", "wbc mock g1")
 
 
 def guard_main() -> None:
     """Run the guard's node: the executable `guard`."""
-    _run("guard_node", "wbc guard g1")
+    _run("plain_nodes", "serve_guard", "wbc guard g1")
 
 
 def estimator_main() -> None:
     """Run the node that estimates the base: the executable `base_estimator`."""
-    _run("estimator_node", "wbc estimate g1")
+    _run("plain_nodes", "serve_estimator", "wbc estimate g1")
 
 
-def _run(node: str, instead: str) -> NoReturn:
-    # Until the node is up, Ctrl-C ends the process at once, where Python would print where in the imports it was.
+def _run(module: str, function: str, instead: str) -> NoReturn:
+    # Until the node is up, Ctrl-C ends the process at once, without Python's traceback of the imports.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         refuse_mixture()
@@ -45,7 +45,7 @@ def _run(node: str, instead: str) -> NoReturn:
     try:
         from wbc_controller.nodes.ros2 import process
 
-        serve = importlib.import_module(f"wbc_controller.nodes.ros2.{node}").serve
+        serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
     except ImportError as error:
         sys.exit(_without_ros2(instead, error))
     sys.exit(process.run(serve))

@@ -21,6 +21,8 @@ from wbc_controller.middleware.topics import CONTROLLER_TOPICS, LATCHED, Directi
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.urdf import wait_for_urdf
 
+(ENDPOINT,) = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"], "wbc_controller")
+
 
 class Kept(MemoryTransport):
     """Notes which payloads its callbacks still hold."""
@@ -36,12 +38,9 @@ def told():
 
     def tell(*payloads):
         bus = MemoryBus()
-        (endpoint,) = endpoints([t for t in CONTROLLER_TOPICS if t.key == "robot_description"], "wbc_controller")
-        publish = MemoryTransport(bus).advertise(counterpart(endpoint))
+        publish = MemoryTransport(bus).advertise(counterpart(ENDPOINT))
         transport, stop, found = Kept(bus), threading.Event(), []
-        waiting = threading.Thread(
-            target=lambda: found.append(wait_for_urdf(transport, stop, CONTROLLER_TOPICS, "wbc_controller"))
-        )
+        waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
         for payload in payloads:  # latched: the last one is received on subscribing
             publish(payload)
         waiting.start()
@@ -70,9 +69,7 @@ def test_the_urdf_comes_and_later_ones_are_not_kept(told):
 def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goes_on(caplog):
     bus, stop, found = MemoryBus(), threading.Event(), []
     transport = Kept(bus)
-    waiting = threading.Thread(
-        target=lambda: found.append(wait_for_urdf(transport, stop, CONTROLLER_TOPICS, "wbc_controller"))
-    )
+    waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
     with caplog.at_level(logging.WARNING):
         waiting.start()
         while not hasattr(transport, "callback"):

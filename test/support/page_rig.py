@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from wbc_controller.apps.page.meshes import Mesh
-from wbc_controller.apps.page.moment import Moment, Robot
-from wbc_controller.apps.page.page import Commands, Page
-from wbc_controller.apps.page.sending import Sender
+from wbc_controller.apps.page.page import Page
+from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.server import Gate, open_server
-from wbc_controller.apps.terminal.status_view import Heard
+from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Reference, References
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -23,7 +23,7 @@ TRIANGLE = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], dtype=np.float32)
 
 
 class Story:
-    """Tells of a robot that stands, its clock going on with every moment."""
+    """Tells of a robot that stands, its clock going on with every snapshot."""
 
     def __init__(self, robot):
         self.robot = robot
@@ -36,21 +36,32 @@ class Story:
         q[2] = 0.76
         forces = {name: np.array([10.0, 0.0, 170.0, 0.0, 0.0, 0.0]) for name in robot.contacts}
         torques = np.full(robot.model.nj, 5.0)
-        self.now = Moment(1, 0.0, q, np.zeros(robot.model.nv), "active", torques, forces, references, heard(), 0.0)
+        self.now = Snapshot(
+            stamp=1,
+            age=0.0,
+            q=q,
+            v=np.zeros(robot.model.nv),
+            mode="active",
+            torques=torques,
+            forces=forces,
+            references=references,
+            status=status(),
+            silence=0.0,
+        )
         self.refusals = []
 
-    def moment(self):
+    def snapshot(self):
         self.now = replace(self.now, stamp=self.now.stamp + 2_000_000)
         return self.now
 
-    def look(self):
+    def read_status(self):
         refusals, self.refusals = self.refusals, []
         return refusals
 
 
-def heard(**values):
-    status = diagnostics(0, 0, "wbc: control loop", "active", "g1", {"task_weight/com": "50", **values}).status[0]
-    return Heard(status, 500.0, {}, "")
+def status(**values):
+    said = diagnostics(0, 0, "wbc: control loop", "active", "g1", {"task_weight/com": "50", **values}).status[0]
+    return RobotStatus(said, 500.0, {}, "")
 
 
 class Rig:
@@ -64,8 +75,8 @@ class Rig:
         self.page = Page(self.server, self.robot, meshes, self.story)
         self.sender = None
         if commands:
-            self.sender = Sender(SETTINGS, self.take, self.page.told)
-            self.page.command(Commands(self.sender, lambda: True))
+            self.sender = RequestSender(SETTINGS, self.take, self.page.report)
+            self.page.command(self.sender, lambda: True)
             self.sender.start()
         self.page.view_options()
         self.stop = threading.Event()
@@ -76,7 +87,7 @@ class Rig:
         self.sent.append((time.monotonic(), request))
 
     def said(self):
-        return [request.said for _, request in self.sent]
+        return [request.summary for _, request in self.sent]
 
     def close(self):
         self.stop.set()

@@ -1,4 +1,4 @@
-"""Builds the live audit of the model from the settings."""
+"""The live audit of the model, built from the settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wbc_controller.settings import Settings
 
 
 def joint_efforts(model: RobotModel) -> Array:
-    """The largest torque that the actuators can apply at each joint, (nj,) in N·m.
+    """Return the largest torque that the actuators can apply at each joint, (nj,) in N·m.
 
     An undriven joint takes the median of the others, as a scale for its torque residual.
     """

@@ -20,7 +20,7 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.audit import make_audit
 from wbc_controller.nodes.clock import Clock, MonotonicClock
@@ -41,7 +41,9 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: Longest reason for which the last seconds are written, in characters.
+#: The row of the topic with the URDF, which is opened before the robot's other topics are known.
+URDF_TOPIC = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
+#: Longest reason of a recording, in characters.
 _LONGEST_REASON = 40
 
 
@@ -57,7 +59,7 @@ def run_controller(
     use_sim_time: bool = False,
     record: Path | None = None,
 ) -> None:
-    """Run the controller until stopped.
+    """Run the controller until the event is set.
 
     Args:
         settings: the robot's settings.
@@ -68,7 +70,7 @@ def run_controller(
         remappings: topic remappings, from name to name.
         activate: activate as soon as the inputs are fresh, without a command.
         use_sim_time: measure ages and durations by the time on the clock topic.
-        record: file for the recording of all of the run; None keeps the last seconds alone.
+        record: file for a recording of the whole run; None keeps only the last seconds.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.
@@ -77,7 +79,8 @@ def run_controller(
     with recording(settings, record, name=node) as recorder:  # a process of its own, before `apply`
         urdf = None
         if not settings.robot.urdf:
-            urdf = wait_for_urdf(transport, stop, CONTROLLER_TOPICS, node, namespace, remappings)
+            rows = endpoints(URDF_TOPIC, node, namespace=namespace, remappings=remappings)
+            urdf = wait_for_urdf(transport, stop, rows)
         if stop.is_set():
             return
         controller = Controller(Config(settings, "", urdf), preflight=False)
@@ -121,7 +124,7 @@ def make_loop(
         topics: the node's endpoints, from `controller_endpoints`.
         timer: returns seconds, for the stage times.
         observers: called with the report of every cycle.
-        recorder: records all that comes in, is decided, and goes out; None records nothing.
+        recorder: records inputs, decisions and outputs; None records nothing.
         node: name of the node with its namespace, for diagnostics.
 
     Raises:
@@ -182,7 +185,7 @@ def make_loop(
 
 
 def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
-    """Have the last seconds written where a message asks for it."""
+    """Subscribe to requests to record the last seconds."""
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
 
     def receive(payload: bytes) -> None:
@@ -200,14 +203,7 @@ def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics:
 def make_clock(
     settings: Settings, topics: Iterable[Endpoint], transport: Transport, *, use_sim_time: bool
 ) -> MonotonicClock | SimulatedClock:
-    """Make the clock of a loop.
-
-    Args:
-        settings: the robot's settings.
-        topics: the node's endpoints.
-        transport: as for `clock_of`.
-        use_sim_time: whether it is the simulator's time.
-    """
+    """Make the clock of a loop: the machine's, or the one on the topic ``clock``."""
     if use_sim_time:
         return clock_of(topics, transport)
     return MonotonicClock(synchronized=settings.safety.synchronized_clocks)

@@ -1,4 +1,4 @@
-"""The estimator of the base as a node: an IMU and the legs in, by `estimation.base_estimator`, odometry for all out.
+"""The base estimator as a node: an IMU and the legs in, odometry out, by `estimation.base_estimator`.
 
 The controller that estimates its base itself, with `estimation.base_state: imu`, needs no such node.
 """
@@ -32,11 +32,11 @@ from wbc_controller.settings import Settings
 
 #: Frame in which the base is estimated (REP 105): it drifts, and never jumps; and that of absolute poses.
 FRAME, MAP = "odom", "map"
-#: Time for which a force that the controller has sent says that a contact holds, s.
+#: Time for which a contact force of the controller marks its contact as active, s.
 _FRESH = 0.1
 #: Time between two transforms, s.
 _TRANSFORMS = 0.02
-#: Longest wait for joint states until the diagnostics are seen to, s.
+#: Longest wait for joint states before the diagnostics are checked, s.
 _WAIT = 0.1
 
 _OK, _WARN = 0, 1
@@ -58,18 +58,10 @@ class EstimatorService:
         clock: Clock,
         namespace: str = "/",
     ) -> None:
-        """Open the topics.
-
-        Args:
-            settings: the robot's settings.
-            model: its model.
-            topics: endpoints of the estimator's node.
-            transport: carries the messages.
-            clock: gives each message its time of arrival.
-            namespace: namespace of the node, for diagnostics.
+        """Open the topics of a robot's estimator.
 
         Raises:
-            ConfigurationError: where the base is fixed, the IMU has no frame, or no contact could carry an estimate.
+            ConfigurationError: if the base is fixed, the IMU has no frame, or no contact could carry an estimate.
             TransportError: if a topic cannot be opened.
         """
         contacts = {name: make_contact(name, spec, model) for name, spec in settings.contacts.items()}
@@ -95,11 +87,11 @@ class EstimatorService:
         self._refused: dict[str, str] = {}  # the newest reason of each topic, however many come
         self._said = ""
 
-    def meant(self) -> frozenset[str]:
-        """Take the controller's contact forces; names of the contacts that are meant to hold.
+    def active_contacts(self) -> frozenset[str]:
+        """Take the controller's contact forces, and return the names of its active contacts.
 
-        If the controller has sent no forces lately, these are the contacts that the configuration enables. This thread
-        takes the forces, as it takes the states: no other thread can delay one against the other.
+        Without recent forces, these are the contacts that the configuration enables. The thread that takes the states
+        takes the forces too: no other thread can delay one against the other.
         """
         now = self._clock.now()
         for name, stream in self._forces.items():
@@ -108,11 +100,11 @@ class EstimatorService:
         return frozenset(name for name, at in self._pushed.items() if now - at <= _FRESH) or self._enabled
 
     def cycle(self) -> None:
-        """Take what has come, and publish the estimate where it is new."""
-        latched = self._inputs.latch(self.meant())
+        """Take the messages, and publish a new estimate."""
+        latched = self._inputs.latch(self.active_contacts())
         for sentence in latched.refused:
             topic, named, reason = sentence.partition(": ")
-            if named:  # else it is of a contact that is left out, which the diagnostics say anyway
+            if named:  # otherwise it is about a contact that is left out, which the diagnostics contain anyway
                 self._refused[topic] = reason
         estimator, found = self.estimator, self.estimator.odometry
         if found is not None and estimator.stamp > self._stamp:
@@ -128,11 +120,11 @@ class EstimatorService:
                 if poses is not None and poses.aligned:
                     self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.inverse().pose)))
         elif found is None:
-            self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
+            self._stamp = -math.inf  # a new estimate may have a new clock
         self._say(self._inputs.notes(), latched.estimate)
 
     def _say(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
-        """Publish diagnostics if they are due, or what they say has changed."""
+        """Publish diagnostics if they are due, or their text has changed."""
         estimator, now = self.estimator, self._clock.now()
         text = estimator.waits_for if estimator.odometry is None else "the base is estimated"
         if estimator.odometry is not None and estimator.waits_for:
@@ -179,26 +171,19 @@ def run_estimator(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> None:
-    """Run the estimator until stopped.
-
-    Args:
-        settings: the robot's settings.
-        transport: carries the messages.
-        stop: event that ends the run.
-        namespace: namespace of the node.
-        remappings: topic remappings, from name to name.
+    """Run the estimator until the event is set; arguments as for `run_controller`.
 
     Raises:
         ConfigurationError: as `EstimatorService` does.
         TransportError: if a topic cannot be opened.
     """
-    urdf = find_urdf(settings, transport, stop, ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace, remappings)
-    if stop.is_set():
-        return
-    model = make_model(settings, urdf)
     topics = list(
         endpoints(
             ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
         )
     )
+    urdf = find_urdf(settings, transport, stop, topics)
+    if stop.is_set():
+        return
+    model = make_model(settings, urdf)
     EstimatorService(settings, model, topics, transport, MonotonicClock(), namespace).run(stop)

@@ -62,15 +62,7 @@ class GuardService:
         clock: Clock,
         namespace: str = "/",
     ) -> None:
-        """Open the topics.
-
-        Args:
-            settings: the robot's settings.
-            robot: the actuators, as described by the URDF and the settings.
-            topics: endpoints of the guard's node.
-            transport: carries the messages.
-            clock: gives each message its time of arrival.
-            namespace: namespace of the node, for diagnostics.
+        """Open the topics of a robot's guard.
 
         Raises:
             TransportError: if a topic cannot be opened.
@@ -178,7 +170,7 @@ class GuardService:
             )
 
     def _velocity_in(self, payload: bytes) -> Array:
-        """Return the measured joint velocities of a joint state, or the derivative of its positions, (nj,) in rad/s."""
+        """Return the joint velocities of a joint state, measured or differentiated, (nj,) in rad/s."""
         joints = self._states.read(payload)
         if self._velocity_filter is None:
             return joints.velocity
@@ -250,12 +242,7 @@ class GuardService:
 
 
 def guard_limits(settings: Settings, effort: Array) -> GuardLimits:
-    """Derive the guard's limits from a robot's settings.
-
-    Args:
-        settings: the robot's settings.
-        effort: effort limit of each actuator, (na,) in N·m.
-    """
+    """Derive the guard's limits from the settings and the effort limit of each actuator, (na,) in N·m."""
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
         patience=guard.patience,
@@ -278,22 +265,15 @@ def run_guard(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> None:
-    """Run the guard until stopped.
-
-    Args:
-        settings: the robot's settings.
-        transport: carries the messages.
-        stop: event that ends the run.
-        namespace: namespace of the node.
-        remappings: topic remappings, from name to name.
+    """Run the guard until the event is set; arguments as for `run_controller`.
 
     Raises:
         ConfigurationError: if the URDF and the settings do not fit together.
         TransportError: if a topic cannot be opened.
     """
-    urdf = find_urdf(settings, transport, stop, GUARD_TOPICS, NODE_NAME, namespace, remappings)
+    topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
+    urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():
         return
     description = describe(urdf, settings.robot)
-    topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
     GuardService(settings, description, topics, transport, MonotonicClock(), namespace).run(stop)

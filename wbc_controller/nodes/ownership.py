@@ -1,4 +1,4 @@
-"""One owner of the robot: who else publishes its torques, its odometry or its time."""
+"""Check of the other publishers of the robot's torques, odometry and time."""
 
 from __future__ import annotations
 
@@ -19,28 +19,27 @@ _OF_ONE = ("odom", "clock")
 
 
 class Ownership:
-    """Judges who else publishes on the controller's topics.
+    """Checks the other publishers on the controller's topics.
 
-    A loop in real time looks at the graph on a thread of its own (`start`), one in lockstep in its cycles (`refresh`).
+    A loop in real time checks the graph on a thread of its own (`start`), one in lockstep in its cycles (`refresh`).
 
     Attributes:
-        contested: a sentence for each topic on which nodes publish that exclude each other; with any, the controller
-            must not be activated.
-        shared: node names of all publishers of an input, where there are several, by the topic's name.
+        contested: a sentence for each topic with publishers that exclude each other; with any, the controller must not
+            be activated.
+        shared: node names of all publishers of an input with several, by the topic's name.
     """
 
     def __init__(
         self, transport: Transport, topics: Iterable[Endpoint], allowed: Sequence[str], node: str, *, simulated: bool
     ) -> None:
-        """Make it when the topics have been opened.
+        """Start to look at the graph, after the controller's topics have been opened.
 
         Args:
-            transport: the controller's own.
+            transport: the controller's transport.
             topics: the controller's endpoints.
-            allowed: nodes that may publish torques too; those without a slash at the start are in the controller's
-                namespace.
+            allowed: nodes that may publish torques too; without a leading slash, in the controller's namespace.
             node: name of the controller's node with its namespace.
-            simulated: whether the controller's clock is that of the topic ``clock``.
+            simulated: True if the controller's clock is that of the topic ``clock``.
         """
         self.contested: tuple[str, ...] = ()
         self.shared: Mapping[str, str] = {}
@@ -49,7 +48,7 @@ class Ownership:
         keys = ("effort", "joint_states", "odom", *(("clock",) if simulated else ()))
         self._topics = {topic.key: topic.name for topic in topics if topic.key in keys}
         self._watch = GraphWatch(transport, [topic for topic in topics if topic.key in keys], self._judge)
-        self._watch.look()  # names arrive from now on, so that the look before the loop begins can tell whose they are
+        self._watch.look()  # names arrive from now on, for the check before the loop begins
         self._running = False
         self._looked = -math.inf
         self._known_at = time.monotonic() + transport.discovery_time
@@ -57,11 +56,8 @@ class Ownership:
     def start(self, stop: threading.Event) -> None:
         """Look at the graph on a thread of its own from now on, until `stop()`.
 
-        Waits until the others can be known: of two controllers that are started at once, each has to see the other
-        before it can be activated.
-
-        Args:
-            stop: event that ends the wait.
+        Wait first until the others are discovered, or `stop` is set: of two controllers that are started at once, each
+        has to see the other before it can be activated.
         """
         unknown = self._known_at - time.monotonic()
         if unknown > 0.0:
@@ -75,11 +71,7 @@ class Ownership:
         self._running = False
 
     def refresh(self, now: float) -> None:
-        """Look at the graph where no thread does, if it is time to.
-
-        Args:
-            now: s, on the clock of the loop.
-        """
+        """Look at the graph if it is due and no thread does; `now` is the time on the clock of the loop, s."""
         if not self._running and not (0.0 <= now - self._looked < PERIOD):
             self._looked = now
             self._watch.look()
@@ -89,23 +81,21 @@ class Ownership:
         rivals = [name for name in others["effort"] if name not in self._allowed]
         if rivals:
             contested.append(
-                f"torques on {self._topics['effort']} are published by {_listed(rivals)} too: end it, or name it in "
+                f"torques on {self._topics['effort']} are published by {', '.join(rivals)} too: end it, or name it in "
                 "safety.torque_publishers; a process that was killed is seen for some 10 s more"
             )
         for key in _OF_ONE:
             if len(others.get(key, ())) > 1:
-                contested.append(f"{self._topics[key]} has several publishers, {_listed(others[key])}: end all but one")
+                contested.append(
+                    f"{self._topics[key]} has several publishers, {', '.join(others[key])}: end all but one"
+                )
         for sentence in contested:
             if sentence not in self.contested:
                 _log.warning("%s", sentence)
         shared = {
-            self._topics[key]: _listed(names) for key, names in others.items() if key != "effort" and len(names) > 1
+            self._topics[key]: ", ".join(names) for key, names in others.items() if key != "effort" and len(names) > 1
         }
         for topic, names in shared.items():
             if topic not in self.shared and topic == self._topics["joint_states"]:
                 _log.warning("%s has several publishers: %s", topic, names)
         self.contested, self.shared = tuple(contested), shared
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names)

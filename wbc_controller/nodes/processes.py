@@ -1,7 +1,4 @@
-"""Starts the nodes of one robot as processes on one DDS domain of this computer, and reads what they use of it.
-
-What a process uses is read from /proc: Linux alone.
-"""
+"""Starts the nodes of one robot as processes on one DDS domain, and reads their memory and times from /proc (Linux)."""
 
 from __future__ import annotations
 
@@ -22,12 +19,12 @@ from wbc_controller.settings.config import load
 
 #: The C library, and the number of the request in <sys/prctl.h>.
 _C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1
-#: Wall time after which something that should have happened has not, s.
+#: Wall time after which an awaited event counts as missing, s.
 PATIENCE = 60.0
 
 
 class Processes:
-    """The processes of one robot: they read one configuration, and hear each other on the loopback.
+    """The processes of one robot: they read one configuration, and communicate on the loopback.
 
     Attributes:
         settings: those of the robot.
@@ -51,9 +48,9 @@ class Processes:
             folder: for the configuration and the logs; it is made.
             domain: DDS domain.
             changes: of settings, by dotted key.
-            own_sessions: start each process in a session of its own: Ctrl-C then reaches this process alone, and Linux
-                shares the processors out between sessions, so that a busy browser does not starve the controller. They
-                end where this process is killed.
+            own_sessions: start each process in a session of its own: Ctrl-C then reaches only this process, and Linux
+                divides the processors between sessions, so that a busy browser does not starve the controller. They end
+                with this process.
 
         Raises:
             ConfigurationError: if there is no such robot, or a value is not valid.
@@ -89,7 +86,7 @@ class Processes:
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start a process by its command line; its output goes to ``<name>.log``.
 
-        It hears SIGHUP, which it would otherwise ignore where this process does, as under nohup.
+        It does not ignore SIGHUP, even if this process does, as under nohup.
         """
         ours = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         try:
@@ -126,7 +123,7 @@ class Processes:
 
 
 def _end_with_parent() -> None:
-    """Have the kernel end this process when the thread that started it ends, however it does."""
+    """Let the kernel end this process with the thread that started it."""
     _C.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -137,17 +134,17 @@ def until(
     patience: float = PATIENCE,
     told: Callable[[], str] = lambda: "",
 ) -> None:
-    """Wait for a condition, doing something four times a second.
+    """Wait for a condition.
 
     Args:
-        condition: what has to come true.
-        what: the same in words, for the error.
-        again: done four times a second: who has just been found may miss a message.
+        condition: returns True when it is met.
+        what: the condition in words, for the error.
+        again: called four times a second: a node that was just discovered may miss a message.
         patience: longest time, s.
-        told: what to add to the error.
+        told: returns a text to add to the error.
 
     Raises:
-        WbcError: if it does not come true in time.
+        WbcError: if it is not met in time.
     """
     deadline, due = time.monotonic() + patience, 0.0
     while not condition():
@@ -161,20 +158,20 @@ def until(
 
 
 def memory(process: int) -> int:
-    """Memory of a process that is in use, kB."""
+    """Return the memory in use by a process, kB."""
     pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGESIZE") // 1024
 
 
 def processor_time(process: int) -> float:
-    """Time that a process has spent on processors, its own and the kernel's for it, s, to 10 ms."""
+    """Return the processor time of a process, its own and the kernel's, s, to 10 ms."""
     # Its name, in parentheses, may hold spaces.
     fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def waiting_time(process: int) -> float:
-    """Time for which the threads of a process were ready, and waited for a processor, all together, s."""
+    """Return the total time for which the threads of a process were ready and waited for a processor, s."""
     total = 0
     for schedstat in Path(f"/proc/{process}/task").glob("*/schedstat"):
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended

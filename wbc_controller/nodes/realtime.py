@@ -1,4 +1,4 @@
-"""Real time for the controller's process, as `control.realtime` asks for it. Linux alone.
+"""Real-time scheduling, processors and locked memory of the controller's process, by `control.realtime` (Linux).
 
 All threads of the process get the scheduling class and the processors, those that it starts later too: the loop waits
 for the thread that brings a state, and for whichever thread holds the interpreter's lock. Were one of these an ordinary
@@ -35,16 +35,13 @@ _waking: list[int] = []  # that file: the system closes it when the process ends
 
 
 def apply(settings: RealtimeSettings) -> None:
-    """Give this process what its settings ask for; it holds until the process ends.
+    """Apply the settings to this process, until it ends.
 
-    What the system refuses is an error, not a warning: these settings are off by default, so that who sets them relies
-    on them, and a controller without them runs as well until the machine is busy.
-
-    Args:
-        settings: of the process.
+    A refusal of the system is an error, not a warning: these settings are off by default, so a user who sets them needs
+    them, and their absence would show only on a busy machine.
 
     Raises:
-        ConfigurationError: if the system refuses, with what to set there.
+        ConfigurationError: if the system refuses, with the remedy.
     """
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
         raise ConfigurationError(f"{_KEY}: {sys.platform} has none of it, Linux does; {_HELP}")
@@ -59,9 +56,9 @@ def apply(settings: RealtimeSettings) -> None:
 
 
 def step_back() -> None:
-    """Let the calling thread, where it has a real-time class, stand behind all others of its process.
+    """Lower the real-time priority of the calling thread, if it has one, below all other threads of its process.
 
-    A thread of that class that computes keeps a processor from others of its priority, such as those that receive.
+    A computing thread of that class would keep a processor from others of its priority, such as receiving threads.
     """
     if hasattr(os, "sched_getscheduler"):
         number, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
@@ -70,18 +67,14 @@ def step_back() -> None:
 
 
 def processors() -> set[int]:
-    """Numbers of the processors that this process may use; none where the system does not say."""
+    """Return the numbers of the processors that this process may use; empty if unknown."""
     return set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else set()
 
 
 def in_force(process: int = 0) -> str:
-    """What the system says of a process, such as ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
+    """Describe the scheduling of a process: ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
 
-    Args:
-        process: its number, for its main thread; 0 for the calling thread of this one.
-
-    Returns:
-        The words; empty where the system has no such thing.
+    The process is given by its number, for its main thread, or by 0 for the calling thread. Empty if unknown.
     """
     if not hasattr(os, "sched_getscheduler"):
         return ""
@@ -130,7 +123,7 @@ def _schedule(name: str, priority: int) -> None:
 
 
 def _stay_awake(latency: int) -> None:
-    """Ask that no processor takes longer to wake than so many µs, until the process ends."""
+    """Limit the wake-up time of processors to `latency`, µs, until the process ends."""
     key = f"{_KEY}.cpu_dma_latency = {latency}"
     try:
         if not _waking:
@@ -145,7 +138,7 @@ def _stay_awake(latency: int) -> None:
 
 
 def _stays_awake(process: int | str) -> bool:
-    """Whether a process asks how long processors may take to wake; False where it does not let us see."""
+    """Return True if a process limits the wake-up time of processors; False also if that cannot be read."""
     with contextlib.suppress(OSError):
         for file in Path(f"/proc/{process}/fd").iterdir():
             with contextlib.suppress(OSError):  # it has been closed meanwhile
@@ -170,8 +163,8 @@ def _lock_memory() -> None:
 
 
 def _locked_memory_limit() -> int | None:
-    """Most memory that the process may lock, bytes; None without a limit."""
-    import resource  # which Windows lacks
+    """Return the largest memory that the process may lock, bytes; None without a limit."""
+    import resource  # Windows has none
 
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     free = soft == resource.RLIM_INFINITY or int(_status("CapEff"), 16) >> _CAP_IPC_LOCK & 1
@@ -179,18 +172,18 @@ def _locked_memory_limit() -> int | None:
 
 
 def _mlockall(flags: int) -> int:
-    """mlockall(2): 0, or the number of the error."""
+    """Call mlockall(2); return 0, or the number of the error."""
     libc = ctypes.CDLL(None, use_errno=True)
     return ctypes.get_errno() if libc.mlockall(flags) else 0
 
 
 def _threads() -> list[int]:
-    """Numbers of the threads of this process."""
+    """Return the numbers of the threads of this process."""
     return [int(path.name) for path in Path("/proc/self/task").iterdir()]
 
 
 def _status(field: str, process: int | str = "self") -> str:
-    """A field of /proc/<process>/status."""
+    """Return a field of /proc/<process>/status."""
     lines = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace").splitlines()
     return next((line.partition(":")[2].strip() for line in lines if line.startswith(f"{field}:")), "0")
 

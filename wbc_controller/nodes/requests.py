@@ -1,4 +1,4 @@
-"""Users' requests: stored as bytes as they come, decoded on a thread of their own, taken by a cycle.
+"""Queue of users' requests: stored as bytes on arrival, decoded on a thread of its own, taken by a cycle.
 
 They are stored by callbacks on the transport's thread, where an emergency stop is recognized: no queue of requests can
 delay it. The thread `reader` decodes and validates them, and leaves the loop most of the processor. Where no such
@@ -25,9 +25,9 @@ from wbc_controller.records import ChangeSettings
 
 _log = logging.getLogger(__name__)
 
-#: Requests that wait to be read, at most; the newest beyond are turned away and counted.
+#: Largest number of requests that wait to be read; further ones are dropped and counted.
 _REQUEST_DEPTH = 100
-#: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
+#: Largest number of requests that one cycle takes, to bound its time; the next cycles take the others.
 _MOST_PER_CYCLE = 20
 #: Largest message, in bytes, by row of the topic table: trajectories, and others.
 _LARGEST, _LARGEST_REQUEST = {"trajectory": 1 << 20}, 1 << 18
@@ -37,13 +37,13 @@ _READER_SHARE = 0.25
 _LONGEST_REASON = 1000
 #: Longest word on the command topic, in characters.
 _LONGEST_WORD = 40
-#: The word that stops the robot, as it stands in a serialized std_msgs/String.
+#: The word of an emergency stop in a serialized std_msgs/String.
 _ESTOP = b"estop"
 
 
 @dataclass(slots=True)
 class _Read:
-    """What one request says."""
+    """The content of one request."""
 
     commands: list[str] = field(default_factory=list)
     changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
@@ -56,19 +56,19 @@ class Requests:
     def __init__(
         self, vocabulary: decoding.Vocabulary, prepare: Callable[[Mapping[str, Any]], None], stop: Callable[[], None]
     ) -> None:
-        """Make an empty queue.
+        """Create an empty queue.
 
         Args:
             vocabulary: the names that messages may use.
-            prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
-            stop: called when an emergency stop has come, on the thread that brings it.
+            prepare: validates a change of the settings before a cycle takes it; raises `ConfigurationError`.
+            stop: called at an emergency stop, on the thread that receives it.
         """
         self._vocabulary, self._prepare, self._stop = vocabulary, prepare, stop
         self._estop = threading.Event()
         self._waiting = threading.Condition()  # guards the three below
         self._requests: deque[tuple[Endpoint, bytes]] = deque()
         self._read: deque[_Read] = deque()
-        self._turned_away: Counter[tuple[str, str]] = Counter()
+        self._dropped: Counter[tuple[str, str]] = Counter()
         self._reader: threading.Thread | None = None
         self._ended = False
 
@@ -79,7 +79,7 @@ class Requests:
         self._reader.start()
 
     def stop_reader(self) -> None:
-        """End the thread that decodes requests; what waits is left to be taken."""
+        """End the thread that decodes requests; decoded requests can still be taken."""
         reader, self._reader = self._reader, None
         if reader is not None:
             with self._waiting:
@@ -88,12 +88,12 @@ class Requests:
             reader.join()
 
     def turn_away(self, endpoint: Endpoint, why: str) -> None:
-        """Count a message that is not even read."""
+        """Count a message that is dropped unread."""
         with self._waiting:
-            self._turned_away[endpoint.name, why] += 1
+            self._dropped[endpoint.name, why] += 1
 
     def put(self, endpoint: Endpoint, payload: bytes) -> None:
-        """Store a request; a stop has a way of its own, which no other request can fill."""
+        """Store a request; an emergency stop bypasses the queue."""
         largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
         if len(payload) > largest:
             self.turn_away(endpoint, f"more than {largest} bytes")
@@ -107,17 +107,17 @@ class Requests:
                 self._requests.append((endpoint, payload))
                 self._waiting.notify()
             else:
-                self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+                self._dropped[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
 
     def wait_to_be_taken(self) -> bool:
-        """Whether a cycle has something to take; where no thread decodes requests, they are decoded now."""
+        """Return True if a cycle has requests to take; without a thread, decode them now."""
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
-        return bool(self._read or self._turned_away or self._estop.is_set())
+        return bool(self._read or self._dropped or self._estop.is_set())
 
     def take(self) -> TakenRequests:
-        """What has been read since the last call, an emergency stop first, `_MOST_PER_CYCLE` requests at most."""
+        """Take the decoded requests, an emergency stop first, at most `_MOST_PER_CYCLE`."""
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
         refused: list[str] = []
@@ -126,14 +126,14 @@ class Requests:
             self._estop.clear()
             commands.append("estop")
         with self._waiting:
-            turned_away, self._turned_away = self._turned_away, Counter()
+            dropped, self._dropped = self._dropped, Counter()
             taken = [self._read.popleft() for _ in range(min(len(self._read), _MOST_PER_CYCLE))]
         for read in taken:
             commands += read.commands
             changes += read.changes
             refused += read.refused
-        refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in turned_away.items()]
-        total = stopped + len(taken) + sum(turned_away.values())
+        refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in dropped.items()]
+        total = stopped + len(taken) + sum(dropped.values())
         return TakenRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _read_requests(self) -> None:
@@ -151,7 +151,7 @@ class Requests:
                 if len(self._read) < _REQUEST_DEPTH:
                     self._read.append(read)
                 else:
-                    self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+                    self._dropped[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
             time.sleep(spent * (1.0 / _READER_SHARE - 1.0))
 
     def _decoded(self, endpoint: Endpoint, payload: bytes) -> _Read:
@@ -180,7 +180,7 @@ class Requests:
 
 
 def refusal(endpoint: Endpoint, error: Exception) -> str:
-    """The reason why a message is refused, from what was raised while it was read."""
+    """Return the reason why a message is refused, from the error of its decoding."""
     if isinstance(error, InputRefused | ConfigurationError):
         reason = str(error)
     else:  # a message that exposes a bug must not end the loop

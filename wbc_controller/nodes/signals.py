@@ -12,10 +12,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def exit_by_signals() -> None:
-    """Let SIGTERM and SIGHUP raise `SystemExit`, as SIGINT raises an exception: what a command has started is ended.
-
-    Without it a command that is terminated leaves its controller and its mock robot behind.
-    """
+    """Let SIGTERM and SIGHUP raise `SystemExit`, so that a terminated command ends the processes it has started."""
 
     def leave(number: int, frame: object) -> None:
         raise SystemExit(128 + number)
@@ -29,14 +26,11 @@ def exit_by_signals() -> None:
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
     """Let SIGINT, SIGTERM and SIGHUP set an event, and do nothing else.
 
-    SIGHUP comes when the terminal or the SSH connection is gone. It stays ignored where it is at the start: by that,
-    ``nohup`` asks for a process that goes on.
+    SIGHUP comes when the terminal or the SSH connection closes. A process that ignores it from the start, as under
+    ``nohup``, still ignores it.
 
     The event is set on a thread of its own. A signal handler interrupts the main thread; if that is inside the event's
     `wait`, it holds the lock that `set` needs, and a handler that called `set` would wait for ever.
-
-    Args:
-        stop: the event.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)

@@ -1,16 +1,16 @@
-"""The URDF of a service: of a file, or waited for on a topic."""
+"""The URDF of a node: read from a file, or received on a topic."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import Endpoint, Topic, endpoints
+from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.settings import Settings
 
@@ -21,67 +21,32 @@ _LARGEST = LARGEST_URDF + 16
 
 
 def urdf_of(payload: bytes, endpoint: Endpoint) -> str:
-    """Read the URDF of a message.
-
-    Args:
-        payload: the serialized message.
-        endpoint: its topic.
+    """Read the URDF of a serialized message on a topic.
 
     Raises:
-        InputRefused: if it is too long, which is seen before it is decoded, or no message of its type.
+        InputRefused: if it is too long, which is checked before it is decoded, or no message of its type.
     """
     if len(payload) > _LARGEST:
         raise InputRefused(f"{len(payload)} bytes are too long for a URDF; it may have {LARGEST_URDF}")
     return str(decode(payload, endpoint.type).data)
 
 
-def find_urdf(
-    settings: Settings,
-    transport: Transport,
-    stop: threading.Event,
-    table: Sequence[Topic],
-    node: str,
-    namespace: str = "/",
-    remappings: Mapping[str, str] | None = None,
-) -> str:
-    """The URDF: of the file that the settings name, or else of the topic; empty if `stop` is set before it arrives.
-
-    Args:
-        settings: the robot's settings.
-        transport: as `wait_for_urdf` takes it, like the rest.
-        stop: event that ends the wait.
-        table: the node's topics.
-        node: name of the node.
-        namespace: namespace of the node.
-        remappings: topic remappings, from name to name.
+def find_urdf(settings: Settings, transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
+    """Read the URDF from the file in the settings, or wait for it as `wait_for_urdf` does.
 
     Raises:
         ConfigurationError: if the file cannot be read.
     """
-    if settings.robot.urdf:
-        return read_urdf(settings.robot.urdf)
-    return wait_for_urdf(transport, stop, table, node, namespace, remappings)
+    return read_urdf(settings.robot.urdf) if settings.robot.urdf else wait_for_urdf(transport, stop, topics)
 
 
-def wait_for_urdf(
-    transport: Transport,
-    stop: threading.Event,
-    table: Sequence[Topic],
-    node: str,
-    namespace: str = "/",
-    remappings: Mapping[str, str] | None = None,
-) -> str:
-    """Wait for the latched URDF, with a warning every 5 s; empty if `stop` is set before it arrives.
+def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
+    """Wait for the latched URDF on the topic ``robot_description``, with a warning every 5 s.
 
-    The first usable message counts. One that is too long is refused before it is decoded; the log says so once.
+    The first usable message counts. The log reports the first message that is refused.
 
-    Args:
-        transport: transport on which the topic is opened.
-        stop: event that ends the wait, within 5 s.
-        table: the node's topics, of which the row ``robot_description`` is opened.
-        node: name of the node.
-        namespace: namespace of the node.
-        remappings: topic remappings, from name to name.
+    Returns:
+        The URDF; empty if `stop` is set before it arrives, which is noticed within 5 s.
     """
     arrived = threading.Event()
     found, refused = "", False
@@ -99,8 +64,7 @@ def wait_for_urdf(
             return
         arrived.set()
 
-    row = [topic for topic in table if topic.key == "robot_description"]
-    (endpoint,) = endpoints(row, node, namespace=namespace, remappings=remappings)
+    (endpoint,) = (topic for topic in topics if topic.key == "robot_description")
     transport.subscribe(endpoint, receive)
     while not arrived.wait(5.0 if not stop.is_set() else 0.0):
         if stop.is_set():

@@ -31,7 +31,7 @@ def test_without_viser_one_sentence_says_what_to_install(monkeypatch, command):
 @pytest.fixture(scope="module")
 def robot():
     pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
-    from wbc_controller.apps.page.moment import Robot
+    from wbc_controller.apps.page.snapshot import Robot
 
     return Robot(load_settings(find_configuration("go2")))
 
@@ -54,20 +54,20 @@ def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
 
 
 def test_a_base_that_nobody_measures_stands_on_its_contacts(robot):
-    from wbc_controller.apps.page.standing import Standing
+    from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
 
     model, dynamics = robot.model, robot.dynamics
-    standing = Standing(robot)
+    standing = BaseOnContacts(robot)
 
     def feet(q):
         dynamics.update(q, np.zeros(model.nv))
         return np.array([contact.points(dynamics)[0] for contact in robot.contacts.values()])
 
-    there = feet(standing.on_contacts(model.configuration(model.posture)))
+    there = feet(standing.place(model.configuration(model.posture)))
     assert there[:, 2] == pytest.approx(0.0, abs=1e-9)
     crouched = model.posture * np.where(["hip" in name for name in model.joints], 1.0, 1.1)
     tilted = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 1.0), np.array([1.0, 2.0, 3.0]))
-    q = standing.on_contacts(model.configuration(crouched, tilted))
+    q = standing.place(model.configuration(crouched, tilted))
     assert feet(q).mean(axis=0) == pytest.approx(there.mean(axis=0), abs=1e-9)
     assert np.abs(feet(q) - there).max() < 0.03
     assert abs(q[2] - 0.3) < 0.15  # upright above its feet, and not where the base was said to be

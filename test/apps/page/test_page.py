@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
-from page_rig import Rig, heard
+from page_rig import Rig, status
 
 from wbc_controller.apps.page.page import RATE
 
@@ -49,7 +49,7 @@ def test_the_robot_is_drawn_at_the_page_s_rate_whatever_comes(rig, browser):
     before, began = rig.page.shown, time.monotonic()
     browser.until(lambda: rig.page.shown - before >= 20)
     rate = (rig.page.shown - before) / (time.monotonic() - began)
-    assert rate <= 1.2 * RATE  # no faster, though every moment is new; how fast it is, a measurement has to say
+    assert rate <= 1.2 * RATE  # no faster, though every snapshot is new; how fast it is, a measurement has to say
     pelvis = browser.positions["/robot/1"]
     assert pelvis == pytest.approx((0.0, 0.0, 0.76), abs=1e-3)
 
@@ -110,7 +110,7 @@ def test_every_link_is_drawn_where_it_is(rig, browser, pose):
         ("Damp", "damp"),
         ("Reset", "reset"),
         ("Record", "the last seconds are written to a file"),
-        ("Hold", "the hoist holds the robot where it began"),
+        ("Hold", "the hoist holds the robot at its start"),
         ("Release", "the hoist lets go of the robot"),
     ],
 )
@@ -237,7 +237,7 @@ def test_what_is_refused_is_said_on_the_page(rig, browser):
 def test_what_the_controller_says_is_on_the_page_and_is_no_html(rig, browser):
     fault = "fault STALE_INPUT: <script>joint_states</script> is 80 ms old"
     before = rig.story.now
-    rig.story.now = replace(before, mode=fault, heard=heard(**{"cost/torque:left_knee_joint:upper": "2.5 1/(N·m)"}))
+    rig.story.now = replace(before, mode=fault, status=status(**{"cost/torque:left_knee_joint:upper": "2.5 1/(N·m)"}))
 
     def panel():
         return next(p["content"] for p in browser.controls.values() if 'class="mode"' in str(p.get("content")))

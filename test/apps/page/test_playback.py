@@ -12,9 +12,9 @@ pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_cont
 
 from browser import Browser
 
-from wbc_controller.apps.page.moment import Robot
 from wbc_controller.apps.page.playback import Playback, TimeLine, strip
 from wbc_controller.apps.page.server import Gate, open_server
+from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.recording.reading import Recorded
 
 
@@ -36,9 +36,9 @@ def test_the_moments_are_those_that_were_recorded(recorded):
     cycles = [cycle for cycle in recorded.cycles() if cycle.number_of("has_state")]
     for cycle in (cycles[0], cycles[len(cycles) // 2], cycles[-1]):
         playback.seek(1e-9 * (cycle.time - recorded.start))
-        moment = playback.moment()
-        np.testing.assert_array_equal(moment.q, cycle.values["q"])
-        assert moment.stamp == cycle.time
+        snapshot = playback.snapshot()
+        np.testing.assert_array_equal(snapshot.q, cycle.values["q"])
+        assert snapshot.stamp == cycle.time
 
 
 def test_what_happened_is_marked_and_said(recorded):
@@ -49,26 +49,26 @@ def test_what_happened_is_marked_and_said(recorded):
     assert ("fault", "ESTOP") in kinds
     fault = next(mark for mark in playback.marks if mark.kind == "fault")
     playback.seek(fault.time - 0.004)
-    active = playback.moment()
+    active = playback.snapshot()
     assert active.following
     assert set(active.forces) == set(recorded.config.settings.contacts)
     assert active.references is not None
     assert active.torques is not None
     playback.seek(playback.duration)
-    assert playback.moment().mode.startswith("fault ESTOP: ")
+    assert playback.snapshot().mode.startswith("fault ESTOP: ")
     assert "emergency stop" in strip(playback)
 
 
 def test_time_passes_only_while_it_plays_and_ends_at_the_end(recorded):
     playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
     playback.playing = False
-    playback.moment()
+    playback.snapshot()
     time.sleep(0.02)
-    assert playback.moment().stamp == playback.moment().stamp
+    assert playback.snapshot().stamp == playback.snapshot().stamp
     assert playback.time == 0.0
     playback.playing, playback.speed = True, 100.0
     time.sleep(0.05)
-    playback.moment()
+    playback.snapshot()
     assert (playback.time, playback.playing) == (playback.duration, False)
 
 
@@ -82,7 +82,7 @@ def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(recorded):
 
     def show():
         while not ended.wait(1e-3):
-            playback.moment()
+            playback.snapshot()
             line.show()
 
     thread = threading.Thread(target=show, daemon=True)

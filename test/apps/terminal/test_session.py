@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from wbc_controller.apps.terminal import session
-from wbc_controller.apps.terminal.sentences import Request, read_sentence
+from wbc_controller.apps.terminal.request_parser import Request, parse_request
 from wbc_controller.apps.terminal.session import NoAnswer, Session
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.settings.config import load
@@ -74,7 +74,12 @@ class Recording(Line):
         (("0", "the last 10 s are kept"), ("1", "it is written"), True, "it is written"),
         (("1", "it is written"), ("2", "it is written"), True, "it is written"),
         (("", "nothing is recorded"), None, False, "refused: nothing is recorded"),
-        (("1", "it is written"), ("1", "it is written"), None, "the recorder does not answer; it said: it is written"),
+        (
+            ("1", "it is written"),
+            ("1", "it is written"),
+            None,
+            "the recorder does not answer; its last status: it is written",
+        ),
     ],
 )
 def test_a_recording_that_is_asked_for_is_answered_by_the_recorder(monkeypatch, before, behind, done, sentence):
@@ -89,8 +94,8 @@ def test_a_recording_that_is_asked_for_is_answered_by_the_recorder(monkeypatch, 
     with Session(config.settings, patience=0.01) as user:
         if done is None:
             with pytest.raises(NoAnswer, match=sentence):
-                user.ask(read_sentence(["record", "it"], config.settings))
+                user.ask(parse_request(["record", "it"], config.settings))
         else:
-            answer = user.ask(read_sentence(["record", "it"], config.settings))
+            answer = user.ask(parse_request(["record", "it"], config.settings))
             assert (answer.done, answer.sentence) == (done, sentence)
         assert user._transport.delivered == ([] if behind is None else ["it"])

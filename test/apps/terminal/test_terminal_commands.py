@@ -7,9 +7,9 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from wbc_controller.apps.terminal.completion import next_words
 from wbc_controller.apps.terminal.printing import as_text
 from wbc_controller.apps.terminal.session import topics_of
+from wbc_controller.apps.terminal.shell_completion import next_words
 from wbc_controller.apps.terminal.terminal_commands import find_topic
 from wbc_controller.cli import main
 from wbc_controller.errors import InputRefused
@@ -40,7 +40,7 @@ def test_a_topic_between_two_nodes_is_that_of_its_sender():
 
 
 def test_a_topic_that_does_not_exist():
-    with pytest.raises(InputRefused, match=re.escape("there is no topic '/wbc_controller/stat'; did you mean")):
+    with pytest.raises(InputRefused, match=re.escape("unknown topic '/wbc_controller/stat'; did you mean")):
         find_topic("/wbc_controller/stat", topics_of(G1))
 
 

@@ -26,7 +26,7 @@ except ImportError as error:
 
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.nodes.ros2.controller_node import ControllerNode
-from wbc_controller.nodes.ros2.declaration import values
+from wbc_controller.nodes.ros2.node_parameters import values
 from wbc_controller.nodes.ros2.parameters import settings_from
 from wbc_controller.recording.reading import Recorded
 from wbc_controller.records import Mode
@@ -55,7 +55,7 @@ def log():
     """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
     records, handler = [], logging.Handler()
     handler.emit = records.append
-    loggers = [logging.getLogger(f"wbc_controller.nodes.ros2.{name}") for name in ("controller_node", "gate")]
+    loggers = [logging.getLogger(f"wbc_controller.nodes.ros2.{name}") for name in ("controller_node", "lifecycle_gate")]
     for logger in loggers:
         logger.addHandler(handler)
     yield records
@@ -334,7 +334,7 @@ def test_the_last_seconds_are_recorded_on_request(make_node, spin, context, robo
         within(10, future.done)
         return future.result().success, future.result().message
 
-    assert call() == (False, "the node is not active; ros2 lifecycle says how it is")
+    assert call() == (False, "the node is not active; ros2 lifecycle shows its state")
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
     time.sleep(0.2)  # of cycles

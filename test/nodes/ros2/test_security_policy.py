@@ -17,7 +17,7 @@ from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
 from wbc_controller.nodes.guard_service import GuardService
-from wbc_controller.nodes.ros2.answers import RECORD, SERVICES
+from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.ros2.security_policy import (
     CLOCK,
     LIFECYCLE_SERVES,

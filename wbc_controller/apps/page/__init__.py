@@ -1,1 +1,1 @@
-"""The live page: a robot in the browser, with what its controller thinks, and handles to command it by topics."""
+"""The browser page: a robot with the state of its controller, and handles and controls that command it by topics."""

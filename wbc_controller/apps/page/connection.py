@@ -1,4 +1,4 @@
-"""The connection of one browser: passes on the messages of the allow-list, and at a bounded rate."""
+"""The connection of one browser: passes on the messages of the allow-list, at a bounded rate."""
 
 from __future__ import annotations
 
@@ -23,21 +23,12 @@ class Pace:
     """Spaces messages in time: a burst passes at once, more only at the rate."""
 
     def __init__(self, rate: float = RATE, burst: float = BURST) -> None:
-        """Begin with the whole burst.
-
-        Args:
-            rate: messages per second.
-            burst: messages that may come at once.
-        """
+        """Start with a full burst; `rate` is in messages per second, `burst` the messages that pass at once."""
         self._period, self._ahead = 1.0 / rate, (burst - 1.0) / rate
         self._next = -float("inf")  # time of the next message if all came at the rate, s
 
     def wait(self, now: float) -> float:
-        """Count a message; gives the time until it may be read, s.
-
-        Args:
-            now: monotonic time, s.
-        """
+        """Count a message at the monotonic time `now`, s; return the time until it may be read, s."""
         wait = max(0.0, self._next - self._ahead - now)
         self._next = max(self._next, now) + self._period
         return wait
@@ -50,14 +41,7 @@ class PageConnection(ServerConnection):
     """
 
     def __init__(self, allowed: AllowList, protocol: ServerProtocol, server: Server, **options: Any) -> None:
-        """Take the place of websockets' own connection.
-
-        Args:
-            allowed: the allow-list.
-            protocol: as websockets passes it.
-            server: as websockets passes it.
-            options: as websockets passes them.
-        """
+        """Replace websockets' own connection, whose arguments follow the allow-list."""
         super().__init__(protocol, server, **options)
         self._allowed = allowed
         self._pace = Pace()

@@ -1,4 +1,4 @@
-"""The robot in the browser: its meshes, and what its controller counts on, as shapes."""
+"""The scene in the browser: the robot's meshes, and contact forces, support polygon and references as shapes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pinocchio as pin
 import viser
 
 from wbc_controller.apps.page.meshes import Mesh
-from wbc_controller.apps.page.moment import Moment, Robot
+from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LIST, LINE_STRIP, SPHERE_LIST, Shape, draw
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
-#: What can be shown and hidden, with its name on the page.
+#: Groups of shapes that can be hidden, with their names on the page.
 GROUPS: Mapping[str, str] = {
     "contact_forces": "Contact forces",
     "friction_cones": "Friction cones",
@@ -24,35 +24,28 @@ GROUPS: Mapping[str, str] = {
     "capture_point": "Capture point",
     "task_errors": "Task references",
 }
-#: Groups that are shown and hidden with another one.
+#: Groups that share the switch of another group.
 _WITH = {"references": "task_errors", "contacts": "support"}
-#: Movement below which a joint, and a shape, is not drawn anew, m or the sine of half an angle: a page whose robot
-#: stands still then draws nothing, which without a GPU spares the processors that the controller runs on.
+#: Movement below which a joint, and a shape, is not redrawn, m or the sine of half an angle: the page of a robot at
+#: rest draws nothing, and without a GPU leaves the processors to the controller.
 _STILL, _STEADY = 1.0e-4, 1.0e-3
-#: Brightest and darkest grey of a link: what is white or black has no shape.
+#: Darkest and brightest grey of a link: a white or black link would show no shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
 #: Brightness of the light from all sides, without reflections.
 _LIGHT = 2.2
-#: Opacity of a robot that is seen through.
+#: Opacity of a translucent robot.
 _TRANSLUCENT = 0.35
 
 
 class Drawing:
-    """Draws moments of a robot in the scene of a viser server.
+    """Draws snapshots of a robot in the scene of a viser server.
 
     Attributes:
         links: handle of each mesh, with the joint that moves it.
-        placements: of each joint of the model in the world, at the moment that was drawn last.
+        placements: placement of each joint of the model in the world, at the last snapshot drawn.
     """
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
-        """Put the robot in its posture into the scene.
-
-        Args:
-            server: whose scene it is.
-            robot: the robot.
-            meshes: what it looks like.
-        """
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()
@@ -75,14 +68,14 @@ class Drawing:
             )
             self.links.append((handle, mesh.joint))
 
-    def show(self, moment: Moment) -> None:
-        """Draw a moment."""
+    def show(self, snapshot: Snapshot) -> None:
+        """Draw a snapshot."""
         robot = self._robot
-        pin.forwardKinematics(robot.model.pinocchio, self._data, moment.q)
+        pin.forwardKinematics(robot.model.pinocchio, self._data, snapshot.q)
         self.placements = list(self._data.oMi)
-        robot.dynamics.update(moment.q, moment.v)
-        shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, moment.references, moment.forces))
-        with self._server.atomic():  # a page never shows half of a moment
+        robot.dynamics.update(snapshot.q, snapshot.v)
+        shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces))
+        with self._server.atomic():  # a page never shows a part of a snapshot
             self._tree.move(self._data)
             self._draw(shapes)
 
@@ -96,9 +89,9 @@ class Drawing:
             handle.opacity = _TRANSLUCENT if translucent else None
 
     def fine(self, fine: bool) -> None:
-        """Draw shadows and reflections, or not: without a GPU they cost several times what the rest does."""
+        """Switch shadows and reflections: without a GPU they cost several times as much as all else."""
         self._scene.configure_default_lights(True, cast_shadow=fine)
-        self._light.visible = not fine  # what reflections light up otherwise
+        self._light.visible = not fine  # reflections replace this light
         self._scene.configure_environment_map("studio" if fine else None, environment_intensity=0.6)
 
     def _draw(self, shapes: Sequence[Shape]) -> None:
@@ -114,18 +107,17 @@ class Drawing:
 
 
 class _Tree:
-    """A frame for each joint, each in that of the joint before it, so that only what its own joint does moves it.
+    """A frame for each joint in the frame of its parent joint: a frame moves only with its own joint.
 
     Attributes:
         names: name of each joint's frame.
     """
 
     def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
-        """Put the frames of joints, and of those before them, into the scene."""
         self.names = {0: "/robot"}
         self._frames: list[Any] = []
         used = {before for joint in joints for before in model.supports[joint]} - {0}
-        self._joints = sorted(used)  # a joint comes behind the one before it
+        self._joints = sorted(used)  # parents come first
         for joint in self._joints:
             self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
             self._frames.append(scene.add_frame(self.names[joint], show_axes=False))
@@ -133,7 +125,7 @@ class _Tree:
         self._turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
 
     def move(self, data: pin.Data) -> None:
-        """Move the frames whose joint has moved: most joints of a robot that stands have not."""
+        """Move the frames whose joints have moved."""
         placements = [data.liMi[joint] for joint in self._joints]
         positions = np.array([each.translation for each in placements])
         turns = np.array([quaternion_of(each.rotation) for each in placements])[:, [3, 0, 1, 2]]
@@ -144,7 +136,7 @@ class _Tree:
 
 
 class _Drawn:
-    """One shape of the scene, made once and then moved."""
+    """One shape of the scene, created once and then moved."""
 
     def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
         red, green, blue, self._opacity = COLORS[shape.group]

@@ -1,4 +1,4 @@
-"""Handles on the tasks that have a place: who drags one sends the task's setpoint."""
+"""Handles of the tasks with a position or orientation: a drag sends the task's setpoint."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 import viser
 
-from wbc_controller.apps.page.moment import Moment, Robot
-from wbc_controller.apps.page.sending import Sender
+from wbc_controller.apps.page.request_sender import RequestSender
+from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.records import Array
 
-#: Kinds of task with a handle: whether it can be moved, and turned.
+#: Kinds of task with a handle: can it be moved, can it be turned.
 _KINDS = {
     "com": (True, False),
     "frame_position": (True, False),
@@ -23,59 +23,45 @@ _KINDS = {
 }
 #: Size of a handle, m.
 _SIZE = 0.14
-#: Opacity of the handle of a task that is off: dragging it switches the task on.
+#: Opacity of the handle of a disabled task; a drag enables the task.
 _OFF = 0.35
-#: Time after the ramp of a setpoint for which a handle still stays where it was left, s.
+#: Time after the ramp of a setpoint for which a handle stays at its setpoint, s.
 _REST = 0.3
 
 
 class Handles:
-    """The handles of all tasks, shared by all pages; while one drags, the others see it move."""
+    """The handles of all tasks, shared by all pages; while one page drags, the others see the handle move."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, sender: Sender) -> None:
-        """Put the handles into the scene, hidden.
-
-        Args:
-            server: whose scene it is.
-            robot: the robot.
-            sender: sends the setpoints.
-        """
-        self._sender, self._robot = sender, robot
-        self._turns = False
+    def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
         self._handles = {
             name: _Handle(server, robot, name, sender)
             for name, task in robot.settings.tasks.items()
             if task.type in _KINDS
         }
 
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """The tasks that have a handle."""
-        return tuple(self._handles)
-
-    def show(self, moment: Moment) -> None:
-        """Move the handles that nobody drags to where their tasks are wanted, or of a task that is off, where it is."""
+    def show(self, snapshot: Snapshot) -> None:
+        """Move the handles without a drag to the references of their tasks; of a disabled task, to its value."""
         for handle in self._handles.values():
-            handle.show(moment)
+            handle.show(snapshot)
 
     def turn(self, turns: bool) -> None:
-        """Show or hide the rings by which poses and orientations are turned."""
+        """Show or hide the rings that turn poses and orientations."""
         for handle in self._handles.values():
             handle.turn(turns)
 
     def let_go(self, client: int) -> None:
-        """End the drags of a page that is gone."""
+        """End the drags of a closed page."""
         for handle in self._handles.values():
             handle.let_go(client)
 
 
 class _Handle:
-    def __init__(self, server: viser.ViserServer, robot: Robot, task: str, sender: Sender) -> None:
+    def __init__(self, server: viser.ViserServer, robot: Robot, task: str, sender: RequestSender) -> None:
         self._name, self._robot, self._sender = task, robot, sender
         self._kind = robot.settings.tasks[task].type
         self._moves, self._can_turn = _KINDS[self._kind]
         self._turns = False
-        #: Orientation that is kept while the handle is only moved, (w, x, y, z); its arrows are the world's then.
+        #: Orientation while the handle is moved and not turned, (w, x, y, z); its arrows are the world's then.
         self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
         self._dragging: int | None = None
         self._rests_until = -np.inf
@@ -91,7 +77,7 @@ class _Handle:
             visible=False,
         )
         self._label = server.scene.add_label(f"/handles/{task}/name", task.replace("_", " "), visible=False)
-        # A coroutine is run in order, on the server's own thread; it only takes a note.
+        # Coroutines run in order on the server's own thread.
         self._gizmo.on_update(self._moved)
 
     async def _moved(self, event: Any) -> None:
@@ -100,7 +86,7 @@ class _Handle:
             self._dragging = client
             return
         if self._dragging is None:
-            return  # what arrives after the page has gone
+            return  # the page is closed
         if event.phase == "update":
             self._sender.drag(f"setpoint {self._name}", client, self._words())
         else:
@@ -108,13 +94,13 @@ class _Handle:
         self._rests_until = time.monotonic() + self._robot.settings.tasks[self._name].setpoint_duration + _REST
 
     def _words(self) -> list[str]:
-        """The sentence that asks for where the handle is."""
+        """Return the words of a request for the pose of the handle."""
         numbers = [] if self._kind == "frame_orientation" else list(self._gizmo.position)
         if self._can_turn:
             w, x, y, z = self._gizmo.wxyz if self._turns else self._orientation
             numbers += [x, y, z, w]
         values = ", ".join(f"{float(number):.5f}" for number in numbers)
-        if self._off:  # switched on where it is wanted, in one step
+        if self._off:  # enable it with its setpoint, in one step
             return ["update", f"{{tasks: {{{self._name}: {{enabled: true, setpoint: [{values}]}}}}}}"]
         return [self._name, "to", *values.split(", ")]
 
@@ -126,13 +112,13 @@ class _Handle:
         self._turns = turns
         self._gizmo.disable_rotations = not (turns and self._can_turn)
 
-    def show(self, moment: Moment) -> None:
-        shown = moment.following and (self._moves or self._turns)
+    def show(self, snapshot: Snapshot) -> None:
+        shown = snapshot.following and (self._moves or self._turns)
         self._gizmo.visible = self._label.visible = shown
         if not shown:
             self._dragging = None
             return
-        references = moment.references
+        references = snapshot.references
         self._off = references is None or not references.weights.get(self._name, 0.0) > 0.0
         opacity = _OFF if self._off else 1.0
         if self._gizmo.opacity != opacity:
@@ -153,12 +139,12 @@ class _Handle:
             self._gizmo.wxyz = turned
 
     def _value(self) -> Array | None:
-        """Where the task is."""
+        """Return the task's value, or None if it has none."""
         task = self._robot.tasks[self._name]
         return np.asarray(task.position(self._robot.dynamics)) if isinstance(task, AccelerationTask) else None
 
     def _place(self, at: Array) -> tuple[Array, Array]:
-        """Position, (3,), and quaternion (w, x, y, z) of the handle, from a position in the form of the task."""
+        """Return position, (3,), and quaternion (w, x, y, z) of the handle, from a value in the form of the task."""
         turned = np.array([1.0, 0.0, 0.0, 0.0])
         if self._can_turn:
             x, y, z, w = at[-4:]

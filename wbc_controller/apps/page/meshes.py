@@ -15,15 +15,15 @@ from wbc_controller.controller.visualization.geometry import GREY, Visual, bones
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Triangles of a robot, about. Software without a GPU draws so many a few times a second.
+#: Approximate number of triangles of a robot; a browser without a GPU draws them a few times a second.
 TRIANGLES = 60_000
-#: Fewest triangles of a mesh that has as many.
+#: Number of triangles below which a mesh is not simplified.
 _FEWEST = 200
 #: How fast triangles are removed, from 0 to 10: with less care, parts come apart at their edges.
 _CAREFUL = 3
-#: Angle between two triangles from which on their edge is drawn sharp, rad.
+#: Smallest angle between two triangles whose edge is drawn sharp, rad.
 _SHARP = 0.6
-#: Vertices closer than this are one, m: a file of triangles has each of its corners several times.
+#: Distance below which vertices are merged, m: a file of triangles has each of its corners several times.
 _SAME = 1.0e-5
 
 
@@ -47,16 +47,11 @@ class Mesh:
 
 
 def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:
-    """Build the meshes of a robot.
-
-    Args:
-        model: the robot's model.
-        most: number of triangles that they shall have together, about: a mesh of many separate shells stays larger.
+    """Build the meshes of a robot, together with about `most` triangles: a mesh of many separate shells stays larger.
 
     Raises:
         ConfigurationError: if the visual geometry of the URDF cannot be read.
     """
-    # Assimp, by which meshes are read, warns of every flaw of a file.
     visuals, bare = read_visuals(model)
     counts = [visual.shape.num_tris if isinstance(visual.shape, coal.BVHModelBase) else 0 for visual in visuals]
     share = min(1.0, most / max(1, sum(counts)))
@@ -86,7 +81,7 @@ def _mesh(visual: Visual, most: int) -> Mesh | None:
 
 
 def _drawn(points: Array, corners: npt.NDArray[np.intp]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
-    """Give each side of a sharp edge its own vertices, as a browser smooths over those that are shared."""
+    """Give each side of a sharp edge its own vertices, since a browser smooths shared ones."""
     mesh = trimesh.Trimesh(points, corners, process=False)
     mesh.update_faces(mesh.nondegenerate_faces())
     smooth = trimesh.graph.smooth_shade(mesh, angle=_SHARP)

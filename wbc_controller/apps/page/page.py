@@ -1,4 +1,4 @@
-"""The page: the scene, the panels and, if it may command, the handles, at a fixed rate whatever the topics' rate is."""
+"""The page: scene, panels and, if it may command, handles and controls, drawn at a fixed rate."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,88 +17,60 @@ from wbc_controller.apps.page import panels
 from wbc_controller.apps.page.controls import Controls
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
 from wbc_controller.apps.page.handles import Handles
+from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
 from wbc_controller.apps.page.meshes import Mesh
-from wbc_controller.apps.page.moment import Moment, Robot
-from wbc_controller.apps.page.sending import Said, Sender
-from wbc_controller.apps.page.shove import KEY, Shoves
+from wbc_controller.apps.page.playback import TimeLine
+from wbc_controller.apps.page.request_sender import RequestSender
+from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.controller.visualization.scene import friction_used
 from wbc_controller.records import Array
 
 _log = logging.getLogger(__name__)
 
-#: Moments drawn per second, and of these those after which the panels and the plots are written.
+#: Snapshots drawn per second, and numbers of snapshots between two updates of the panels and of the plots.
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
 #: Wall time between two logged errors of drawing, s.
 _QUIET = 10.0
-#: Wall time between two looks whether anybody has come, s.
+#: Period of the check for an open page, s of wall time.
 _IDLE = 0.05
-#: Time that the plots show, s, and their points per second.
+#: Time range of the plots, s, and their points per second.
 _SHOWN, _POINTS = 12.0, 10.0
-#: Lines of what was sent.
+#: Number of requests listed.
 _LINES = 12
 #: Widths of the panels, px.
 _LEFT, _RIGHT = 330, 290
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
-<b>Drag a handle</b> to send a setpoint: hands, feet, the centre of mass. A pale one belongs to a task that is off;
-dragging switches it on.<br><b>{KEY.capitalize()} + drag on a link</b> of a simulated robot pulls on it; letting go
-shoves it, there and so hard.</div>"""
+<b>Drag a handle</b> to send a setpoint: hands, feet, the centre of mass. A pale one belongs to a disabled task;
+dragging enables it.<br><b>{KEY.capitalize()} + drag on a link</b> of a simulated robot pulls on it; releasing
+it pushes the link.</div>"""
 
 
-class Source(Protocol):
-    """Where moments come from."""
+class SnapshotSource(Protocol):
+    """Source of snapshots: the topics of a robot, or a recording."""
 
-    def moment(self) -> Moment:
-        """The newest moment."""
+    def snapshot(self) -> Snapshot:
+        """Return the newest snapshot."""
         ...
 
-    def look(self) -> Sequence[str]:
-        """Read what changes slowly; gives sentences of refusals since the last look."""
+    def read_status(self) -> Sequence[str]:
+        """Read the status of the nodes; return the refusals since the last call."""
         ...
-
-
-class TimeLine(Protocol):
-    """Where one is in a recording."""
-
-    def show(self) -> None:
-        """Follow the time."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Commands:
-    """What a page needs to command.
-
-    Attributes:
-        sender: sends requests.
-        is_mock: whether the robot is a mock robot, as far as is known.
-    """
-
-    sender: Sender
-    is_mock: Callable[[], bool]
 
 
 class Page:
-    """The page of one robot, for as many browsers as come.
+    """The page of one robot, for any number of browsers.
 
     Attributes:
-        shown: number of moments with a new state that were drawn.
+        shown: number of drawn snapshots with a new state.
     """
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: Source) -> None:
-        """Set up the scene and the panels.
-
-        Args:
-            server: the server.
-            robot: the robot.
-            meshes: what it looks like.
-            source: where moments come from.
-        """
+    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: SnapshotSource) -> None:
         self.shown, self._stamp = 0, -1
         self.server, self._robot, self._source = server, robot, source
-        self._commands: Commands | None = None
-        self._line: TimeLine | None = None
-        self._said: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_LINES)
-        self._unread = False
+        self._is_mock: Callable[[], bool] | None = None
+        self._time_line: TimeLine | None = None
+        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_LINES)
+        self._requests_changed = False
         self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
             maxlen=int(_SHOWN * _POINTS)
         )
@@ -108,7 +79,7 @@ class Page:
             show_logo=False, show_share_button=False, control_width="medium", brand_color=(34, 139, 230)
         )
         gui.set_panel_label(robot.model.name)
-        self._look_of(server, robot)
+        self._set_up_scene(server, robot)
         self.drawing = Drawing(server, robot, meshes)
         self.drawing.fine(False)
         panel = gui.add_panel()
@@ -123,8 +94,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT)
 
-    def _look_of(self, server: viser.ViserServer, robot: Robot) -> None:
-        """The floor, the light, and where the camera is at first: as far as the robot is high."""
+    def _set_up_scene(self, server: viser.ViserServer, robot: Robot) -> None:
         scene = server.scene
         scene.set_up_direction("+z")
         scene.add_grid(
@@ -136,13 +106,13 @@ class Page:
         server.initial_camera.look_at = look_at
         server.initial_camera.fov = fov
 
-    def command(self, commands: Commands) -> None:
-        """Let the page command; before `run`."""
-        self._commands = commands
+    def command(self, sender: RequestSender, is_mock: Callable[[], bool]) -> None:
+        """Let the page command; before `run`. `is_mock` returns True if the robot is known to be a mock robot."""
+        self._is_mock = is_mock
         gui = self.server.gui
-        self._controls = Controls(self.server, self._robot, commands.sender)
-        self._handles = Handles(self.server, self._robot, commands.sender)
-        self._shoves = Shoves(self.server, self._robot, self.drawing, commands.sender)
+        self._controls = Controls(self.server, self._robot, sender)
+        self._handles = Handles(self.server, self._robot, sender)
+        self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
             turn = gui.add_checkbox("Turn, too", False, hint="Rings on the handles of poses and orientations.")
@@ -152,18 +122,18 @@ class Page:
 
         @self.server.on_client_disconnect
         async def _(client: Any) -> None:
-            commands.sender.forget(client.client_id)
+            sender.forget(client.client_id)
             self._handles.let_go(client.client_id)
-            self._shoves.let_go(client.client_id)
+            self._pushes.let_go(client.client_id)
 
-    def play(self, line: TimeLine) -> None:
+    def play(self, time_line: TimeLine) -> None:
         """Show the time of a recording; before `run`."""
-        self._line = line
+        self._time_line = time_line
 
     def view_options(self) -> None:
-        """The switches for what is shown; last, so that they stand below what commands."""
+        """Add the switches of the scene; last, so that they are below the controls."""
         gui = self.server.gui
-        with gui.add_folder("Show", expand_by_default=self._commands is None):
+        with gui.add_folder("Show", expand_by_default=self._is_mock is None):
             for group, label in GROUPS.items():
                 box = gui.add_checkbox(label, True)
                 box.on_update(self._toggles(group))
@@ -171,33 +141,28 @@ class Page:
             through.on_update(lambda event: self.drawing.see_through(through.value))
             fine = gui.add_checkbox("Shadows", False, hint="Shadows and reflections: for browsers with a GPU.")
             fine.on_update(lambda event: self.drawing.fine(fine.value))
-        if self._commands is None and self._line is None:
+        if self._is_mock is None and self._time_line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page watches. '
                          "Start it with --command to command.</div>")  # fmt: skip
 
     def _toggles(self, group: str) -> Callable[[Any], None]:
         return lambda event: self.drawing.toggle(group, event.target.value)
 
-    def told(self, said: Said) -> None:
-        """Take note of what came of a request; from any thread."""
-        if said.error:
-            self._note(f"{said.sentence}: {said.error}" if said.sentence else said.error, done=False)
-        elif said.sentence:
-            self._note(said.sentence, done=True)
-
-    def _note(self, text: str, *, done: bool) -> None:
-        self._said.appendleft((text, done))
-        self._unread = True
+    def report(self, words: str, error: str) -> None:
+        """List a request by its words, with its error, empty if it was sent; from any thread."""
+        if words or error:
+            self._requests.appendleft((": ".join(filter(None, (words, error))), not error))
+            self._requests_changed = True
 
     def run(self, stop: threading.Event) -> None:
-        """Draw until the event is set, while a page is open; log an error of one moment, and draw the next."""
+        """Draw until the event is set, while a page is open; after an error, log it and draw the next snapshot."""
         due, count, logged = time.monotonic(), 0, -float("inf")
         while not stop.is_set():
             if not self.server.get_clients():
                 stop.wait(_IDLE)
                 continue
             try:
-                self._step(count)
+                self._draw(count)
             except Exception:
                 if time.monotonic() - logged >= _QUIET:
                     logged = time.monotonic()
@@ -206,72 +171,62 @@ class Page:
             due = max(due + 1.0 / RATE, time.monotonic() - 1.0 / RATE)
             stop.wait(max(0.0, due - time.monotonic()))
 
-    def _step(self, count: int) -> None:
-        moment = self._source.moment()
-        self._draw(moment, count)
-        if moment.stamp != self._stamp:
-            self.shown, self._stamp = self.shown + 1, moment.stamp
-
-    def _draw(self, moment: Moment, count: int) -> None:
-        self.drawing.show(moment)
-        if self._commands is not None:
-            self._handles.show(moment)
-        if self._line is not None:
-            self._line.show()
+    def _draw(self, count: int) -> None:
+        snapshot = self._source.snapshot()
+        self.drawing.show(snapshot)
+        if self._is_mock is not None:
+            self._handles.show(snapshot)
+        if self._time_line is not None:
+            self._time_line.show()
         if count % _PANELS == 0:
-            for sentence in self._source.look():
-                self._note(f"refused: {sentence}", done=False)
-            self._now.content = panels.now(self._robot, moment)
-            self._torques.content = panels.torques(self._robot, moment)
-            if self._commands is not None:
-                mock = self._commands.is_mock()
-                self._shoves.enabled = mock
-                self._controls.show(moment, mock)
-                if self._unread:
-                    self._unread = False
-                    self._sent.content = panels.sent(list(self._said))
+            for refusal in self._source.read_status():
+                self.report("refused", refusal)
+            self._now.content = panels.now(self._robot, snapshot)
+            self._torques.content = panels.torques(self._robot, snapshot)
+            if self._is_mock is not None:
+                self._pushes.enabled = self._is_mock()
+                self._controls.show(snapshot, self._pushes.enabled)
+                if self._requests_changed:
+                    self._requests_changed = False
+                    self._sent.content = panels.sent(list(self._requests))
         if count % int(RATE / _POINTS) == 0:
-            self._remember(moment)
+            self._remember(snapshot)
         if count % _PLOTS == 0:
             self._plot()
+        if snapshot.stamp != self._stamp:
+            self.shown, self._stamp = self.shown + 1, snapshot.stamp
 
-    def _remember(self, moment: Moment) -> None:
+    def _remember(self, snapshot: Snapshot) -> None:
         robot = self._robot
         weight = robot.model.mass * robot.model.gravity
-        used = [share for share in friction_used(robot.contacts, moment.forces, weight).values() if share >= 0.0]
-        shares = panels.effort_shares(robot, moment.torques) if moment.torques is not None else np.zeros(1)
+        used = [share for share in friction_used(robot.contacts, snapshot.forces, weight).values() if share >= 0.0]
+        shares = panels.effort_shares(robot, snapshot.torques) if snapshot.torques is not None else np.zeros(1)
         cycle = float("nan")
-        if moment.heard is not None:
-            cycle = 1e-3 * float(moment.heard.values.get("time/total/median", "nan").partition(" ")[0])
-        row = (1e-9 * moment.stamp, 100.0 * float(np.abs(shares).max()), 100.0 * max(used, default=0.0), cycle)
+        if snapshot.status is not None:
+            cycle = 1e-3 * float(snapshot.status.values.get("time/total/median", "nan").partition(" ")[0])
+        row = (1e-9 * snapshot.stamp, 100.0 * float(np.abs(shares).max()), 100.0 * max(used, default=0.0), cycle)
         if self._history and row[0] < self._history[-1][0]:
-            self._history.clear()  # the robot's clock began anew
+            self._history.clear()  # the robot's clock was reset
         self._history.append(row)
 
     def _make_plots(self, gui: viser.GuiApi) -> tuple[Any, Any]:
-        empty = np.zeros(1)
-        series = viser.uplot.Series
-        shares = gui.add_uplot(
-            (empty, empty, empty),
-            (
-                series(label="s, now at 0"),
-                series(label="largest torque, % of its limit", stroke="#228be6", width=2),
-                series(label="friction used, %", stroke="#f08c00", width=2),
-            ),
-            scales={"x": viser.uplot.Scale(time=False, auto=True), "y": viser.uplot.Scale(range=(0.0, 100.0))},
-            height=230,
-            padding=(12, 24, 0, 0),
-            title="Against the limits",
-        )
-        cycle = gui.add_uplot(
-            (empty, empty),
-            (series(label="s, now at 0"), series(label="cycle time, ms", stroke="#7950f2", width=2)),
-            scales={"x": viser.uplot.Scale(time=False, auto=True), "y": viser.uplot.Scale(auto=True)},
-            height=200,
-            padding=(12, 24, 0, 0),
-            title="Cycle time",
-        )
-        return shares, cycle
+        """Add the plots of the limits and of the cycle time; returns their handles."""
+        scale, time_series = viser.uplot.Scale, viser.uplot.Series(label="s, now at 0")
+
+        def plot(title: str, height: int, y: Any, *lines: tuple[str, str]) -> Any:
+            series = [viser.uplot.Series(label=label, stroke=color, width=2) for label, color in lines]
+            return gui.add_uplot(
+                (np.zeros(1),) * (1 + len(lines)),
+                (time_series, *series),
+                scales={"x": scale(time=False, auto=True), "y": y},
+                height=height,
+                padding=(12, 24, 0, 0),
+                title=title,
+            )
+
+        lines = (("largest torque, % of its limit", "#228be6"), ("friction used, %", "#f08c00"))
+        limits = plot("Against the limits", 230, scale(range=(0.0, 100.0)), *lines)
+        return limits, plot("Cycle time", 200, scale(auto=True), ("cycle time, ms", "#7950f2"))
 
     def _plot(self) -> None:
         if len(self._history) > 1:
@@ -282,7 +237,7 @@ class Page:
 
 
 def camera(robot: Robot) -> tuple[Array, Array, float]:
-    """Where the camera is at first and what it looks at, (3,) each in m, and its vertical angle of view, rad."""
+    """Return the first position of the camera and its target, (3,) each in m, and its vertical angle of view, rad."""
     dynamics = robot.dynamics
     frames = range(1, len(robot.model.pinocchio.frames))
     lowest = min(float(dynamics.placement(frame).translation[2]) for frame in frames)

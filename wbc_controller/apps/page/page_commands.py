@@ -1,20 +1,20 @@
-"""The commands with a page: `wbc view` for a robot that is running, and `wbc play` with a mock robot."""
+"""The commands with a page: `wbc view` for a running robot or a recording, and `wbc play` with a mock robot."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
-from wbc_controller.apps.terminal.completion import complete_config
+from wbc_controller.apps.terminal.command_options import load_named, namespace_option, remap_option
+from wbc_controller.apps.terminal.shell_completion import complete_config
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.topics import parse_remapping
 from wbc_controller.nodes.signals import set_by_signals
-from wbc_controller.settings.files import find_configuration, load_settings
 
 _PORT = click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535),
-                     help="Port of the page; where it is taken, the next one that is free.")  # fmt: skip
+                     help="Port of the page; if it is in use, the next free one.")  # fmt: skip
 _HOST = click.option("--host", default="127.0.0.1", show_default=True,
                      help="Address to listen on; beyond the loopback, the address has a token.")  # fmt: skip
 
@@ -24,19 +24,19 @@ _HOST = click.option("--host", default="127.0.0.1", show_default=True,
 @click.option("--command", "commands", is_flag=True, help="Let the page command the robot; by default it watches.")
 @_HOST
 @_PORT
-@click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes' topics.")
-@click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A renamed topic; may be repeated.")
-def view(config: str, commands: bool, host: str, port: int, namespace: str, remaps: tuple[str, ...]) -> None:
+@namespace_option
+@remap_option
+def view(config: str, commands: bool, host: str, port: int, namespace: str, remappings: Mapping[str, str]) -> None:
     """Show a running robot in the browser, over its topics alone, or a recording, FILE.mcap: docs/page.md."""
-    needs_viser()
-    from wbc_controller.apps.page.serving import serve, serve_recording
+    _require_viser()
+    from wbc_controller.apps.page.page_service import serve, serve_recording
 
     stop = threading.Event()
     if config.endswith(".mcap"):
         with set_by_signals(stop):
             serve_recording(Path(config), stop, host=host, port=port)
         return
-    settings = load_settings(find_configuration(config))
+    settings = load_named(config)
     with set_by_signals(stop):
         serve(
             settings,
@@ -44,7 +44,7 @@ def view(config: str, commands: bool, host: str, port: int, namespace: str, rema
             host=host,
             port=port,
             namespace=namespace,
-            remappings=dict(parse_remapping(text) for text in remaps),
+            remappings=remappings,
             commands=commands,
         )
 
@@ -61,22 +61,18 @@ def play(robot: str, host: str, port: int, domain: int | None, factor: float) ->
 
     ROBOT is as CONFIG elsewhere. Ctrl-C ends all of it.
     """
-    needs_viser()
-    from wbc_controller.apps.page.playing import play as run
+    _require_viser()
+    from wbc_controller.apps.page.play import play as run
 
     stop = threading.Event()
     with set_by_signals(stop):
         run(robot, stop, host=host, port=port, domain=domain, factor=factor)
 
 
-def needs_viser() -> None:
-    """Say what to install where the page's server is not there.
-
-    Raises:
-        ConfigurationError: where it is not.
-    """
+def _require_viser() -> None:
+    """Raise `ConfigurationError` with the command that installs the page's libraries, if one is missing."""
     try:
-        import fast_simplification  # noqa: F401 - whether it is there
+        import fast_simplification  # noqa: F401 - is it installed
         import trimesh  # noqa: F401
         import viser  # noqa: F401
     except ModuleNotFoundError as error:

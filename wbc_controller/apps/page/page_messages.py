@@ -36,7 +36,11 @@ _Value = bool | Annotated[float, msgspec.Meta(ge=-1.0e9, le=1.0e9)] | Annotated[
 
 
 class _Message(msgspec.Struct, tag_field="type", tag=True, forbid_unknown_fields=True):
-    pass
+    def __post_init__(self) -> None:
+        """Check the norm of the quaternion, if the message has one."""
+        wxyz = getattr(self, "wxyz", None)
+        if wxyz is not None and not abs(math.hypot(*wxyz) - 1.0) <= _NORM_TOLERANCE:
+            raise ValueError(f"`wxyz` has the norm {math.hypot(*wxyz):g}, not 1")
 
 
 class ViewerCameraMessage(_Message):
@@ -51,10 +55,6 @@ class ViewerCameraMessage(_Message):
     image_width: _Pixels
     look_at: _Point
     up_direction: _Point
-
-    def __post_init__(self) -> None:
-        """Check the quaternion."""
-        _check_norm(self.wxyz)
 
 
 class _Updates(msgspec.Struct, forbid_unknown_fields=True):
@@ -82,10 +82,6 @@ class TransformControlsUpdateMessage(_Message):
     wxyz: _Quaternion
     position: _Point
     owner: Literal[""] = ""
-
-    def __post_init__(self) -> None:
-        """Check the quaternion."""
-        _check_norm(self.wxyz)
 
 
 class TransformControlsDragEndMessage(_Message):
@@ -129,16 +125,12 @@ class AllowList:
     """
 
     def __init__(self, *, commands: bool) -> None:
-        """Compile the list.
-
-        Args:
-            commands: True if the page may command.
-        """
+        """Compile the list; `commands` is True if the page may command."""
         self._decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(COMMANDING if commands else WATCHING)
         self.gui: viser.GuiApi | None = None
 
     def fault(self, payload: bytes | str) -> str:
-        """Reason why a message is not allowed, with its type, field and value; empty if it is allowed."""
+        """Return the reason why a message is refused, with its type, field and value; empty if it is allowed."""
         if isinstance(payload, str):
             return f"a text message, not binary: {reprlib.repr(payload)}"
         try:
@@ -150,7 +142,7 @@ class AllowList:
         return ""
 
     def _value_fault(self, uuid: str, value: bool | float | str) -> str:
-        """Reason why a control may not have this value; empty if it may."""
+        """Return the reason why a control may not have this value; empty if it may."""
         control: Any = None if self.gui is None else self.gui._gui_input_handle_from_uuid.get(uuid)
         match control:
             case None:
@@ -171,12 +163,6 @@ class AllowList:
         if valid:
             return ""
         return f"GuiUpdateMessage: updates.value of {control.label!r}: {reprlib.repr(value)}; valid: {wanted}"
-
-
-def _check_norm(wxyz: _Quaternion) -> None:
-    norm = math.hypot(*wxyz)
-    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
-        raise ValueError(f"`wxyz` has the norm {norm:g}, not 1")
 
 
 def _excerpt(payload: bytes) -> str:

@@ -1,4 +1,4 @@
-"""What the controller thinks, as the page tells it: small pieces of HTML, made from the words that `wbc status` has."""
+"""The panels of the page as HTML: mode, binding constraints, tasks, contacts and torques."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from html import escape
 
 import numpy as np
 
-from wbc_controller.apps.page.moment import Moment, Robot
-from wbc_controller.apps.terminal.next_step import next_step
-from wbc_controller.apps.terminal.status_view import Heard, binding, facts, task_rows
+from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.terminal.robot_status import RobotStatus
+from wbc_controller.apps.terminal.status_view import binding, facts, next_step, task_rows
 from wbc_controller.controller.visualization.scene import friction_used
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.nodes.diagnostics.shortfall import in_words
@@ -19,11 +19,11 @@ from wbc_controller.records import Array
 #: Colours of the modes.
 _MODES = {"active": "#2f9e44", "holding": "#e8890c", "damping": "#e8590c", "fault": "#e03131", "stopped": "#e03131"}
 _NO_MODE, _SILENT = "#868e96", "#e03131"
-#: Shares of a limit from which on a bar is drawn in orange and in red.
+#: Shares of a limit above which a bar is orange, and red.
 _MUCH, _ALL = 0.7, 0.95
-#: Wall time after which a stream that has ended, or a controller that is silent, is said, s.
+#: Wall time without states, or without statuses of the controller, after which the page warns, s.
 _SILENCE = 1.5
-#: Binding constraints that are named.
+#: Largest number of binding constraints shown.
 _NAMED = 8
 
 STYLE = """<style>
@@ -43,22 +43,22 @@ STYLE = """<style>
 </style>"""
 
 
-def now(robot: Robot, moment: Moment) -> str:
-    """The mode, what binds, the tasks, and the loop."""
-    heard = moment.heard
-    parts = [_mode(moment)]
-    if heard is not None:
-        parts += [_binding(heard), _tasks(robot, heard), _loop(heard)]
+def now(robot: Robot, snapshot: Snapshot) -> str:
+    """Return mode, binding constraints, tasks, and the loop."""
+    status = snapshot.status
+    parts = [_mode(snapshot)]
+    if status is not None:
+        parts += [_binding(status), _tasks(robot, status), _loop(status)]
     return _page(parts)
 
 
-def torques(robot: Robot, moment: Moment) -> str:
-    """Torques against their limits, and the friction of the contacts."""
-    return _page([_contacts(robot, moment), _torques(robot, moment)])
+def torques(robot: Robot, snapshot: Snapshot) -> str:
+    """Return the torques with their limits, and the friction of the contacts."""
+    return _page([_contacts(robot, snapshot), _torques(robot, snapshot)])
 
 
 def effort_shares(robot: Robot, joint_torques: Array) -> Array:
-    """Torques of the actuators as shares of their limits, (na,)."""
+    """Return the torques of the actuators as shares of their limits, (na,)."""
     shares = robot.model.actuation.from_joints(joint_torques) / robot.model.effort_limits
     return np.asarray(shares)
 
@@ -67,26 +67,24 @@ def _page(parts: Iterable[str]) -> str:
     return f'{STYLE}<div class="wbc">{"".join(parts)}</div>'
 
 
-def _mode(moment: Moment) -> str:
-    mode, _, rest = moment.mode.partition(" ")
+def _mode(snapshot: Snapshot) -> str:
+    mode, _, rest = snapshot.mode.partition(" ")
     color = _MODES.get(mode, _NO_MODE)
     lines = []
-    if moment.silence > _SILENCE:
-        color, silent = _SILENT, moment.silence
+    if snapshot.silence > _SILENCE:
+        color, silent = _SILENT, snapshot.silence
         since = "" if math.isinf(silent) else f" for {silent:.0f} s"
-        lines.append((f"The controller has said nothing{since}.", "Start it (wbc run), or look at its log."))
-    if moment.age > _SILENCE:
-        since = (
-            "No joint states have come yet." if math.isinf(moment.age) else f"No joint states for {moment.age:.0f} s."
-        )
-        lines.append((since, "See that the robot, or wbc mock, runs on this DDS domain."))
-    message = moment.heard.status.message if moment.heard is not None and moment.silence <= _SILENCE else ""
+        lines.append((f"No status of the controller{since}.", "Start it (wbc run), or look at its log."))
+    if snapshot.age > _SILENCE:
+        since = "No joint states yet." if math.isinf(snapshot.age) else f"No joint states for {snapshot.age:.0f} s."
+        lines.append((since, "Check that the robot, or wbc mock, runs on this DDS domain."))
+    message = snapshot.status.status.message if snapshot.status is not None and snapshot.silence <= _SILENCE else ""
     warnings = [part for part in message.split("; ")[1:] if not rest or part not in rest]
     if rest:
         lines.append((rest, next_step(rest)))
         warnings = [part for part in warnings if part.partition(":")[0] not in rest]
     lines += [(warning, "") for warning in warnings]
-    if not moment.base_measured:
+    if not snapshot.base_measured:
         lines.append(("The base's pose is on no topic: it is drawn as standing on its contacts.", ""))
     said = "".join(
         f'<div class="why" style="border-color:{color}">{escape(text)}'
@@ -97,10 +95,10 @@ def _mode(moment: Moment) -> str:
     return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{said}'
 
 
-def _binding(heard: Heard) -> str:
-    found = binding(heard.values)
+def _binding(status: RobotStatus) -> str:
+    found = binding(status.values)
     if not found:
-        return '<h4>What binds</h4><span class="muted">nothing: no limit is in the way</span>'
+        return '<h4>Binding constraints</h4><span class="muted">none</span>'
     most = max(_leading(cost) for _, cost in found) or 1.0
     rows = "".join(
         f"<tr><td>{escape(_plain(in_words(name)))}</td><td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
@@ -108,12 +106,12 @@ def _binding(heard: Heard) -> str:
         for name, cost in found[:_NAMED]
     )
     more = f'<tr><td class="muted">and {len(found) - _NAMED} more</td></tr>' if len(found) > _NAMED else ""
-    return f'<h4>What binds, and its price</h4><table class="binding">{rows}{more}</table>'
+    return f'<h4>Binding constraints, and their cost</h4><table class="binding">{rows}{more}</table>'
 
 
-def _tasks(robot: Robot, heard: Heard) -> str:
+def _tasks(robot: Robot, status: RobotStatus) -> str:
     rows = ""
-    for row in task_rows(robot.settings, heard):
+    for row in task_rows(robot.settings, status):
         task = robot.tasks[row.name]
         error = f"{_short(float(row.error))} {escape(getattr(task, 'unit', ''))}" if row.error else ""
         off = ' class="off"' if row.off else ""
@@ -122,28 +120,27 @@ def _tasks(robot: Robot, heard: Heard) -> str:
     return f'<h4>Tasks</h4><table><tr><th>task</th><th class="n">weight</th><th class="n">error</th></tr>{rows}</table>'
 
 
-def _loop(heard: Heard) -> str:
-    left_out = ("binding", "next")  # which stand above
+def _loop(status: RobotStatus) -> str:
     rows = "".join(
         f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
-        for name, text in facts(heard)
-        if name not in left_out
+        for name, text in facts(status)
+        if name not in ("binding", "next")  # shown above
     )
     rows += "".join(
         f'<tr><td class="muted">{escape(key)}</td><td>{escape(value)}</td></tr>'
-        for key, value in heard.values.items()
+        for key, value in status.values.items()
         if key.startswith(("infeasibility/", "publishers/"))
     )
     return f"<h4>Loop and audit</h4><table>{rows}</table>"
 
 
-def _contacts(robot: Robot, moment: Moment) -> str:
-    if not moment.forces:
+def _contacts(robot: Robot, snapshot: Snapshot) -> str:
+    if not snapshot.forces:
         return '<h4>Contacts</h4><span class="muted">no forces: the controller is not active</span>'
     weight = robot.model.mass * robot.model.gravity
-    used = friction_used(robot.contacts, moment.forces, weight)
+    used = friction_used(robot.contacts, snapshot.forces, weight)
     rows = ""
-    for name, force in moment.forces.items():
+    for name, force in snapshot.forces.items():
         contact = robot.contacts[name]
         if isinstance(contact, UnilateralContact):
             bar = _bar(used[name]) if used[name] >= 0.0 else '<span class="muted">not loaded</span>'
@@ -157,10 +154,10 @@ def _contacts(robot: Robot, moment: Moment) -> str:
     )
 
 
-def _torques(robot: Robot, moment: Moment) -> str:
-    if moment.torques is None:
+def _torques(robot: Robot, snapshot: Snapshot) -> str:
+    if snapshot.torques is None:
         return '<h4>Torques against their limits</h4><span class="muted">no torques are sent</span>'
-    shares = effort_shares(robot, moment.torques)
+    shares = effort_shares(robot, snapshot.torques)
     taus = np.round(shares * robot.model.effort_limits, 1) + 0.0  # no minus zero
     rows = "".join(
         f'<tr><td>{escape(_plain(name))}</td><td class="n">{tau:.1f}</td><td>{_bar(share, signed=True)}</td></tr>'
@@ -173,7 +170,7 @@ def _torques(robot: Robot, moment: Moment) -> str:
 
 
 def _bar(share: float, *, signed: bool = False, color: str = "") -> str:
-    """A bar for a share of a limit, from the left or, signed, from the middle."""
+    """Draw a bar for a share of a limit, from the left or, if signed, from the middle."""
     size = min(1.0, abs(share))
     color = color or ("#e03131" if size >= _ALL else "#f08c00" if size >= _MUCH else "#228be6")
     width = 100.0 * size / (2.0 if signed else 1.0)
@@ -191,12 +188,12 @@ def _short(error: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Names as a person reads them: ``left_knee_joint's upper torque limit`` without the marks of a program."""
+    """Write a name without underscores: ``left_knee_joint's upper torque limit`` becomes ``left knee's …``."""
     return name.replace("_joint", "").replace("_", " ")
 
 
 def sent(lines: Sequence[tuple[str, bool]]) -> str:
-    """What was sent, as `wbc send` would be told it, newest first; in red what was refused."""
+    """List the requests sent, newest first, refused ones in red."""
     if not lines:
         return _page(['<span class="muted">nothing yet</span>'])
     return _page(

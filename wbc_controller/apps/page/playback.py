@@ -1,4 +1,4 @@
-"""Moments from a recording, with a time line that marks faults, contacts that were made and broken, and pushes."""
+"""Playback of a recording: its snapshots by time, and a time line that marks modes, faults, contacts and pushes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from wbc_controller.apps.page.moment import Moment, Robot
-from wbc_controller.apps.terminal.status_view import Heard
+from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
 from wbc_controller.recording.layout import MODES
@@ -21,27 +21,21 @@ from wbc_controller.recording.mcap import Contents, read
 from wbc_controller.recording.reading import Cycle, Recorded
 from wbc_controller.records import Array, Reference, References
 
-#: Most moments that are kept of a recording: of a longer one, every second, third, … cycle.
+#: Largest number of cycles kept of a recording: of a longer one, every second, third, … cycle.
 MOST = 20_000
-#: Force that the model does not explain from which on it is marked, in weights of the robot: a push, or a collision.
+#: Unmodelled force above which a push is marked, in weights of the robot.
 _PUSH = 0.1
-#: Marks of the same kind and text are one for this time, s.
+#: Time without an unmodelled force after which the next one is a new push, s.
 _ONE = 0.5
-#: Longest step of time that plays, s: while nobody looks, it stands still.
-_LONGEST = 0.5
+#: Longest step of the playback, s: it pauses while no page is open.
+_LONGEST_STEP = 0.5
 _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Something that happened.
-
-    Attributes:
-        time: since the start of the recording, s.
-        kind: ``fault``, ``contact``, ``push`` or ``mode``.
-        text: in words.
-    """
+    """An event of the recording: its time since the start, s, its kind (a key of `_COLORS`), and a text."""
 
     time: float
     kind: str
@@ -49,25 +43,21 @@ class Mark:
 
 
 class Playback:
-    """The moments of a recording, by time.
+    """The snapshots of a recording, by time.
 
     Attributes:
-        marks: what happened, in order of time.
-        duration: of the recording, s.
-        time: at which it is, s; `seek` sets it.
-        playing: whether time passes.
-        speed: how fast.
+        marks: its events, in order of time.
+        duration: its duration, s.
+        time: the present time, s; `seek` sets it.
+        playing: True while time passes.
+        speed: recorded seconds per second.
     """
 
     def __init__(self, recorded: Recorded, robot: Robot) -> None:
-        """Read a recording.
-
-        Args:
-            recorded: the recording.
-            robot: of its configuration.
+        """Read the recording of a robot.
 
         Raises:
-            ConfigurationError: where it holds no state of the robot.
+            ConfigurationError: if it holds no state of the robot.
         """
         self._recorded, self._robot = recorded, robot
         self.time, self.speed, self.playing = 0.0, 1.0, True
@@ -76,30 +66,30 @@ class Playback:
         self._cycles: list[Cycle] = []
         self.marks: list[Mark] = sorted(self._read(), key=lambda mark: mark.time)
         if not self._cycles:
-            raise ConfigurationError(f"recording {recorded.path}: there is nothing to show: no state has arrived")
+            raise ConfigurationError(f"recording {recorded.path}: it holds no state of the robot")
         self.duration = self._times[-1]
-        self._said_at, self._said = self._statuses()
+        self._status_times, self._statuses = self._read_statuses()
 
-    def seek(self, moment: float) -> None:
+    def seek(self, seconds: float) -> None:
         """Go to a time, s."""
-        self.time = min(max(0.0, moment), self.duration)
+        self.time = min(max(0.0, seconds), self.duration)
 
-    def moment(self) -> Moment:
-        """The moment at the present time, which passes where it plays."""
+    def snapshot(self) -> Snapshot:
+        """Return the snapshot at the present time, which passes while it plays."""
         now = time.monotonic()
         if self.playing:
-            self.time += self.speed * min(now - self._now, _LONGEST)
+            self.time += self.speed * min(now - self._now, _LONGEST_STEP)
             if self.time >= self.duration:
                 self.time, self.playing = self.duration, False
         self._now = now
         at = max(0, bisect.bisect_right(self._times, self.time) - 1)
         return self._of(self._cycles[at])
 
-    def look(self) -> Sequence[str]:
-        """Nothing is refused any more."""
+    def read_status(self) -> Sequence[str]:
+        """Return no refusals."""
         return ()
 
-    def _of(self, cycle: Cycle) -> Moment:
+    def _of(self, cycle: Cycle) -> Snapshot:
         values, model = cycle.values, self._robot.model
         mode = MODES[int(cycle.number_of("mode"))].value
         moved = time_of(self._recorded, cycle.time)
@@ -113,8 +103,8 @@ class Playback:
             for name in self._robot.contacts
             if np.isfinite(values[f"force/{name}"]).all()
         }
-        place = bisect.bisect_right(self._said_at, moved) - 1
-        return Moment(
+        place = bisect.bisect_right(self._status_times, moved) - 1
+        return Snapshot(
             stamp=cycle.time,
             age=0.0,
             q=np.array(values["q"]),
@@ -123,12 +113,12 @@ class Playback:
             torques=at_joints,
             forces=forces,
             references=_references(cycle.references, self._robot) if mode.startswith(("active", "holding")) else None,
-            heard=self._said[place] if place >= 0 else None,
+            status=self._statuses[place] if place >= 0 else None,
             silence=0.0,
         )
 
     def _read(self) -> Iterator[Mark]:
-        """Keep the cycles that are shown, and find what happened."""
+        """Keep the cycles to show, and yield the events."""
         recorded, every = self._recorded, max(1, -(-self._recorded.count // MOST))
         weight = self._robot.model.mass * self._robot.model.gravity
         before: tuple[str, frozenset[str]] | None = None
@@ -154,15 +144,15 @@ class Playback:
             beside = float(np.linalg.norm(cycle.values["audit/force"]))
             if beside > _PUSH * weight and mode == "active":
                 if at - pushed > _ONE:
-                    yield Mark(at, "push", f"{beside:.0f} N that the model does not explain: a push, or a collision")
+                    yield Mark(at, "push", f"unmodelled force of {beside:.0f} N: a push, or a collision")
                 pushed = at
         for fault in recorded.faults:
             yield Mark(time_of(recorded, fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
 
-    def _statuses(self) -> tuple[list[float], list[Heard]]:
-        """What the controller said of itself, with the times."""
+    def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
+        """Read the times and the statuses of the controller."""
         times: list[float] = []
-        said: list[Heard] = []
+        found: list[RobotStatus] = []
         contents, count = Contents(), 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
         for number, stamp, payload in read(self._recorded.path, contents):
@@ -171,22 +161,18 @@ class Playback:
             for status in decode(payload, "diagnostic_msgs/msg/DiagnosticArray").status:
                 if status.name == node:
                     values = {value.key: value.value for value in status.values}
-                    moment, cycle = time_of(self._recorded, stamp), int(values.get("cycle", "0"))
-                    rate = (cycle - count) / (moment - times[-1]) if times and moment > times[-1] else float("nan")
-                    times.append(moment)
-                    said.append(Heard(status, rate, {}, ""))
+                    now, cycle = time_of(self._recorded, stamp), int(values.get("cycle", "0"))
+                    rate = (cycle - count) / (now - times[-1]) if times and now > times[-1] else float("nan")
+                    times.append(now)
+                    found.append(RobotStatus(status, rate, {}, ""))
                     count = cycle
-        return times, said
+        return times, found
 
 
 class TimeLine:
-    """The time line on the page.
-
-    Like `Controls`, it reads what users set, and shows the time, on the server's event loop.
-    """
+    """The time line on the page. Like `Controls`, it reads user input and shows the time on the server's event loop."""
 
     def __init__(self, server: viser.ViserServer, playback: Playback) -> None:
-        """Put it into the panel."""
         self._playback, gui = playback, server.gui
         self._loop = server.get_event_loop()
         with gui.add_folder("Recording"):
@@ -222,13 +208,13 @@ class TimeLine:
         if event.client_id is not None:
             self._go(self._slider.value)
 
-    def _go(self, moment: float) -> None:
+    def _go(self, seconds: float) -> None:
         self._playback.playing = False
-        self._playback.seek(moment)
+        self._playback.seek(seconds)
 
 
 def strip(playback: Playback) -> str:
-    """The marks along the time as HTML."""
+    """Draw the marks along the time as HTML."""
     ticks = "".join(
         f'<i title="{escape(f"{mark.time:.2f} s: {mark.text}", quote=True)}" style="position:absolute;top:0;bottom:0;'
         f'width:3px;left:{100.0 * mark.time / max(playback.duration, 1e-9):.2f}%;background:{_COLORS[mark.kind]}"></i>'
@@ -243,7 +229,7 @@ def strip(playback: Playback) -> str:
 
 
 def time_of(recorded: Recorded, stamp: int) -> float:
-    """A time of a recording since its start, s."""
+    """Return the time of a stamp since the start of the recording, s."""
     return 1.0e-9 * (stamp - recorded.start)
 
 

@@ -1,4 +1,4 @@
-"""The page's server: viser's, behind a check of every request and of every message.
+"""The page's server: viser's, behind a check of every request and every message.
 
 viser serves its page and its connections on one port with `websockets`, without checks of its own. `websockets` calls
 `Gate` before it answers a request, and `PageConnection` drops the messages that are not on the allow-list.
@@ -13,6 +13,7 @@ import io
 import ipaddress
 import re
 import secrets
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -30,16 +31,16 @@ from wbc_controller.apps.page.connection import PageConnection
 from wbc_controller.apps.page.page_messages import LARGEST, AllowList
 from wbc_controller.errors import ConfigurationError, TransportError
 
-#: Wall time between two signs of life that are asked of a page, and until its answer is missed, s. A page whose network
-#: is cut is dropped after both: what its user did meanwhile must not arrive and move the robot once it is back.
+#: Wall time between two pings of a page, and until its answer is overdue, s. A page without network is disconnected
+#: after both: the actions of its user meanwhile must not arrive later and move the robot.
 PING_EVERY, PING_PATIENCE = 0.5, 2.5
 #: Pages that may be open at once.
 MOST_PAGES = 32
-#: Name of the cookie by which a page that was opened with the token shows it again; a cookie is of all ports of a host.
+#: Name of the cookie with the token of a page that was opened with it; all ports of a host share their cookies.
 _COOKIE = "wbc_token_{port}"
-#: What a browser calls the loopback.
+#: Names of the loopback in browsers.
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
-_LOCKED = "This page needs the token that stands in the address which wbc has printed.\n"
+_LOCKED = "This page needs the token in the address that wbc has printed.\n"
 _FOREIGN = "This page is only for {host}: {what} is {said!r}.\n"
 _FULL = f"At most {MOST_PAGES} pages may be open at once.\n"
 #: A host with or without a port, as browsers send it.
@@ -59,27 +60,22 @@ _Process = Callable[[ServerConnection, Request], Response | None]
 class Gate:
     """Decides on every request, of the page and of its connection, before anything is answered.
 
-    Where the server listens on the loopback alone, it answers who calls it by a name of the loopback: another name is
-    that of a web site which has its own name point here. A connection that a page of another site opens is refused.
-    On any other interface every request has to show the token.
+    On the loopback, only requests by a name of the loopback are answered: another name belongs to a web site that
+    resolves its own name to this computer. Connections from pages of other sites are refused. On any other interface
+    every request needs the token.
 
     Attributes:
-        token: empty where none is asked for.
+        token: empty if none is needed.
     """
 
     def __init__(self, host: str, token: str = "") -> None:
-        """Take the rules for an address to listen on.
-
-        Args:
-            host: the address.
-            token: asked for where it is not empty; by default one is made for any address beyond the loopback.
-        """
+        """Set the rules for an address; without a token, addresses beyond the loopback get a random one."""
         self.loopback = _is_loopback(host)
         self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))
         self.port = 0
 
     def refusal(self, request: Request) -> str:
-        """Reason why a request is refused; empty if it is answered."""
+        """Return the reason why a request is refused; empty if it is answered."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         named = hosts[0] if len(hosts) == 1 else ""
         if not _HOST.fullmatch(named) or (self.loopback and _name(f"//{named}") not in _LOOPBACK):
@@ -87,11 +83,11 @@ class Gate:
             return _FOREIGN.format(host=this, what="the requested host", said=", ".join(hosts))
         if any(origin not in (f"http://{named}", f"https://{named}") for origin in origins):
             return _FOREIGN.format(host=named, what="the requesting site", said=", ".join(origins))
-        if self.token and not any(hmac.compare_digest(_bytes(self.token), _bytes(t)) for t in self._shown(request)):
+        if self.token and not any(hmac.compare_digest(_bytes(self.token), _bytes(t)) for t in self._tokens(request)):
             return _LOCKED
         return ""
 
-    def _shown(self, request: Request) -> Iterator[str]:
+    def _tokens(self, request: Request) -> Iterator[str]:
         yield from parse_qs(urlsplit(request.path).query).get("token", [])
         try:
             cookie = SimpleCookie("; ".join(request.headers.get_all("Cookie")))
@@ -136,7 +132,7 @@ def _bytes(token: str) -> bytes:
 
 
 def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> viser.ViserServer:
-    """Open the server. It answers no request that the gate refuses, and reads no message beside the allow-list.
+    """Open the server, which answers only requests that the gate accepts, and reads only messages on the allow-list.
 
     Args:
         host: address to listen on.
@@ -164,18 +160,16 @@ def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> 
 
 
 def address(gate: Gate, host: str) -> str:
-    """The address of the page, with the token where one is asked for."""
+    """Return the address of the page, with its token if it needs one."""
     shown = "localhost" if gate.loopback else f"[{host}]" if ":" in host else host
     if host in ("0.0.0.0", "::"):  # noqa: S104 - compared with, not bound to
-        import socket
-
         shown = socket.gethostname()
     return f"http://{shown}:{gate.port}/" + (f"?token={gate.token}" if gate.token else "")
 
 
 @contextlib.contextmanager
 def _checked(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
-    """Put the checks into the server that is opened meanwhile; the event is set when it uses them."""
+    """Install the checks in the server that is opened meanwhile; the event is set when it uses them."""
     serve, in_use = websockets.asyncio.server.serve, threading.Event()
 
     def checked(*args: Any, process_request: _Process, **options: Any) -> Any:
@@ -193,9 +187,7 @@ def _checked(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
 
 
 def _can_listen(host: str) -> None:
-    """Refuse an address that this computer has not: viser would try a thousand ports and wait for ever."""
-    import socket
-
+    """Refuse an address of another computer: viser would try a thousand ports and wait for ever."""
     try:
         family, kind, _, _, place = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:

@@ -1,4 +1,4 @@
-"""A user's conversation with the nodes of one robot: what they have said, and the answer to what is sent."""
+"""A user's connection to the nodes of one robot: their newest messages, and requests with their answers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
-from wbc_controller.apps.terminal.sentences import Request
+from wbc_controller.apps.terminal.request_parser import Request
 from wbc_controller.errors import WbcError
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.stamps import header_time
@@ -27,7 +27,7 @@ from wbc_controller.middleware.topics import (
     counterpart,
     endpoints,
 )
-from wbc_controller.middleware.transports.dds import DdsTransport, Line
+from wbc_controller.middleware.transports.dds import DdsPublication, DdsTransport
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
@@ -41,16 +41,16 @@ _RAMPED = {"activate": "active", "deactivate": "inactive"}
 
 
 class NoAnswer(WbcError):
-    """No node is there, or it does not answer."""
+    """No node was found, or it did not answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Answer:
-    """What came of a request.
+    """The outcome of a request.
 
     Attributes:
-        done: whether it was not refused.
-        sentence: what happened.
+        done: False if it was refused.
+        sentence: the outcome in words.
     """
 
     done: bool
@@ -60,7 +60,7 @@ class Answer:
 def topics_of(
     settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> dict[tuple[str, str, str], Endpoint]:
-    """Every topic of the controller, the mock robot and the guard, by node, row and subject."""
+    """Return every topic of all nodes, by node, row and subject."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     tables = {
         "controller": (CONTROLLER_TOPICS, NODE_NAME),
@@ -84,7 +84,7 @@ def topics_of(
 
 
 class Session:
-    """Sends messages to the nodes, and keeps what they say.
+    """Sends messages to the nodes, and keeps their newest messages.
 
     Attributes:
         topics: as `topics_of`.
@@ -99,15 +99,7 @@ class Session:
         patience: float = DISCOVERY_PATIENCE,
         node: str = _NODE,
     ) -> None:
-        """Join the DDS domain.
-
-        Args:
-            settings: of the robot.
-            namespace: namespace of the nodes.
-            remappings: as in `topics.resolve`.
-            patience: wall time after which an undiscovered node counts as absent, s.
-            node: name of the user's own node.
-        """
+        """Join the DDS domain as a node; an undiscovered node counts as absent after `patience`, s of wall time."""
         self.topics = topics_of(settings, namespace, remappings)
         self._settings = settings
         self._status_name = f"{namespace.strip('/')}/{NODE_NAME}: control loop".lstrip("/")
@@ -115,7 +107,7 @@ class Session:
         self._transport = DdsTransport(node, namespace)
         self._came = threading.Condition()
         self._kept: dict[tuple[str, str, str], deque[bytes]] = {}
-        self._lines: dict[tuple[str, str, str], Line] = {}
+        self._publications: dict[tuple[str, str, str], DdsPublication] = {}
         self._opening = threading.Lock()
 
     def __enter__(self) -> Session:
@@ -127,21 +119,25 @@ class Session:
     def listen(self, node: str, key: str, subject: str = "", *, depth: int = 1) -> None:
         """Keep the newest messages of a topic from now on, and of a latched one the last."""
         place = (node, key, subject)
-        if place in self._kept:
-            return
-        kept = self._kept[place] = deque(maxlen=depth)
+        if place not in self._kept:
+            self._kept[place] = self._subscribe(counterpart(self.topics[place]), depth)
+
+    def _subscribe(self, endpoint: Endpoint, depth: int) -> deque[bytes]:
+        """Subscribe to a topic; returns the queue of its serialized messages."""
+        kept: deque[bytes] = deque(maxlen=depth)
 
         def receive(payload: bytes) -> None:
             with self._came:
                 kept.append(payload)
                 self._came.notify_all()
 
-        self._transport.subscribe(counterpart(self.topics[place]), receive)
+        self._transport.subscribe(endpoint, receive)
+        return kept
 
     def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
-        """Follow a stream without a callback: gives the newest serialized message since the last call, or None.
+        """Follow a stream without a callback; the result returns the newest serialized message since its last call.
 
-        It is read as best effort: whoever sends it waits for no acknowledgment of ours.
+        The subscription is best effort: the publisher waits for no acknowledgment.
         """
         topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
         stream = self._transport.stream(topic, depth=1)
@@ -153,7 +149,7 @@ class Session:
         return newest
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
-        """The newest message of a topic that is listened to; None before the first one."""
+        """Return the newest message of a topic that is listened to; None before the first one."""
         kept = self._kept[node, key, subject]
         return decode(kept[-1], self.topics[node, key, subject].type) if kept else None
 
@@ -164,32 +160,32 @@ class Session:
             yield decode(kept.popleft(), self.topics[node, key, subject].type)
 
     def hear(self, node: str, key: str, subject: str = "") -> Any:
-        """The newest message of a topic; waits for the first one.
+        """Return the newest message of a topic; waits for the first one.
 
         Raises:
-            NoAnswer: where none comes.
+            NoAnswer: if none arrives.
         """
         self.listen(node, key, subject)
         name = self.topics[node, key, subject].name
-        self.until(lambda: self._kept[node, key, subject], f"nothing comes on {name}{self._mode_said()}")
+        self.until(lambda: self._kept[node, key, subject], f"no message on {name}{self._mode_said()}")
         return self.newest(node, key, subject)
 
     def until(self, condition: Callable[[], Any], otherwise: str, patience: float = ANSWER) -> None:
         """Wait until messages have made a condition true.
 
         Raises:
-            NoAnswer: with the sentence `otherwise`, where they have not in time.
+            NoAnswer: with the sentence `otherwise`, if it is not true in time.
         """
         with self._came:
             if not self._came.wait_for(condition, patience):
                 raise NoAnswer(otherwise)
 
     def publishers(self, topic: Endpoint) -> tuple[str, ...]:
-        """Names of the nodes that publish on a topic."""
+        """Return the names of the nodes that publish on a topic."""
         return self._transport.publishers(topic)
 
     def mode(self) -> str:
-        """What the controller says on its topic state; empty before it is heard."""
+        """Return the controller's state; empty before its first message."""
         state = self.newest("controller", "state") if ("controller", "state", "") in self._kept else None
         return "" if state is None else str(state.data)
 
@@ -197,39 +193,38 @@ class Session:
         return f"; the controller is {self.mode()}" if self.mode() else ""
 
     def ask(self, request: Request) -> Answer:
-        """Send a request, and wait for what comes of it.
+        """Send a request, and wait for its outcome.
 
         Raises:
-            NoAnswer: where its node is not there, or does not answer.
+            NoAnswer: if its node is not found, or does not answer.
         """
-        if (request.node, request.key, request.said) == ("controller", "command", "estop"):
+        if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
             return self._stop(request)
-        if request.key == "record":
-            return self._ask_recorder(request)
-        if request.node == "controller":
-            return self._ask_controller(request)
-        self._deliver(request)
-        return Answer(True, f"sent to the mock robot: {request.said}")
+        if request.node == "mock":
+            self._deliver(request)
+            return Answer(True, f"sent to the mock robot: {request.summary}")
+        self.wait_for_controller()
+        return self._ask_recorder(request) if request.key == "record" else self._ask_controller(request)
 
-    def open(self, node: str, key: str, subject: str = "") -> Line:
-        """Open a topic for `send`, which is done once: a node needs a moment to find a new sender."""
+    def open(self, node: str, key: str, subject: str = "") -> DdsPublication:
+        """Open a topic for `send`, once: a node needs a moment to discover a new publisher."""
         place = (node, key, subject)
         with self._opening:
-            if place not in self._lines:
-                self._lines[place] = self._transport.line(counterpart(self.topics[place]))
-            return self._lines[place]
+            if place not in self._publications:
+                self._publications[place] = self._transport.advertise(counterpart(self.topics[place]))
+            return self._publications[place]
 
     def send(self, request: Request) -> None:
-        """Send a request, and wait for nothing: its refusal is on the controller's diagnostics. From any thread.
+        """Send a request without waiting for its outcome; a refusal is on the controller's diagnostics. Thread-safe.
 
         Raises:
-            NoAnswer: where nobody reads its topic.
+            NoAnswer: if nobody reads its topic.
             TransportError: if it could not be sent.
         """
-        line, content = self.open(request.node, request.key, request.subject), request.make(self.hear)
-        if not line.finds_reader(self._patience):
+        publication, content = self.open(request.node, request.key, request.subject), request.make(self.hear)
+        if not publication.finds_reader(self._patience):
             raise NoAnswer(self._absent(request.node))
-        line(encode(content))
+        publication(encode(content))
 
     def _stop(self, request: Request) -> Answer:
         """Send an emergency stop first, then wait until the controller confirms it."""
@@ -270,71 +265,56 @@ class Session:
             self.until(lambda key=key: self._kept["controller", key, ""], f"no message on {name}{self._mode_said()}")  # type: ignore[misc]
 
     def _ask_controller(self, request: Request) -> Answer:
-        self.wait_for_controller()
-        counts: list[int] = []
-        refused: list[str] = []
-        topic = self.topics["controller", request.key, request.subject]
-
-        def look() -> None:
-            for status in self.statuses():
-                values = {value.key: value.value for value in status.values}
-                counts.append(int(values["requests_taken"]))
-                sentences = [value for key, value in values.items() if key.startswith("refused/")]
-                refused.extend(said for said in sentences if not said.startswith("/") or said.startswith(topic.name))
-
-        def heard() -> bool:
-            look()
-            return bool(counts)
-
-        self.until(heard, "no controller of this name says anything on /diagnostics")
+        topic, before = self.topics[request.node, request.key, request.subject], self._values()
         self._deliver(request)
-        before = counts[-1]
-        refused.clear()
-        self.until(lambda: heard() and counts[-1] != before, f"the controller has not taken it{self._mode_said()}")
-        if refused:
-            return Answer(False, f"refused: {'; '.join(refused)}")
+        later = self._values_until(
+            lambda values: values["requests_taken"] != before["requests_taken"],
+            f"the controller has not taken it{self._mode_said()}",
+        )
+        refusals = [text for values in later for key, text in values.items() if key.startswith("refused/")]
+        refusals = [text for text in refusals if not text.startswith("/") or text.startswith(topic.name)]
+        if refusals:
+            return Answer(False, f"refused: {'; '.join(refusals)}")
         if request.key == "command":
-            return self._obeyed(request.said)
-        return Answer(True, f"accepted: {request.said}")
+            return self._await_ramp(request.summary)
+        return Answer(True, f"accepted: {request.summary}")
 
     def _ask_recorder(self, request: Request) -> Answer:
-        self.wait_for_controller()
-        said: list[tuple[str, str]] = []
-
-        def heard() -> bool:
-            for status in self.statuses():
-                values = {value.key: value.value for value in status.values}
-                said.append((values.get("recorder_said", ""), values["recorder"]))
-            return bool(said)
-
-        self.until(heard, "no controller of this name says anything on /diagnostics")
-        before, sentence = said[-1]
-        if not before:
-            return Answer(False, f"refused: {sentence}")
+        before = self._values()
+        if not before.get("recorder_said"):
+            return Answer(False, f"refused: {before['recorder']}")
         self._deliver(request)
-        self.until(lambda: heard() and said[-1][0] != before, f"the recorder does not answer; it said: {sentence}")
-        return Answer(True, said[-1][1])
+        later = self._values_until(
+            lambda values: values.get("recorder_said") != before["recorder_said"],
+            f"the recorder does not answer; its last status: {before['recorder']}",
+        )
+        return Answer(True, later[-1]["recorder"])
+
+    def _values(self) -> dict[str, str]:
+        """Return the values of the controller's newest status; waits for one."""
+        return self._values_until(lambda values: True, "no status of this controller on /diagnostics")[-1]
+
+    def _values_until(self, condition: Callable[[dict[str, str]], bool], otherwise: str) -> list[dict[str, str]]:
+        """Return the values of the controller's statuses from now on, up to the first that meets a condition."""
+        found: list[dict[str, str]] = []
+
+        def met() -> bool:
+            found.extend({value.key: value.value for value in status.values} for status in self.statuses())
+            return bool(found) and condition(found[-1])
+
+        self.until(met, otherwise)
+        return found
 
     def statuses(self) -> Iterator[Any]:
-        """Take the controller's statuses that have come, oldest first: diagnostic_msgs/DiagnosticStatus."""
+        """Take the controller's statuses since the last call, oldest first: diagnostic_msgs/DiagnosticStatus."""
         for array in self.take("controller", "diagnostics"):
             yield from (status for status in array.status if status.name == self._status_name)
 
     def follow(self, topic: Endpoint) -> Callable[[float], list[Any]]:
-        """Listen to any topic; gives a function that waits for a while, in s, and takes the messages that have come."""
-        kept: deque[bytes] = deque(maxlen=1000)
-
-        def receive(payload: bytes) -> None:
-            with self._came:
-                kept.append(payload)
-                self._came.notify_all()
-
-        # What others send to a node is heard whatever they offer; what a node sends, with its own quality of service.
-        heard = topic if topic.direction is Direction.IN else counterpart(topic)
-        if topic.direction is Direction.IN:
-            heard = dataclasses.replace(heard, qos=STATE_IN)
-        heard = dataclasses.replace(heard, qos=dataclasses.replace(heard.qos, depth=1000))
-        self._transport.subscribe(heard, receive)
+        """Listen to any topic; the result waits up to a time, in s, and takes the messages that have arrived."""
+        # Of a node's outputs, use its quality of service; of its inputs, receive from publishers of any quality.
+        endpoint = dataclasses.replace(topic, qos=STATE_IN) if topic.direction is Direction.IN else counterpart(topic)
+        kept = self._subscribe(dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=1000)), 1000)
 
         def messages(wait: float) -> list[Any]:
             with self._came:
@@ -345,8 +325,8 @@ class Session:
 
         return messages
 
-    def _obeyed(self, word: str) -> Answer:
-        """Wait for the end of what a command begins: torques are ramped in and out."""
+    def _await_ramp(self, word: str) -> Answer:
+        """Wait for the end of the ramp that a command begins."""
         if word not in _RAMPED:
             return Answer(True, f"accepted: {word}; the controller is {self.mode()}")
         self.listen("controller", "joint_commands")
@@ -357,13 +337,13 @@ class Session:
             before = self._stamp()
             self.until(
                 lambda before=before: self._stamp() > before or not self.mode().startswith("active"),  # type: ignore[misc]
-                "the controller is active, and sends no commands",
+                "the controller is active, but sends no commands",
             )
         done = self.mode() == _RAMPED[word]
         return Answer(done, f"the controller is {self.mode()}")
 
     def _stamp(self) -> float:
-        """Time of the state that the newest command answers, s; 0 before the first one."""
+        """Return the stamp of the newest joint command, s; 0 before the first one."""
         kept = self._kept["controller", "joint_commands", ""]
         return header_time(kept[-1]) if kept else 0.0
 

@@ -1,4 +1,4 @@
-"""What `wbc status` shows: mode, rates, ages, tasks, what binds, and the audit, from the topics of the nodes."""
+"""The text of `wbc status`: mode, rates, ages, tasks, binding constraints, audit, and the next step after a fault."""
 
 from __future__ import annotations
 
@@ -13,53 +13,48 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from wbc_controller.apps.terminal.next_step import next_step
+from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.middleware.setpoints import JOINT_FIELDS
 from wbc_controller.nodes.diagnostics.shortfall import in_words
 from wbc_controller.settings import Settings
 
-#: Of the levels of a status.
+#: Colours of the levels of a status.
 _COLOURS = {0: "green", 1: "yellow", 2: "red"}
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What the nodes of a robot have said last.
-
-    Attributes:
-        status: the controller's diagnostic_msgs/DiagnosticStatus.
-        rate: cycles per second of wall time; NaN where it is not known yet.
-        tasks: messages of the value and the reference of each task, by name.
-        guard: what the guard says; empty where there is none.
-    """
-
-    status: Any
-    rate: float
-    tasks: Mapping[str, tuple[Any | None, Any | None]]
-    guard: str
-
-    @property
-    def values(self) -> dict[str, str]:
-        """The values of the status, by key."""
-        return {value.key: value.value for value in self.status.values}
-
-    @property
-    def level(self) -> int:
-        """0 where all is well, 1 for a warning, 2 for an error."""
-        level = self.status.level  # a byte, which some codecs give as such
-        return level[0] if isinstance(level, bytes | bytearray) else int(level)
+#: What to check and do after a fault, by its code.
+NEXT_STEPS: Mapping[str, str] = {
+    "CLOCK": "see that one node publishes the time, and that nobody sets the clock; then reset, activate",
+    "STALE_INPUT": "see that the robot's driver runs, and its messages come in time (wbc status); then reset, activate",
+    "ESTIMATE_LOST": "look at the IMU and its mounting; let the robot stand still or hang it up; then reset, activate",
+    "IMPLAUSIBLE_STATE": "look at the joint or sensor that is named, with the robot hung up; then reset, activate",
+    "FALLEN": "hold the robot up (wbc send hold for the mock robot), then reset, activate, release",
+    "NO_SOLUTION": "wbc replay names the constraints in conflict; take back the last request; then reset, activate",
+    "RELAXED": "look at the constraints that were relaxed; ask for less; then reset, activate",
+    "BAD_TORQUE": "look at the recording of the fault (wbc replay); then reset, activate",
+    "ESTOP": "when it is safe: reset, then activate",
+    "METHOD_FAILED": "correct the class and method that are named; the log has the traceback; then start it again",
+    "INTERNAL_ERROR": "a defect of the controller: keep the log and the recording of the fault, and report it",
+}
+_FAULT_CODE = re.compile(rf"\b({'|'.join(NEXT_STEPS)})\b")
 
 
-def status_view(settings: Settings, heard: Heard) -> RenderableType:
+def next_step(state: str) -> str:
+    """Return the next step after the fault whose code is in the controller's state; empty without a fault."""
+    found = _FAULT_CODE.search(state)
+    return NEXT_STEPS[found[1]] if found else ""
+
+
+def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     """Draw the state of a controller."""
-    values = heard.values
+    values = robot.values
     table = Table.grid(padding=(0, 2))
-    for row in facts(heard):
+    for row in facts(robot):
         table.add_row(*row)
     return Group(
-        Text(f"{heard.status.hardware_id}: {heard.status.message}", style=f"bold {_COLOURS.get(heard.level, 'red')}"),
+        Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS.get(robot.level, 'red')}"),
         table,
-        _task_table(settings, heard),
+        _task_table(settings, robot),
         *(
             Text(f"{key}: {value}")
             for key, value in values.items()
@@ -68,17 +63,17 @@ def status_view(settings: Settings, heard: Heard) -> RenderableType:
     )
 
 
-def facts(heard: Heard) -> list[tuple[str, str]]:
-    """What there is to know beside the mode and the tasks: names, and texts."""
-    values, found = heard.values, []
+def facts(robot: RobotStatus) -> list[tuple[str, str]]:
+    """Return the facts beside the mode and the tasks, each with its name."""
+    values, found = robot.values, []
     late = values.get("deadlines_missed", "0")
-    cycles = f"{heard.rate:.0f} per second" if np.isfinite(heard.rate) else "counting"
+    cycles = f"{robot.rate:.0f} per second" if np.isfinite(robot.rate) else "counting"
     found.append(("cycles", cycles + (f", {late} deadlines missed" if late != "0" else "")))
     if "time/total/median" in values:
         found.append(("cycle time", f"median {values['time/total/median']}, at most {values['time/total/max']}"))
     ages = [f"{key.removeprefix('age/')} {_milliseconds(value)}" for key, value in values.items() if "age/" in key]
     found.append(("ages", ", ".join(ages)))
-    found.append(("guard", heard.guard or "none is heard"))
+    found.append(("guard", robot.guard or "no messages"))
     if "binding" in values:
         found.append(("binding", ", ".join(in_words(name) for name, _ in binding(values)) or "none"))
     audit = [
@@ -90,14 +85,14 @@ def facts(heard: Heard) -> list[tuple[str, str]]:
         found.append(("audit", "; ".join(audit)))
     if "recorder" in values:
         found.append(("recorder", values["recorder"]))
-    advice = next_step(heard.status.message)
+    advice = next_step(robot.status.message)
     if advice:
         found.append(("next", advice))
     return found
 
 
 def binding(values: Mapping[str, str]) -> list[tuple[str, str]]:
-    """The binding constraints with their multipliers, those with the largest first."""
+    """Return the binding constraints with their multipliers, the largest first."""
     costs = [(key.removeprefix("cost/"), value) for key, value in values.items() if key.startswith("cost/")]
     return sorted(costs, key=lambda cost: -float(cost[1].partition(" ")[0]))
 
@@ -109,7 +104,7 @@ def _milliseconds(age: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TaskRow:
-    """One task in words; what is not known, or does not matter while it is off, is empty."""
+    """One task in words; unknown values, and those of a task that is off, are empty."""
 
     name: str
     kind: str
@@ -120,39 +115,39 @@ class TaskRow:
     off: bool
 
 
-def task_rows(settings: Settings, heard: Heard) -> list[TaskRow]:
-    """What is known of each task."""
-    rows, values = [], heard.values
+def task_rows(settings: Settings, robot: RobotStatus) -> list[TaskRow]:
+    """Return a row for each task."""
+    rows, values = [], robot.values
     for name, task in settings.tasks.items():
         weight = values.get(f"task_weight/{name}")
         off = weight is not None and float(weight) <= 0.0
-        value, reference = heard.tasks.get(name, (None, None))
+        value, reference = robot.tasks.get(name, (None, None))
         rows.append(
             TaskRow(
-                name,
-                task.type,
-                "" if weight is None else "off" if off else weight,
-                "" if value is None else numbers(value, task.type),
-                "" if reference is None or off else numbers(reference, task.type),
-                "" if off else values.get(f"task_error/{name}", ""),
-                off,
+                name=name,
+                kind=task.type,
+                weight="" if weight is None else "off" if off else weight,
+                value="" if value is None else numbers(value, task.type),
+                reference="" if reference is None or off else numbers(reference, task.type),
+                error="" if off else values.get(f"task_error/{name}", ""),
+                off=off,
             )
         )
     return rows
 
 
-def _task_table(settings: Settings, heard: Heard) -> Table:
+def _task_table(settings: Settings, robot: RobotStatus) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for column in ("task", "type", "weight", "value", "reference", "error"):
         table.add_column(column, overflow="fold", justify="right" if column in ("weight", "error") else "left")
-    for row in task_rows(settings, heard):
+    for row in task_rows(settings, robot):
         cells = (row.name, row.kind, row.weight, row.value, row.reference, row.error)
         table.add_row(*cells, style="dim" if row.off else "")
     return table
 
 
 def numbers(content: Any, kind: str) -> str:
-    """The numbers of a setpoint, a reference or a value, in short."""
+    """Write the numbers of a setpoint, a reference or a value in short."""
     if kind in JOINT_FIELDS:
         joints: Sequence[float] = getattr(content, JOINT_FIELDS[kind])
         return f"{len(joints)} joints"

@@ -1,48 +1,59 @@
-"""The commands with which a user talks to running nodes: `wbc send`, `wbc echo` and `wbc status`."""
+"""The commands on the topics of running nodes: `wbc send`, `echo`, `status` and `topics`."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Iterator, Mapping
 
 import click
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
-from wbc_controller.apps.terminal.completion import complete_config, complete_topics, complete_words
+from wbc_controller.apps.terminal.command_options import (
+    config_argument,
+    load_named,
+    namespace_option,
+    remap_option,
+    with_options,
+)
+from wbc_controller.apps.terminal.shell_completion import complete_topics, complete_words
 from wbc_controller.errors import InputRefused, valid_choices
-from wbc_controller.middleware.topics import Direction, Endpoint, parse_remapping
+from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-#: Exit statuses beside 0 and 2: the answer is no, and nobody answers.
-REFUSED, NOBODY = 1, 3
-#: Time between two pictures of the status, s.
+#: Exit statuses beside 0 and 2: the request was refused, and no node answered.
+REFUSED, NO_ANSWER = 1, 3
+#: Time between two updates of the status, s.
 _REFRESH = 0.5
 
+_session_options = with_options(
+    config_argument,
+    namespace_option,
+    remap_option,
+    click.option("--wait", "patience", default=DISCOVERY_PATIENCE, show_default=True, type=click.FloatRange(0.1),
+                 help="Seconds to wait for the discovery of a node."),
+)  # fmt: skip
 
-def _talks(function: F) -> F:
-    """Options of every command that talks to nodes."""
-    options = [
-        click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes' topics."),
-        click.option("--remap", "remaps", multiple=True, metavar="FROM:=TO", help="A renamed topic; may be repeated."),
-        click.option("--wait", "patience", default=DISCOVERY_PATIENCE, show_default=True, type=click.FloatRange(0.1),
-                     help="Seconds to wait for the discovery of a node."),
-    ]  # fmt: skip
-    for option in reversed(options):
-        function = option(function)
-    return click.argument("config", shell_complete=complete_config)(function)
+
+@contextlib.contextmanager
+def _exit_without_answer() -> Iterator[None]:
+    """Print the error if no node answers, and exit."""
+    from wbc_controller.apps.terminal.session import NoAnswer
+
+    try:
+        yield
+    except NoAnswer as error:
+        click.echo(str(error), err=True)
+        sys.exit(NO_ANSWER)
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@_talks
+@_session_options
 @click.argument("words", nargs=-1, required=True, shell_complete=complete_words)
-def send(config: str, words: tuple[str, ...], namespace: str, remaps: tuple[str, ...], patience: float) -> None:
-    """Send a request to the running nodes of a robot, and say what came of it.
+def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mapping[str, str], patience: float) -> None:
+    """Send a request to the running nodes of a robot, and print its outcome.
 
     \b
     activate | deactivate | damp | reset | estop     the controller's modes
@@ -56,42 +67,40 @@ def send(config: str, words: tuple[str, ...], namespace: str, remaps: tuple[str,
     push 60 forward for 0.1 at torso                 a push of the mock robot (N; a task, contact or frame)
     update YAML, fault YAML                          several changes at once; docs/faults.md
 
-    forward, back, left, right go by the robot's heading, x, y, z along the world's axes. `then` joins sentences:
+    forward, back, left, right go by the robot's heading, x, y, z along the world's axes. `then` joins requests:
     activate then release.
 
-    The status is 0 where it was accepted, 1 where it was refused, 2 where it makes no sense, 3 where nobody answers.
+    The status is 0 if it was accepted, 1 if it was refused, 2 if it is not valid, 3 if no node answers.
     """  # noqa: D301 - click's mark of lines that it must not join
-    from wbc_controller.apps.terminal.sentences import read_sentence
-    from wbc_controller.apps.terminal.session import NoAnswer, Session
+    from wbc_controller.apps.terminal.request_parser import parse_request
+    from wbc_controller.apps.terminal.session import Session
 
-    settings = load_settings(find_configuration(config))
-    requests = [read_sentence(sentence, settings) for sentence in _sentences(words)]
+    settings = load_named(config)
+    requests = [parse_request(each, settings) for each in _split_requests(words)]
     for request in requests:
         if request.frame and settings.robot.urdf:
-            _know(settings, request.frame)
-    with Session(settings, namespace=namespace, remappings=_remappings(remaps), patience=patience) as session:
+            _check_frame(settings, request.frame)
+    with (
+        Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session,
+        _exit_without_answer(),
+    ):
         for request in requests:
-            try:
-                answer = session.ask(request)
-            except NoAnswer as silence:
-                click.echo(str(silence), err=True)
-                sys.exit(NOBODY)
+            answer = session.ask(request)
             click.echo(answer.sentence, err=not answer.done)
             if not answer.done:
                 sys.exit(REFUSED)
 
 
 @click.command()
-@_talks
+@_session_options
 @click.argument("topic", shell_complete=complete_topics)
 @click.option("--once", is_flag=True, help="End after the first message.")
-def echo(config: str, topic: str, once: bool, namespace: str, remaps: tuple[str, ...], patience: float) -> None:
+def echo(config: str, topic: str, once: bool, namespace: str, remappings: Mapping[str, str], patience: float) -> None:
     """Print the messages on a topic: `~/state`, `com/reference`, `joint_states`, … (`wbc topics` lists them)."""
     from wbc_controller.apps.terminal.printing import as_text
     from wbc_controller.apps.terminal.session import Session, topics_of
 
-    settings = load_settings(find_configuration(config))
-    remappings = _remappings(remaps)
+    settings = load_named(config)
     found = find_topic(topic, topics_of(settings, namespace, remappings))
     with Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session:
         messages = session.follow(found)
@@ -106,79 +115,88 @@ def echo(config: str, topic: str, once: bool, namespace: str, remaps: tuple[str,
             if time.monotonic() >= deadline:
                 deadline = math.inf
                 if not session.publishers(found):
-                    click.echo(f"nobody publishes {found.name} ({found.type.replace('/msg/', '/')})", err=True)
-                    sys.exit(NOBODY)
-                click.echo(f"nothing has come on {found.name} yet; Ctrl-C ends the wait", err=True)
+                    click.echo(f"no publisher on {found.name} ({found.type.replace('/msg/', '/')})", err=True)
+                    sys.exit(NO_ANSWER)
+                click.echo(f"no message on {found.name} yet; Ctrl-C ends the wait", err=True)
 
 
 @click.command()
-@_talks
-@click.option("--once", is_flag=True, help="Print it once; where the output is no terminal it is so anyway.")
-def status(config: str, once: bool, namespace: str, remaps: tuple[str, ...], patience: float) -> None:
-    """Show how a robot is: mode, rates, ages, its tasks, what binds, and the audit."""
-    from rich.console import Console
+@_session_options
+@click.option("--once", is_flag=True, help="Print it once, as without a terminal.")
+def status(config: str, once: bool, namespace: str, remappings: Mapping[str, str], patience: float) -> None:
+    """Show the state of a robot: mode, rates, ages, tasks, binding constraints, and the audit."""
+    from rich.console import Console, RenderableType
     from rich.live import Live
 
-    from wbc_controller.apps.terminal.session import NoAnswer, Session
-    from wbc_controller.apps.terminal.watching import Watch
+    from wbc_controller.apps.terminal.robot_status import StatusListener
+    from wbc_controller.apps.terminal.session import Session
+    from wbc_controller.apps.terminal.status_view import status_view
 
-    settings = load_settings(find_configuration(config))
+    settings = load_named(config)
     console = Console()
     if not console.is_terminal:
         console.width = 140
-    with Session(settings, namespace=namespace, remappings=_remappings(remaps), patience=patience) as session:
-        try:
-            session.find_controller()
-            watch = Watch(session, settings)
-            watch.begin()
-            if once or not console.is_terminal:
-                console.print(watch.picture())
-                return
-            with Live(watch.picture(), console=console, auto_refresh=False) as live:
-                while True:
-                    time.sleep(_REFRESH)
-                    live.update(watch.picture(), refresh=True)
-        except NoAnswer as silence:
-            click.echo(str(silence), err=True)
-            sys.exit(NOBODY)
-        except KeyboardInterrupt:
+    with (
+        Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session,
+        _exit_without_answer(),
+        contextlib.suppress(KeyboardInterrupt),
+    ):
+        session.find_controller()
+        listener = StatusListener(session, settings)
+
+        def view() -> RenderableType:
+            listener.take()
+            robot = listener.newest()
+            return "no status of the controller yet" if robot is None else status_view(settings, robot)
+
+        listener.begin()
+        if once or not console.is_terminal:
+            console.print(view())
             return
+        with Live(view(), console=console, auto_refresh=False) as live:
+            while True:
+                time.sleep(_REFRESH)
+                live.update(view(), refresh=True)
+
+
+@click.command()
+def topics() -> None:
+    """Print the table of all topics, as Markdown."""
+    from wbc_controller.middleware.topics_table import topics_page
+
+    click.echo(topics_page(), nl=False)
 
 
 def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpoint:
     """Find a topic by its name, or by the end of it, such as ``state`` or ``com/reference``.
 
     Raises:
-        InputRefused: where there is no such topic.
+        InputRefused: if there is no such topic.
     """
     by_name = {topic.name: topic for topic in topics.values()}
-    # Where one node sends to another, the sender's row counts: a latched message is only heard as such.
+    # Of a topic between two nodes, use the sender's row: a latched message needs a latched subscription.
     by_name |= {topic.name: topic for topic in topics.values() if topic.direction is Direction.OUT}
     ending = "/" + text.removeprefix("~").strip("/")
     own = [name for name in by_name if name.endswith(ending)]
     first = by_name.get(text) or next((by_name[name] for name in own), None)
     if first is None:
-        raise InputRefused(f"there is no topic {text!r}; {valid_choices(text, by_name)}")
+        raise InputRefused(f"unknown topic {text!r}; {valid_choices(text, by_name)}")
     return first
 
 
-def _sentences(words: tuple[str, ...]) -> list[list[str]]:
-    """Sentences that are joined by ``then``, or end with a comma; one argument may hold several words."""
-    sentences: list[list[str]] = [[]]
+def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
+    """Split words at ``then``; one argument may hold several words."""
+    requests: list[list[str]] = [[]]
     for word in words if words[0] in ("update", "fault") else " ".join(words).split():
         if word == "then":
-            sentences.append([])
+            requests.append([])
             continue
-        sentences[-1].append(word)
-    return sentences
+        requests[-1].append(word)
+    return requests
 
 
-def _know(settings: Settings, frame: str) -> None:
-    """Refuse a frame that the robot has not: the mock robot would say so in its log alone."""
+def _check_frame(settings: Settings, frame: str) -> None:
+    """Refuse an unknown frame, for which the mock robot would only log an error."""
     from wbc_controller.controller.build.robot import make_model
 
     make_model(settings).frame_id(frame, "at")
-
-
-def _remappings(texts: tuple[str, ...]) -> dict[str, str]:
-    return dict(parse_remapping(text) for text in texts)

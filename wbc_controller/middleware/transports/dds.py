@@ -11,8 +11,8 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 from cyclonedds.core import DDSException, GuardCondition, Policy
 from cyclonedds.core import Qos as DdsQos
@@ -27,8 +27,7 @@ from wbc_controller.middleware.transports import dds_raw
 from wbc_controller.middleware.transports.dds_domain import close_domain, domain_settings, open_domain
 from wbc_controller.middleware.transports.dds_graph import Graph, NodeAnnouncement
 from wbc_controller.middleware.transports.dds_types import idl_type, type_hash
-from wbc_controller.middleware.transports.topic_types import TopicTypes
-from wbc_controller.middleware.transports.transport import Publish
+from wbc_controller.middleware.transports.transport import TopicTypes, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -37,21 +36,6 @@ _Callback = Callable[[bytes], None]
 #: Longest time for which a full network buffer may block a publisher, ns. It is short because cyclonedds holds Python's
 #: global lock meanwhile, and losing a message is better than losing a control cycle.
 _MAX_BLOCKING_TIME = 10_000_000
-
-
-class Line(Protocol):
-    """A topic that is open for writing."""
-
-    def __call__(self, payload: bytes) -> None:
-        """Send one serialized message.
-
-        Raises:
-            TransportError: if it could not be sent.
-        """
-
-    def finds_reader(self, patience: float) -> bool:
-        """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
-        ...
 
 
 class DdsTransport:
@@ -81,7 +65,7 @@ class DdsTransport:
         self._closed = False
         self._types = TopicTypes()
         self._topics: dict[str, Any] = {}
-        self._publications: dict[str, list[_Publication]] = {}  # by topic
+        self._publications: dict[str, list[DdsPublication]] = {}  # by topic
         self._streams: list[_Stream] = []
         self._dispatcher: _Dispatcher | None = None
         self._announcement: NodeAnnouncement | None = None
@@ -98,19 +82,12 @@ class DdsTransport:
             self._delete_entities()
             raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
 
-    def advertise(self, endpoint: Endpoint) -> Publish:
+    def advertise(self, endpoint: Endpoint) -> DdsPublication:
         """Open a topic for writing."""
-        return self._open(endpoint)
-
-    def line(self, endpoint: Endpoint) -> Line:
-        """Open a topic for writing, to send many messages on."""
-        return self._open(endpoint)
-
-    def _open(self, endpoint: Endpoint) -> _Publication:
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
-            publication = _Publication(endpoint.name, writer)
+            publication = DdsPublication(endpoint.name, writer)
             self._publications.setdefault(endpoint.name, []).append(publication)
             announcement.add_writer(writer)
             return publication
@@ -121,26 +98,26 @@ class DdsTransport:
         return self._settings.domain_id
 
     def deliver(self, endpoint: Endpoint, payload: bytes, found_within: float, patience: float) -> bool:
-        """Send one message, and wait until its readers have it.
+        """Open a topic, send one message, and wait until its readers have it.
 
         Args:
-            endpoint: the topic, which is opened for writing.
+            endpoint: the topic.
             payload: the serialized message.
             found_within: wall time to wait for a reader of the topic, s.
             patience: wall time to wait for the acknowledgment, s.
 
         Returns:
-            Whether there is a reader; without one nothing is sent.
+            False if the topic has no reader; nothing is sent then.
 
         Raises:
             TransportError: if it could not be sent, or was not acknowledged in time.
         """
-        publication = self._open(endpoint)
+        publication = self.advertise(endpoint)
         if not publication.finds_reader(found_within):
             return False
         publication(payload)
         if not publication.acknowledged(patience):
-            raise TransportError(f"what was sent on {endpoint.name} was not acknowledged in {patience:g} s")
+            raise TransportError(f"a message on {endpoint.name} was not acknowledged in {patience:g} s")
         return True
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
@@ -163,7 +140,7 @@ class DdsTransport:
             return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Node name of each publisher on a topic, other than this node's own, sorted."""
+        """Return the node name of each publisher on a topic, other than this node's own, sorted."""
         with self._lock, _translated(f"cannot look at {endpoint.name}"):
             if self._closed:
                 raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
@@ -171,7 +148,7 @@ class DdsTransport:
             return self._graph.publishers(_dds_name(endpoint))
 
     def is_read(self, endpoint: Endpoint) -> bool:
-        """Whether somebody reads a topic that this transport has opened for writing."""
+        """Return True if a topic that this transport has opened for writing has a reader."""
         with _translated(f"cannot look at {endpoint.name}"):  # no lock: the loop waits for nobody who opens topics
             if self._closed:
                 raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
@@ -221,16 +198,11 @@ class DdsTransport:
         close_domain(self._settings)
 
 
-@contextlib.contextmanager
-def _translated(attempt: str) -> Iterator[None]:
-    """Translate errors of cyclonedds into `TransportError`."""
-    try:
-        yield
-    except (DDSException, ValueError) as error:
-        raise TransportError(f"{attempt}: {error}") from error
+def _translated(attempt: str) -> contextlib.AbstractContextManager[None]:
+    return translated_errors(attempt, DDSException, ValueError)
 
 
-class _Publication:
+class DdsPublication:
     """Publishes on one topic. It may be called from several threads, as a DDS write is thread-safe."""
 
     def __init__(self, topic: str, writer: Any) -> None:
@@ -239,20 +211,19 @@ class _Publication:
         self._closed = False
 
     def __call__(self, payload: bytes) -> None:
+        """Send one serialized message."""
         if self._closed:
             raise TransportError(f"cannot publish on {self.topic}: the transport is closed")
-        try:
+        with _translated(f"cannot publish on {self.topic}"):
             dds_raw.write(self._writer, payload)
-        except (DDSException, ValueError) as error:
-            raise TransportError(f"cannot publish on {self.topic}: {error}") from error
 
     @property
     def is_read(self) -> bool:
-        """Whether somebody reads the topic."""
+        """True if the topic has a reader."""
         return bool(self._writer.get_matched_subscriptions())
 
     def finds_reader(self, patience: float) -> bool:
-        """Wait until somebody reads the topic, for at most `patience` seconds; whether somebody does."""
+        """Wait for a reader of the topic, at most `patience` seconds; True if there is one."""
         deadline = time.monotonic() + patience
         while not self.is_read:
             if time.monotonic() >= deadline:
@@ -266,12 +237,13 @@ class _Publication:
             return bool(self._writer.wait_for_acks(round(1e9 * patience)))
 
     def delete(self) -> None:
+        """Delete the writer."""
         self._closed = True
         dds_raw.delete(self._writer)
 
 
 class _Stream:
-    """A reader whose messages are taken by hand; whoever waits for them does so in C."""
+    """A reader whose messages are taken by hand; a wait for them runs in C, without the interpreter."""
 
     def __init__(self, endpoint: Endpoint, reader: Any, participant: Any) -> None:
         self._endpoint, self._reader = endpoint, reader
@@ -282,29 +254,23 @@ class _Stream:
         self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
-        """The serialized messages since the last call, oldest first."""
-        if self._closed:
-            raise self._is_closed()
-        try:
+        """Take the serialized messages since the last call, oldest first."""
+        self._check_open()
+        with _translated(f"cannot read {self._endpoint.name}"):
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
-        except DDSException as error:
-            raise TransportError(f"cannot read {self._endpoint.name}: {error}") from error
 
     def wait(self, seconds: float) -> bool:
-        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
-        if self._closed:
-            raise self._is_closed()
-        try:
+        """Wait for a message or for `wake`, at most `seconds`; True if one of them came in time."""
+        self._check_open()
+        with _translated(f"cannot wait for {self._endpoint.name}"):
             triggered = self._triggers.wait(seconds)
             if self._woken:
                 self._woken = False
                 self._guard.take()
-        except DDSException as error:
-            raise TransportError(f"cannot wait for {self._endpoint.name}: {error}") from error
-        return triggered
+            return triggered
 
     def wake(self) -> None:
-        """End the wait, or the next one where nobody waits."""
+        """End the present or else the next wait."""
         if not self._closed:
             self._guard.set(True)
             self._woken = True  # behind, so that no guard that is set is forgotten
@@ -315,8 +281,9 @@ class _Stream:
         self._triggers.delete()
         dds_raw.delete(self._reader)
 
-    def _is_closed(self) -> TransportError:
-        return TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+    def _check_open(self) -> None:
+        if self._closed:
+            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
 
 
 class _Dispatcher:

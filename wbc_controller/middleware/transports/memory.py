@@ -9,8 +9,7 @@ from collections.abc import Callable
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.topic_types import TopicTypes
-from wbc_controller.middleware.transports.transport import Publish
+from wbc_controller.middleware.transports.transport import Publish, TopicTypes
 
 _log = logging.getLogger(__name__)
 
@@ -120,15 +119,13 @@ class MemoryTransport:
         return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Node name of each publisher on a topic, other than this transport's own, sorted."""
-        if self._closed:
-            raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+        """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
+        self._check_open(f"look at {endpoint.name}")
         return tuple(sorted(owner.name for owner in self._bus._owners(endpoint.name) if owner is not self))
 
     def is_read(self, endpoint: Endpoint) -> bool:
-        """Whether somebody reads a topic that this transport has opened for writing."""
-        if self._closed:
-            raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+        """Return True if a topic that this transport has opened for writing has a reader."""
+        self._check_open(f"look at {endpoint.name}")
         return self._bus._is_read([writer for writer in self._writers if writer.endpoint.name == endpoint.name])
 
     def close(self) -> None:
@@ -138,9 +135,12 @@ class MemoryTransport:
             self._bus._disconnect(self._readers, self._writers)
             self._readers, self._writers = [], []
 
-    def _check(self, endpoint: Endpoint) -> None:
+    def _check_open(self, attempt: str) -> None:
         if self._closed:
-            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+            raise TransportError(f"cannot {attempt}: the transport is closed")
+
+    def _check(self, endpoint: Endpoint) -> None:
+        self._check_open(f"open {endpoint.name}")
         self._bus.types.check(endpoint.name, endpoint.type)
 
 
@@ -159,25 +159,23 @@ class _Stream:
             self._came.notify()
 
     def take(self) -> list[bytes]:
-        """The serialized messages since the last call, oldest first."""
-        if self._owner._closed:
-            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+        """Take the serialized messages since the last call, oldest first."""
+        self._owner._check_open(f"read {self._endpoint.name}")
         with self._came:
             newest = list(self._newest)
             self._newest.clear()
         return newest
 
     def wait(self, seconds: float) -> bool:
-        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
-        if self._owner._closed:
-            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
+        """Wait for a message or for `wake`, at most `seconds`; True if one of them came in time."""
+        self._owner._check_open(f"read {self._endpoint.name}")
         with self._came:
             came = self._came.wait_for(lambda: self._newest or self._woken, seconds)
             self._woken = False
         return bool(came)
 
     def wake(self) -> None:
-        """End the wait, or the next one where nobody waits."""
+        """End the present or else the next wait."""
         with self._came:
             self._woken = True
             self._came.notify()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
 import importlib.util
@@ -21,8 +22,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint, Qos
 from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, node_name
 from wbc_controller.middleware.transports.ros2_reader import RawStream, Reader, ReaderGroup
-from wbc_controller.middleware.transports.topic_types import TopicTypes
-from wbc_controller.middleware.transports.transport import Publish
+from wbc_controller.middleware.transports.transport import Publish, TopicTypes, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -67,22 +67,18 @@ class Ros2Transport:
             return lambda payload: None
         with self._lock:
             message_class = self._check(endpoint)
-            try:
+            with _translated(f"cannot advertise {endpoint.name}"):
                 publisher = self._node.create_publisher(
                     message_class,
                     endpoint.name,
                     _profile(endpoint.qos),
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                 )
-            except Exception as error:  # rclpy's errors here have no common base class
-                raise TransportError(f"cannot advertise {endpoint.name}: {error}") from error
             self._publishers[endpoint.name].append(publisher)
 
         def publish(payload: bytes) -> None:
-            try:
+            with _translated(f"cannot publish on {endpoint.name}"):
                 publisher.publish(payload)
-            except Exception as error:  # as above
-                raise TransportError(f"cannot publish on {endpoint.name}: {error}") from error
 
         return publish
 
@@ -104,7 +100,7 @@ class Ros2Transport:
         """Subscribe without the executor, which neither takes the messages nor handles their events."""
         with self._lock:
             message_class = self._check(endpoint)
-            try:
+            with _translated(f"cannot subscribe to {endpoint.name}"):
                 subscription = self._node.create_subscription(
                     message_class,
                     endpoint.name,
@@ -116,8 +112,6 @@ class Ros2Transport:
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                     raw=True,
                 )
-            except Exception as error:  # as above
-                raise TransportError(f"cannot subscribe to {endpoint.name}: {error}") from error
             self._subscriptions.append(subscription)
             self._compatibility.add(subscription, endpoint.type)
             return subscription
@@ -130,24 +124,20 @@ class Ros2Transport:
         return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
         with self._lock:
-            if self._closed:
-                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
-            try:
+            self._check_open(f"look at {endpoint.name}")
+            with _translated(f"cannot look at {endpoint.name}"):
                 found = self._node.get_publishers_info_by_topic(endpoint.name)
-            except Exception as error:  # as above
-                raise TransportError(f"cannot look at {endpoint.name}: {error}") from error
         names, own = sorted(map(node_name, found)), self._node.get_fully_qualified_name()
         for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
             names.remove(own)
         return tuple(names)
 
     def is_read(self, endpoint: Endpoint) -> bool:
-        """Whether somebody reads a topic that this transport has opened for writing."""
+        """Return True if a topic that this transport has opened for writing has a reader."""
         with self._lock:
-            if self._closed:
-                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+            self._check_open(f"look at {endpoint.name}")
             return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
 
     def close(self) -> None:
@@ -173,11 +163,18 @@ class Ros2Transport:
             self._publishers.clear()
             self._subscriptions = []
 
-    def _check(self, endpoint: Endpoint) -> Any:
+    def _check_open(self, attempt: str) -> None:
         if self._closed:
-            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
+            raise TransportError(f"cannot {attempt}: the transport is closed")
+
+    def _check(self, endpoint: Endpoint) -> Any:
+        self._check_open(f"open {endpoint.name}")
         self._types.check(endpoint.name, endpoint.type)
         return _message_class(endpoint.type)
+
+
+def _translated(attempt: str) -> contextlib.AbstractContextManager[None]:
+    return translated_errors(attempt, Exception)  # rclpy's errors have no common base class
 
 
 def _message_class(type_name: str) -> Any:

@@ -101,15 +101,9 @@ class Reader:
 
 
 class RawStream:
-    """A subscription whose messages are taken by hand; whoever waits for them does so in C.
+    """A subscription whose newest `depth` messages are taken by hand; a wait for them runs without the interpreter.
 
-    Once the context has been shut down, nothing comes any more.
-
-    Args:
-        topic: its name.
-        depth: number of messages that wait.
-        subscription: excluded from the executor.
-        context: rclpy's context.
+    The subscription is excluded from the executor. After the context has been shut down, no more messages arrive.
     """
 
     def __init__(self, topic: str, depth: int, subscription: Any, context: Any) -> None:
@@ -121,7 +115,7 @@ class RawStream:
         self._closed = False
 
     def take(self) -> list[bytes]:
-        """The serialized messages since the last call, oldest first."""
+        """Take the serialized messages since the last call, oldest first."""
         taken: list[bytes] = []
         handle = self._subscription.handle
         with self._translated(), handle:
@@ -133,7 +127,7 @@ class RawStream:
         return taken
 
     def wait(self, seconds: float) -> bool:
-        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time."""
+        """Wait for a message or for `wake`, at most `seconds`; True if one of them came in time."""
         came = None
         handle, guard = self._subscription.handle, self._guard.handle
         # Holding the handles keeps them from being destroyed during the wait.
@@ -148,7 +142,7 @@ class RawStream:
         return bool(came)
 
     def wake(self) -> None:
-        """End the wait, or the next one where nobody waits."""
+        """End the present or else the next wait."""
         if not self._closed and self._context.ok():
             self._guard.trigger()
 

@@ -1,10 +1,12 @@
-"""The interface of every transport: it opens the endpoints of the topic table, and carries serialized messages."""
+"""The interface of every transport, and what they share: translated errors, and one message type per topic."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
+from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint
 
 #: Sends one serialized message: little-endian CDR with its four-byte encapsulation header.
@@ -17,7 +19,7 @@ class Stream(Protocol):
     """A topic whose newest messages wait until they are taken: no thread runs when one comes."""
 
     def take(self) -> list[bytes]:
-        """The serialized messages since the last call, oldest first, at most as many as the stream keeps.
+        """Take the serialized messages since the last call, oldest first, at most as many as the stream keeps.
 
         Raises:
             TransportError: if the transport is closed, or the topic cannot be read.
@@ -25,12 +27,9 @@ class Stream(Protocol):
         ...
 
     def wait(self, seconds: float) -> bool:
-        """Wait until there is a message to be taken, or for `wake`; whether it came to that within the time.
+        """Wait for a message or for `wake`, at most `seconds` of wall time; True if one of them came in time.
 
         Another thread may use the interpreter meanwhile.
-
-        Args:
-            seconds: longest wall time, s.
 
         Raises:
             TransportError: if the transport is closed, or the topic cannot be read.
@@ -38,7 +37,7 @@ class Stream(Protocol):
         ...
 
     def wake(self) -> None:
-        """End the wait, or the next one where nobody waits. Any thread may call it."""
+        """End the present or else the next wait. Any thread may call it."""
         ...
 
 
@@ -74,11 +73,7 @@ class Transport(Protocol):
         ...
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading, whose messages wait until they are taken.
-
-        Args:
-            endpoint: the topic.
-            depth: number of messages that wait; newer ones replace the oldest.
+        """Open a topic for reading, whose newest `depth` messages wait until they are taken.
 
         Raises:
             TransportError: if the topic cannot be opened.
@@ -97,7 +92,7 @@ class Transport(Protocol):
         ...
 
     def is_read(self, endpoint: Endpoint) -> bool:
-        """Whether somebody reads a topic that this transport has opened for writing; False for another topic.
+        """Return True if a topic that this transport has opened for writing has a reader.
 
         Raises:
             TransportError: if the transport is closed.
@@ -107,3 +102,31 @@ class Transport(Protocol):
     def close(self) -> None:
         """Close all topics. No callback runs after this returns."""
         ...
+
+
+@contextlib.contextmanager
+def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Translate errors of a middleware, of the given kinds, into a `TransportError` that names the attempt."""
+    try:
+        yield
+    except TransportError:
+        raise
+    except kinds as error:
+        raise TransportError(f"{attempt}: {error}") from error
+
+
+class TopicTypes:
+    """The message type of each open topic. It is not thread-safe: its owner holds a lock."""
+
+    def __init__(self) -> None:
+        self._type_of: dict[str, str] = {}
+
+    def check(self, topic: str, type_name: str) -> None:
+        """Record the type with which a topic is opened.
+
+        Raises:
+            TransportError: if the topic is already open with another type.
+        """
+        known = self._type_of.setdefault(topic, type_name)
+        if known != type_name:
+            raise TransportError(f"topic {topic} is already open as {known}: it cannot also be {type_name}")

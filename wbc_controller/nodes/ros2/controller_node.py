@@ -16,15 +16,14 @@ from std_srvs.srv import Trigger
 
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
+from wbc_controller.middleware.topics import endpoints
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
-from wbc_controller.nodes.controller_service import make_clock, make_loop
+from wbc_controller.nodes.controller_service import URDF_TOPIC, make_clock, make_loop
 from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.realtime import apply
-from wbc_controller.nodes.ros2.answers import RECORD, SERVICES, Answers
-from wbc_controller.nodes.ros2.declaration import declare, values
-from wbc_controller.nodes.ros2.gate import Gate
-from wbc_controller.nodes.ros2.live import LiveParameters
+from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES, CommandOutcomes
+from wbc_controller.nodes.ros2.lifecycle_gate import LifecycleGate
+from wbc_controller.nodes.ros2.node_parameters import LiveParameters, declare, values
 from wbc_controller.nodes.ros2.parameters import own_values, settings_from
 from wbc_controller.nodes.ros2.process import logging_to, spinning
 from wbc_controller.nodes.urdf import urdf_of
@@ -40,6 +39,7 @@ _log = logging.getLogger(__name__)
 _REMINDER = 5.0
 #: Longest time for shutting down on an executor that may have failed, s.
 _PATIENCE = 5.0
+_NOT_ACTIVE = "the node is not active; ros2 lifecycle shows its state"
 _PARAMETERS: dict[str, tuple[Any, str]] = {
     "autostart": (True, "Configure and activate the node at start-up; where that fails, the process ends."),
     "activate": (False, "Activate the controller as soon as its inputs are fresh, without a command."),
@@ -78,13 +78,13 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._own = declare(self, _PARAMETERS)
         self._live = LiveParameters(self, self._own)
         self._settings: Settings | None = None
-        self._gate: Gate | None = None
+        self._gate: LifecycleGate | None = None
         self._loop: ControlLoop | None = None
         self._recorder: Recorder | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._failed = False
-        self._answers = Answers()
+        self._outcomes = CommandOutcomes()
         self._urdf: str | None = None
         self._urdf_transport: Any = None
         self._starting = False
@@ -170,7 +170,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._await_urdf()
             raise ConfigurationError("robot.urdf is empty, and the topic robot_description has brought no URDF yet")
         transport = Ros2Transport(self)
-        gate = Gate(transport)
+        gate = LifecycleGate(transport)
         recorder = start_recorder(settings, name=node)  # a process of its own, before `apply`
         try:
             urdf = None if settings.robot.urdf else self._urdf
@@ -182,7 +182,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 gate,
                 make_clock(settings, topics, transport, use_sim_time=bool(self.get_parameter("use_sim_time").value)),
                 topics,
-                observers=(self._answers.observe,),
+                observers=(self._outcomes.observe,),
                 recorder=recorder,
                 node=self.get_fully_qualified_name(),
             )
@@ -200,8 +200,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     def _await_urdf(self) -> None:
         if self._urdf_transport is not None:
             return
-        rows = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
-        (endpoint,) = endpoints(rows, self.get_name(), namespace=self.get_namespace())
+        (endpoint,) = endpoints(URDF_TOPIC, self.get_name(), namespace=self.get_namespace())
 
         def receive(payload: bytes) -> None:
             try:
@@ -249,7 +248,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             if executor is not None:
                 executor.create_task(self._after_failure)
         finally:
-            self._answers.end("the control loop has ended")
+            self._outcomes.end("the control loop has ended")
 
     def _after_failure(self) -> None:
         """Leave the active state through error processing."""
@@ -281,28 +280,26 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
         gate = self._gate
         if gate is None or not gate.open:
-            response.success = False
-            response.message = "the node is not active; ros2 lifecycle says how it is"
-            return response
+            return _answer(response, False, _NOT_ACTIVE)
         future = Future(executor=self.executor)
         future.add_done_callback(lambda done: None)  # a done callback wakes the executor
-        self._answers.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
-        response.success, response.message = await future
-        return response
+        self._outcomes.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
+        return _answer(response, *await future)
 
     def _on_record(self, request: Any, response: Any) -> Any:
-        """Have the last seconds written; with the next cycle, as those are that the recorder knows."""
+        """Request a recording of the last seconds, which the next cycle begins."""
         gate, recorder = self._gate, self._recorder
-        response.success = False
-        if recorder is not None and gate is not None and gate.open and self._settings is not None:
-            recorder.request()
-            response.success = True
-            response.message = f"the last seconds are written to {folder_of(self._settings)}"
-        elif recorder is None and gate is not None:
-            response.message = NOT_RECORDED
-        else:
-            response.message = "the node is not active; ros2 lifecycle says how it is"
-        return response
+        if recorder is None and gate is not None:
+            return _answer(response, False, NOT_RECORDED)
+        if recorder is None or gate is None or not gate.open or self._settings is None:
+            return _answer(response, False, _NOT_ACTIVE)
+        recorder.request()
+        return _answer(response, True, f"the last seconds are written to {folder_of(self._settings)}")
+
+
+def _answer(response: Any, success: bool, text: str) -> Any:
+    response.success, response.message = success, text
+    return response
 
 
 def serve(executor: Any, stop: threading.Event) -> int:

@@ -24,17 +24,12 @@ from wbc_controller.settings.nesting import merged, nested
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: Parameters that name a whole configuration: a shipped robot, or a file.
 ROBOT, CONFIG = "robot", "config"
-#: What a value of each type is called.
+#: Names of the types in errors.
 _KINDS = {bool: "true or false", float: "a number"}
 
 
 def is_of_the_robot(name: str, own: Sequence[str] = ()) -> bool:
-    """Whether a parameter belongs to the robot's configuration.
-
-    Args:
-        name: dotted name of the parameter.
-        own: names of the node's own parameters.
-    """
+    """Return True if a parameter, by its dotted name, belongs to the robot's configuration, not to the node."""
     return name.partition(".")[0] not in OF_ROS2 and name not in (ROBOT, CONFIG, *own)
 
 
@@ -96,7 +91,7 @@ def settings_from(
 
 
 def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str) -> dict[str, Any]:
-    """The values of a node's own parameters, each of the type of its default; a whole number passes for a real one.
+    """Return the values of a node's own parameters, of the types of their defaults; integers become floats.
 
     Args:
         given: values by name; others than the node's own are ignored.
@@ -104,7 +99,7 @@ def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str)
         node: fully qualified name of the node, for messages.
 
     Raises:
-        ConfigurationError: where a value is of another type: the text ``"no"`` is not taken for true.
+        ConfigurationError: if a value has another type: the text ``"no"`` is not true.
     """
     chosen = dict(defaults)
     for name, default in defaults.items():
@@ -118,7 +113,7 @@ def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str)
 
 
 def parameter_files(arguments: Sequence[str]) -> list[Path]:
-    """The parameter files on a command line (``--params-file``), in order."""
+    """Return the parameter files on a command line (``--params-file``), in order."""
     return [Path(path) for flag, path in itertools.pairwise(arguments) if flag == "--params-file"]
 
 

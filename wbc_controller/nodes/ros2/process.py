@@ -121,12 +121,7 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
 
 @contextlib.contextmanager
 def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
-    """A transport on a node in a context of its own that nobody spins, as the transport reads by itself.
-
-    Args:
-        name: of the node.
-        domain: its ``ROS_DOMAIN_ID``.
-    """
+    """Open a transport on a node in a context of its own; nobody spins the node, as the transport reads itself."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context, domain_id=domain)
     node = rclpy.create_node(name, context=context)

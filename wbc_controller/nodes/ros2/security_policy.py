@@ -23,7 +23,7 @@ from wbc_controller.middleware.topics import (
 )
 from wbc_controller.nodes.contact_sensors import KEYS as CONTACT_SENSORS
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
-from wbc_controller.nodes.ros2.answers import RECORD, SERVICES
+from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME as CONTROLLER
 from wbc_controller.settings import Settings

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import NoSolution
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.records import Array, CycleReport, Mode
+from wbc_controller.records import Array, Mode
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.lockstep import Lockstep

@@ -198,6 +198,6 @@ class UrdfTarget(Target):
         bus = MemoryBus()
         MemoryTransport(bus).advertise(counterpart(topic))(payload)
         with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
-            text = wait_for_urdf(MemoryTransport(bus), self._stop, CONTROLLER_TOPICS, NODE_NAME)
+            text = wait_for_urdf(MemoryTransport(bus), self._stop, [topic])
         if text and text != decode(payload, topic.type).data:
             raise Broken("the node got another URDF than was published")

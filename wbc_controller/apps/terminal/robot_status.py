@@ -1,34 +1,54 @@
-"""Watches a robot for `wbc status`: keeps the newest of what its nodes say, and counts the cycles."""
+"""The newest status of a robot's nodes, collected from their topics for `wbc status` and the page."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from rich.console import RenderableType
-from rich.text import Text
-
 from wbc_controller.apps.terminal.session import Session
-from wbc_controller.apps.terminal.status_view import Heard, status_view
 from wbc_controller.settings import Settings
 
 #: Wall time over which cycles are counted, s.
 _WINDOW = 2.0
-#: Wall time for which the first picture waits for the tasks, in periods of the diagnostics.
+#: Wall time for which the first status waits for the tasks, in periods of the diagnostics.
 _PERIODS = 3.0
 
 
-class Watch:
-    """Listens to the topics that `status_view` shows."""
+@dataclass(frozen=True, slots=True)
+class RobotStatus:
+    """The newest messages of a robot's nodes.
+
+    Attributes:
+        status: the controller's diagnostic_msgs/DiagnosticStatus.
+        rate: cycles per second of wall time; NaN if not known yet.
+        tasks: messages of the value and the reference of each task, by name.
+        guard: state of the guard; empty without a guard.
+    """
+
+    status: Any
+    rate: float
+    tasks: Mapping[str, tuple[Any | None, Any | None]]
+    guard: str
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values of the status, by key."""
+        return {value.key: value.value for value in self.status.values}
+
+    @property
+    def level(self) -> int:
+        """0 for ok, 1 for a warning, 2 for an error."""
+        level = self.status.level  # some codecs return a byte string
+        return level[0] if isinstance(level, bytes | bytearray) else int(level)
+
+
+class StatusListener:
+    """Listens to the topics of a robot's status, and counts the cycles."""
 
     def __init__(self, session: Session, settings: Settings) -> None:
-        """Begin to listen.
-
-        Args:
-            session: on the robot's domain.
-            settings: of the robot.
-        """
         self._session, self._settings = session, settings
         self._status: Any = None
         self._cycles: deque[tuple[float, int]] = deque()
@@ -45,22 +65,20 @@ class Watch:
             session.listen("controller", key, name)
 
     def begin(self) -> None:
-        """Wait for what the first picture needs.
+        """Wait for the messages of a complete first status.
 
         Raises:
-            NoAnswer: where there is no controller.
+            NoAnswer: if there is no controller.
         """
         self._session.wait_for_controller()
-        self._session.until(lambda: self.look() and len(self._cycles) > 1, "the controller says nothing more")
+        self._session.until(lambda: self.take() and len(self._cycles) > 1, "the controller publishes no more statuses")
         if self._session.mode().startswith(("active", "holding")):
             deadline = time.monotonic() + _PERIODS / self._settings.control.diagnostics_rate
-            while time.monotonic() < deadline and not all(
-                self._session.newest("controller", key, name) for name, key in self._places
-            ):
+            while time.monotonic() < deadline and not all(self._newest(*place) for place in self._places):
                 time.sleep(0.02)
 
-    def look(self) -> list[Any]:
-        """Take the controller's statuses that have come since, oldest first."""
+    def take(self) -> list[Any]:
+        """Take the controller's statuses since the last call, oldest first."""
         now, came = time.monotonic(), list(self._session.statuses())
         for status in came:
             self._status = status
@@ -69,14 +87,8 @@ class Watch:
             self._cycles.popleft()
         return came
 
-    def picture(self) -> RenderableType:
-        """The newest picture."""
-        self.look()
-        heard = self.heard()
-        return Text("the controller has said nothing") if heard is None else status_view(self._settings, heard)
-
-    def heard(self) -> Heard | None:
-        """What was said last, up to the last `look`; None before the controller's first status."""
+    def newest(self) -> RobotStatus | None:
+        """Return the status as of the last `take`; None before the controller's first one."""
         if self._status is None:
             return None
         (first, before), (last, after) = self._cycles[0], self._cycles[-1]
@@ -86,7 +98,7 @@ class Watch:
             for name in self._settings.tasks
         }
         rate = (after - before) / (last - first) if last > first else float("nan")
-        return Heard(self._status, rate, tasks, "" if guard is None else str(guard.data))
+        return RobotStatus(self._status, rate, tasks, "" if guard is None else str(guard.data))
 
     def _newest(self, name: str, key: str) -> Any | None:
         return self._session.newest("controller", key, name) if (name, key) in self._places else None

@@ -1,4 +1,4 @@
-"""`wbc play`: a mock robot and its controller as processes, and a page that commands them."""
+"""The run of `wbc play`: a mock robot and its controller as processes, and a page that commands them."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from pathlib import Path
 
 import click
 
-from wbc_controller.apps.page.serving import serve
-from wbc_controller.apps.terminal.sentences import read_sentence
+from wbc_controller.apps.page.page_service import serve
+from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.errors import WbcError
 from wbc_controller.nodes.processes import Processes
 from wbc_controller.settings import Settings
 
-#: Domains to play on: those of the demo, as both stay on the loopback.
+#: DDS domains to choose from: those of the demo, since both stay on the loopback.
 _FIRST_DOMAIN, _DOMAINS = 100, 100
 #: Wall time for the nodes to start, s: the first start on a machine compiles the controller's arithmetic.
 _PATIENCE = 120.0
-#: Wall time between two looks whether the processes still run, s.
+#: Period of the check that the processes still run, s.
 _LOOK = 0.5
-#: Lines of the log of a process that has ended.
+#: Number of log lines shown of a process that has ended.
 _LINES = 12
 
 
@@ -37,13 +37,13 @@ def play(
     Args:
         robot: a robot that is shipped, or the path of a configuration.
         stop: event that ends it.
-        host: address that the page listens on.
-        port: its port, or the next one that is free.
-        domain: DDS domain; None for one that nobody uses on this computer.
+        host: address of the page.
+        port: port of the page, or the next free one.
+        domain: DDS domain; None for a free one of this computer.
         factor: simulated seconds per second.
 
     Raises:
-        WbcError: where a process ends by itself, with the end of its log.
+        WbcError: if a process ends by itself, with the end of its log.
     """
     domain = free_domain() if domain is None else domain
     # The page's own participant, and those of the processes, by the environment as everywhere.
@@ -53,7 +53,7 @@ def play(
         tempfile.TemporaryDirectory(prefix="wbc_play_") as folder,
         contextlib.closing(Processes(robot, Path(folder), domain, own_sessions=True)) as processes,
     ):
-        # A browser without a GPU may take both processors from them: time waits then, and the robot does not fall.
+        # A browser without a GPU may take both processors: simulated time waits then, and the robot does not fall.
         processes.start("mock", "--patient", "--real-time-factor", f"{factor:g}")
         processes.start("controller", "--activate", "--use-sim-time")
         starter = threading.Thread(target=_stand, args=(processes.settings, stop, trouble), name="starter", daemon=True)
@@ -70,10 +70,10 @@ def play(
 
 
 def free_domain() -> int:
-    """A DDS domain that no participant on this computer is in.
+    """Return a DDS domain without a participant on this computer.
 
     Raises:
-        WbcError: where all that it looks at are taken.
+        WbcError: if all candidates are in use.
     """
     for i in range(_DOMAINS):
         domain = _FIRST_DOMAIN + (os.getpid() + i) % _DOMAINS
@@ -87,7 +87,7 @@ def free_domain() -> int:
 
 
 def _stand(settings: Settings, stop: threading.Event, trouble: list[str]) -> None:
-    """Let the robot down when the controller, which activates itself, has ramped its torques in."""
+    """Release the hoist after the controller, which activates itself, has ramped its torques in."""
     try:
         with Session(settings, patience=_PATIENCE, node="wbc_play") as session:
             session.listen("controller", "state")
@@ -97,7 +97,7 @@ def _stand(settings: Settings, stop: threading.Event, trouble: list[str]) -> Non
                 _PATIENCE,
             )
             if not stop.wait(settings.safety.activation_ramp):
-                session.ask(read_sentence(["release"], settings))
+                session.ask(parse_request(["release"], settings))
     except WbcError as error:
         if not stop.is_set():
             trouble.append(str(error))
@@ -105,7 +105,7 @@ def _stand(settings: Settings, stop: threading.Event, trouble: list[str]) -> Non
 
 
 def _watch(processes: Processes, stop: threading.Event, trouble: list[str]) -> None:
-    """End everything where a process ends by itself."""
+    """End everything if a process ends by itself."""
     while not stop.wait(_LOOK):
         for name, process in processes.processes.items():
             if process.poll() is not None:
@@ -116,6 +116,6 @@ def _watch(processes: Processes, stop: threading.Event, trouble: list[str]) -> N
 
 
 def _opened(address: str) -> None:
-    """Open the page in a browser where there is a screen to show it."""
+    """Open the page in a browser if there is a screen."""
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(address)

@@ -1,22 +1,22 @@
-"""Where to draw a robot whose base is on no topic: on its contacts, as it stands in its nominal posture."""
+"""Placement of a base without a measured pose: the robot is drawn on its contacts, as in its nominal posture."""
 
 from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.page.moment import Robot
+from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.records import Array
 
 
-class Standing:
-    """Places the base so that the contacts stay where they are in the nominal posture.
+class BaseOnContacts:
+    """Places the base so that the contacts stay at their places in the nominal posture.
 
-    It is for drawing alone: without a sensor nobody knows whether the robot has walked away or tilted on its soles.
+    It serves drawing only: without a sensor, steps of the robot and a tilt of its soles are unknown.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Look at the nominal posture, upright on the floor."""
+        """Record the contacts in the nominal posture, upright on the floor."""
         self._model, self._robot = robot.model, robot
         self._named = [name for name, contact in robot.settings.contacts.items() if contact.enabled]
         self._there = self._points(self._model.configuration(self._model.posture))
@@ -28,15 +28,8 @@ class Standing:
         dynamics.update(q, np.zeros(self._model.nv))
         return np.array([p for name in self._named for p in self._robot.contacts[name].points(dynamics)]).reshape(-1, 3)
 
-    def on_contacts(self, q: Array) -> Array:
-        """Place the base of a configuration whose joints alone are known: the rotation and translation that fit best.
-
-        Args:
-            q: configuration, (nq,); its base does not count.
-
-        Returns:
-            The configuration with a base, (nq,).
-        """
+    def place(self, q: Array) -> Array:
+        """Return a configuration, (nq,), with the base whose contacts fit best; the base of `q` is ignored."""
         q = self._model.configuration(q[self._model.q_index])
         here = self._points(q)
         if not len(here):

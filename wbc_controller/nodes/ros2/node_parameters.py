@@ -1,9 +1,9 @@
-"""The settings of a configured controller as parameters of its node: shown, described, and changed live."""
+"""The parameters of a node: its own, and the settings of its controller, which may be changed live."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -15,6 +15,29 @@ from wbc_controller.nodes.ros2.parameters import CONFIG, ROBOT, flat, is_of_the_
 from wbc_controller.settings.nesting import nested
 
 _log = logging.getLogger(__name__)
+
+
+_FILE_PARAMETERS: Mapping[str, tuple[Any, str]] = {
+    ROBOT: ("", "Name of a robot that is shipped; other parameters are put over its configuration."),
+    CONFIG: ("", "Path of a robot's configuration; other parameters are put over it."),
+}
+
+
+def declare(node: Any, parameters: Mapping[str, tuple[Any, str]]) -> tuple[str, ...]:
+    """Declare a node's own parameters, except those that the command line has declared; returns their names."""
+    for name, (default, description) in {**parameters, **_FILE_PARAMETERS}.items():
+        descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
+        if node.has_parameter(name):
+            node.set_descriptor(name, descriptor)
+        elif name != ROBOT:  # with robot.urdf and the like, `ros2 param dump` would fail on it
+            node.declare_parameter(name, default, descriptor)
+    return tuple(parameters)
+
+
+def values(node: Any) -> dict[str, Any]:
+    """Return the values of a node's parameters by name, without parameters that are not set."""
+    parameters = node.get_parameters_by_prefix("").items()
+    return {name: parameter.value for name, parameter in parameters if parameter.value is not None}
 
 
 class LiveParameters:
@@ -88,11 +111,11 @@ class LiveParameters:
             return
         try:
             self._live.accept(nested(change), "parameters")
-        except ConfigurationError as error:  # a change on ~/update has come in since the check
+        except ConfigurationError as error:  # a change on ~/update has arrived since the check
             _log.error("%s", error)
 
     def _on_change(self) -> None:
-        """Have changes by ``~/update`` shown as parameters; may be called on any thread."""
+        """Show changes by ``~/update`` as parameters; may be called on any thread."""
         executor = self._node.executor
         if executor is not None:
             executor.create_task(self._follow)

@@ -1,4 +1,4 @@
-"""Ensures that a managed node accepts messages only while it is active."""
+"""A transport for a managed node: it delivers messages only while the node is active."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 _log = logging.getLogger(__name__)
 
 
-class Gate:
+class LifecycleGate:
     """A transport that delivers messages only while it is open.
 
     Attributes:
-        open: whether messages are delivered.
+        open: True while messages are delivered.
         discovery_time: that of the transport, s.
     """
 
@@ -44,11 +44,11 @@ class Gate:
         self._transport.subscribe(endpoint, deliver)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading; what comes while the gate is closed is dropped when it is taken."""
+        """Open a topic for reading; messages that are taken while the gate is closed are dropped."""
         return _Gated(self._transport.stream(endpoint, depth), self)
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
         return self._transport.publishers(endpoint)
 
     def command(self, word: str) -> None:
@@ -56,7 +56,7 @@ class Gate:
         self._command(encode(message("std_msgs/msg/String", data=word)))
 
     def is_read(self, endpoint: Endpoint) -> bool:
-        """Whether somebody reads a topic that was opened for writing."""
+        """Return True if a topic that was opened for writing has a reader."""
         return self._transport.is_read(endpoint)
 
     def close(self) -> None:
@@ -66,13 +66,13 @@ class Gate:
 
 
 class _Gated:
-    """A stream from which nothing is taken while its gate is closed."""
+    """A stream that drops messages while its gate is closed."""
 
-    def __init__(self, stream: Stream, gate: Gate) -> None:
+    def __init__(self, stream: Stream, gate: LifecycleGate) -> None:
         self._stream, self._gate = stream, gate
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """The serialized messages since the last call, oldest first."""
+        """Take the serialized messages since the last call, oldest first."""
         taken = self._stream.take()
         return taken if self._gate.open else []

@@ -1,4 +1,4 @@
-"""What the page shows of one moment, wherever it comes from: topics, or a recording."""
+"""The robot and its state at one moment, from topics or from a recording, as the page draws them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from wbc_controller.apps.terminal.status_view import Heard
+from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.tasks import make_task
@@ -22,22 +22,14 @@ FOLLOWING = ("active", "holding")
 
 
 class Robot:
-    """A robot as it is drawn: its model, with the tasks and contacts of its configuration.
+    """A robot as the page draws it: its settings and model, with the tasks and contacts by name.
 
     Attributes:
-        settings: of the robot.
-        model: its model.
-        contacts: by name.
-        tasks: by name.
-        dynamics: the snapshot at the moment that is drawn; whoever draws updates it.
+        dynamics: the dynamics at the drawn snapshot, updated by `Drawing`.
     """
 
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
-        """Build it.
-
-        Args:
-            settings: of the robot.
-            urdf: the URDF, where the settings name no file.
+        """Build the robot; `urdf` is the URDF if the settings name no file.
 
         Raises:
             ConfigurationError: if settings and URDF do not fit together.
@@ -53,23 +45,22 @@ class Robot:
         self.dynamics = Dynamics(self.model)
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """One moment.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot:
+    """State of a robot and its controller at one moment.
 
     Attributes:
         stamp: time of the state, ns; 0 before the first one.
-        age: wall time since the last state came, s; infinite before the first one.
+        age: wall time since the last state arrived, s; infinite before the first one.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        mode: what the controller says of its mode: the mode, and in a fault its code and sentence; empty where it says
-            nothing.
-        torques: at the joints, (nj,) in N·m, in the order of the model's joints; None where none are sent.
-        forces: what the controller counts on, by contact, in the form of `Solution.forces`.
-        references: what is wanted; None where the controller follows nothing.
-        heard: what the nodes say of themselves; None before the first word.
-        silence: wall time since the controller last said how it is, s; infinite before its first word.
-        base_measured: whether the base's pose was measured; else it is drawn as standing on its contacts.
+        mode: the controller's mode, in a fault with its code and sentence; empty without a controller.
+        torques: at the joints, (nj,) in N·m, in the order of the model's joints; None if none are sent.
+        forces: contact forces of the controller's solution, by contact, in the form of `Solution.forces`.
+        references: references of the tasks; None if the controller follows none.
+        status: status of the nodes; None before the first message.
+        silence: wall time since the controller's last status, s; infinite before the first one.
+        base_measured: True if the base's pose was measured; otherwise the robot is drawn as standing on its contacts.
     """
 
     stamp: int
@@ -80,11 +71,11 @@ class Moment:
     torques: Array | None = None
     forces: Mapping[str, Array] = field(default_factory=dict)
     references: References | None = None
-    heard: Heard | None = None
+    status: RobotStatus | None = None
     silence: float = math.inf
     base_measured: bool = True
 
     @property
     def following(self) -> bool:
-        """Whether the controller follows references."""
+        """True if the controller follows references."""
         return self.mode.startswith(FOLLOWING)

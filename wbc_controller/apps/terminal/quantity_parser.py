@@ -1,4 +1,4 @@
-"""Reads quantities and directions as people write them: ``+0.02 forward``, ``20mm up``, ``10deg left``."""
+"""Parser of quantities and directions: ``+0.02 forward``, ``20mm up``, ``10deg left``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEADINGS: Mapping[str, tuple[int, int, int]] = {
     "down": (0, 0, -1),
 }
 AXES: Mapping[str, tuple[int, int, int]] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-#: Axes about which the head of who leans goes in a direction, by the robot's heading.
+#: Axes about which a lean moves the head in a direction, by the robot's heading.
 LEANS: Mapping[str, tuple[int, int, int]] = {
     "forward": (0, 1, 0),
     "back": (0, -1, 0),
@@ -43,11 +43,11 @@ def number(text: str, what: str, units: Mapping[str, float] = PLAIN) -> float:
     """Read a number with its unit.
 
     Raises:
-        InputRefused: where it is none, or the unit is another.
+        InputRefused: if the text is no number, or the unit is unknown.
     """
     match = _NUMBER.fullmatch(text)
     if match is None:
-        raise InputRefused(f"{what} is a number, not {text!r}")
+        raise InputRefused(f"{what} is a number, got {text!r}")
     if match[2] not in units:
         raise InputRefused(f"{what} is {text!r}: unknown unit; {valid_choices(match[2], [u for u in units if u])}")
     return float(match[1]) * units[match[2]]
@@ -57,23 +57,25 @@ def displacement(words: Sequence[str], what: str, units: Mapping[str, float]) ->
     """Read pairs of a number and a direction, such as ``0.02 forward 0.01 down``, and add them up.
 
     Returns:
-        Their sum, (3,), and whether it is given by the robot's heading; otherwise along the axes of the world.
+        Their sum, (3,), and True if it is in the axes of the robot's heading; otherwise it is in those of the world.
 
     Raises:
-        InputRefused: where it is no such sentence, or mixes both.
+        InputRefused: if the words have another form, or mix both kinds of direction.
     """
     if not words or len(words) % 2:
-        raise InputRefused(f"{what} takes pairs of a number and a direction, such as 0.02 forward, not {_said(words)}")
+        raise InputRefused(
+            f"{what} takes pairs of a number and a direction, such as 0.02 forward, got {_quoted(words)}"
+        )
     known = {**HEADINGS, **AXES}
     total, directions = np.zeros(3), words[1::2]
     for amount, direction in zip(words[::2], directions, strict=True):
         if direction not in known:
-            raise InputRefused(f"{what}: {direction!r} is no direction; {valid_choices(direction, known)}")
+            raise InputRefused(f"{what}: unknown direction {direction!r}; {valid_choices(direction, known)}")
         total += number(amount, what, units) * np.array(known[direction])
     level = {"up", "down", "z"}  # the same in both
     by_heading, by_axes = (set(directions) & set(names) - level for names in (HEADINGS, AXES))
     if by_heading and by_axes:
-        raise InputRefused(f"{what}: {_said(words)} mixes the robot's directions with the world's axes x, y, z")
+        raise InputRefused(f"{what}: {_quoted(words)} mixes the robot's directions with the world's axes x, y, z")
     return total, not by_axes
 
 
@@ -81,12 +83,12 @@ def turn(words: Sequence[str], axes: Mapping[str, tuple[int, int, int]], what: s
     """Read an angle and a direction, such as ``10deg left``, as a rotation vector by the robot's heading, (3,) in rad.
 
     Raises:
-        InputRefused: where it is no such sentence.
+        InputRefused: if the words have another form.
     """
     if len(words) != 2:
-        raise InputRefused(f"{what} takes an angle and a direction, such as 10deg left, not {_said(words)}")
+        raise InputRefused(f"{what} takes an angle and a direction, such as 10deg left, got {_quoted(words)}")
     if words[1] not in axes:
-        raise InputRefused(f"{what}: {words[1]!r} is no direction; {valid_choices(words[1], axes)}")
+        raise InputRefused(f"{what}: unknown direction {words[1]!r}; {valid_choices(words[1], axes)}")
     return number(words[0], what, ANGLE) * np.array(axes[words[1]])
 
 
@@ -97,5 +99,5 @@ def quaternion(rotation: Array) -> Array:
     return np.array([*(math.sin(0.5 * angle) * axis), math.cos(0.5 * angle)])
 
 
-def _said(words: Sequence[str]) -> str:
+def _quoted(words: Sequence[str]) -> str:
     return repr(" ".join(words))

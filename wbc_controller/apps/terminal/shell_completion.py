@@ -1,25 +1,25 @@
-"""What a shell may complete: robots, the words of a sentence, and topics."""
+"""Shell completion of `wbc`: robots, the words of a request, and topics."""
 
 from __future__ import annotations
 
 import click
 from click.shell_completion import CompletionItem
 
-from wbc_controller.apps.terminal.quantities import AXES, HEADINGS, LEANS, TURNS
-from wbc_controller.apps.terminal.sentences import FORMS
+from wbc_controller.apps.terminal.quantity_parser import AXES, HEADINGS, LEANS, TURNS
+from wbc_controller.apps.terminal.request_parser import FORMS
 from wbc_controller.errors import WbcError
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
 
 
 def complete_config(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """The robots that are shipped, or files."""
+    """Complete the robots that are shipped, or files."""
     robots = [CompletionItem(name) for name in shipped_configurations() if name.startswith(incomplete)]
     return robots or [CompletionItem(incomplete, type="file")]
 
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """The next word of a sentence."""
+    """Complete the next word of a request."""
     settings = _settings(ctx)
     if settings is None:
         return []
@@ -28,7 +28,7 @@ def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
 
 def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """The topics of all nodes."""
+    """Complete the topics of all nodes."""
     settings = _settings(ctx)
     if settings is None:
         return []
@@ -39,7 +39,7 @@ def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 
 def _settings(ctx: click.Context) -> Settings | None:
-    """The robot that stands before; None where it cannot be read, which is for the command itself to say."""
+    """Settings of the robot on the command line; None if they cannot be read, which the command itself reports."""
     try:
         return load_settings(find_configuration(str(ctx.params.get("config") or "")))
     except WbcError:
@@ -47,7 +47,7 @@ def _settings(ctx: click.Context) -> Settings | None:
 
 
 def next_words(words: list[str], settings: Settings) -> list[str]:
-    """The words that may follow some words."""
+    """Return the words that may come next in a request."""
     if "then" in words:
         words = words[len(words) - words[::-1].index("then") :]
     if not words:

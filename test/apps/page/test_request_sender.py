@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
-from wbc_controller.apps.page.sending import PERIOD, STALE, Sender
+from wbc_controller.apps.page.request_sender import PERIOD, STALE, RequestSender
 from wbc_controller.apps.terminal.session import NoAnswer
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -18,10 +18,10 @@ SETTINGS = load_settings(find_configuration("g1"))
 class Rig:
     def __init__(self):
         self.sent, self.told, self.now = [], [], 100.0
-        self.sender = Sender(SETTINGS, self.send, self.told.append, lambda: self.now)
+        self.sender = RequestSender(SETTINGS, self.send, lambda *told: self.told.append(told), lambda: self.now)
 
     def send(self, request):
-        self.sent.append((request.key, request.subject, request.said))
+        self.sent.append((request.key, request.subject, request.summary))
 
     def drag(self, x, client=1, task="com"):
         self.sender.drag(f"setpoint {task}", client, [task, "to", f"{x}", "0", "0.6"])
@@ -87,12 +87,12 @@ def test_sentences_are_sent_in_order_and_what_cannot_be_said_is_told(rig):
     done = threading.Event()
     for words in (("weight", "com", "30"), ("task", "left_hand", "on"), ("left_hand", "nowhere")):
         rig.sender.say(*words)
-    rig.sender._told = lambda said: done.set()
+    rig.sender._report = lambda words, error: done.set()
     rig.sender.say("contact", "left_foot", "off")
     assert done.wait(5.0)
     rig.sender.close()
     assert [key for key, _, _ in rig.sent] == ["weight", "task_enable", "contact_enable"]
-    assert [(said.sentence, bool(said.error)) for said in rig.told if said.error] == [("left_hand nowhere", True)]
+    assert [words for words, error in rig.told if error] == ["left_hand nowhere"]
 
 
 def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, caplog):
@@ -102,14 +102,14 @@ def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, capl
     rig.sender.start()
     done = threading.Event()
     with monkeypatch.context() as patch:
-        patch.setattr("wbc_controller.apps.page.sending.read_sentence", fails)
-        rig.sender._told = lambda said: (rig.told.append(said), done.set())
+        patch.setattr("wbc_controller.apps.page.request_sender.parse_request", fails)
+        rig.sender._report = lambda *told: (rig.told.append(told), done.set())
         rig.drag(0.1)
         assert done.wait(10.0)
         rig.sender.say("activate")
-    assert [said.sentence for said in rig.told] == ["com to 0.1 0 0.6", "activate"]
-    assert all("could not be read: cannot read" in said.error for said in rig.told)
-    assert caplog.text.count("could not read the sentence") == 2
+    assert [words for words, _ in rig.told] == ["com to 0.1 0 0.6", "activate"]
+    assert all("could not be read: cannot read" in error for _, error in rig.told)
+    assert caplog.text.count("could not read the request") == 2
     done.clear()
     rig.sender.say("deactivate")
     assert done.wait(10.0)
@@ -121,13 +121,13 @@ def test_where_nobody_listens_it_is_told(rig):
     def nobody(request):
         raise NoAnswer("no controller is there")
 
-    sender = Sender(SETTINGS, nobody, rig.told.append)
+    sender = RequestSender(SETTINGS, nobody, lambda *told: rig.told.append(told))
     sender.say("estop")
-    assert [(said.sentence, said.error) for said in rig.told] == [("estop", "no controller is there")]
+    assert rig.told == [("estop", "no controller is there")]
 
 
 def test_more_than_a_user_can_ask_for_is_refused(rig):
     for _ in range(300):
         rig.sender.say("activate")
-    assert {said.error for said in rig.told} == {"too many requests wait to be sent"}
+    assert {error for _, error in rig.told} == {"too many requests are waiting"}
     rig.sender.close()

@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import pytest
 
 from wbc_controller.controller.report import LatchedInputs, TakenRequests
-from wbc_controller.nodes.ros2 import answers
-from wbc_controller.nodes.ros2.answers import Answers
+from wbc_controller.nodes.ros2 import command_outcomes
+from wbc_controller.nodes.ros2.command_outcomes import CommandOutcomes
 from wbc_controller.records import Fault, Mode
 
 
 @pytest.fixture
 def asked():
     """A pending 'activate', and the list of its answers."""
-    waiting, outcome = Answers(), []
+    waiting, outcome = CommandOutcomes(), []
     waiting.ask("activate", lambda: None, lambda *answer: outcome.append(answer))
     return waiting, outcome
 
@@ -49,7 +49,7 @@ def test_a_mode_that_does_not_confirm_it_says_why(asked):
 
 
 def test_one_that_was_turned_away_is_answered_too(asked, monkeypatch):
-    monkeypatch.setattr(answers, "_LONGEST_WAIT", 10)
+    monkeypatch.setattr(command_outcomes, "_LONGEST_WAIT", 10)
     waiting, outcome = asked
     for _ in range(9):
         waiting.observe(report())

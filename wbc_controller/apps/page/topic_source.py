@@ -1,4 +1,4 @@
-"""Moments from the topics of a running robot."""
+"""Snapshots of a running robot, from its topics."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.apps.page.moment import FOLLOWING, Moment, Robot
-from wbc_controller.apps.page.standing import Standing
+from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
+from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
+from wbc_controller.apps.terminal.robot_status import RobotStatus, StatusListener
 from wbc_controller.apps.terminal.session import Session
-from wbc_controller.apps.terminal.status_view import Heard
-from wbc_controller.apps.terminal.watching import Watch
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.decoding import READERS
@@ -22,24 +21,18 @@ from wbc_controller.middleware.states import BaseState, OdometryReader
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
-#: Time of the robot after which torques or a force that were sent count no more, s.
+#: Robot time after which torques or contact forces are stale, s.
 _FRESH = 0.2
 
 
-class Listener:
+class TopicSource:
     """Follows the topics of a robot.
 
-    Streams stay in DDS until a moment is asked for: what comes in between, at whatever rate, costs this process next to
-    nothing, and its sender no acknowledgment.
+    Messages wait in DDS until a snapshot is requested: the ones in between cost this process almost nothing, and their
+    publisher no acknowledgment.
     """
 
     def __init__(self, session: Session, robot: Robot) -> None:
-        """Begin to listen.
-
-        Args:
-            session: on the robot's domain.
-            robot: as it is drawn.
-        """
         self._session, self._robot = session, robot
         model, settings = robot.model, robot.settings
         measured = settings.estimation.joint_velocity == "measured"
@@ -51,24 +44,24 @@ class Listener:
         self._command: tuple[int, Array] | None = None
         self._forces: dict[str, tuple[int, Array]] = {}
         self._vocabulary = make_vocabulary(settings, model)
-        self._watch = Watch(session, settings)
-        self._heard: Heard | None = None
-        self._spoke = -np.inf
-        self._standing = Standing(robot)
+        self._listener = StatusListener(session, settings)
+        self._status: RobotStatus | None = None
+        self._status_at = -np.inf
+        self._base_on_contacts = BaseOnContacts(robot)
 
-    def moment(self) -> Moment:
-        """The newest moment."""
+    def snapshot(self) -> Snapshot:
+        """Return the newest snapshot."""
         model = self._robot.model
-        self._joints.look()
-        self._base.look()
+        self._joints.update()
+        self._base.update()
         joints: JointStates = self._joints.newest or JointStates(stamp=0, position=model.posture)
         base: BaseState | None = self._base.newest if model.floating_base else None
         velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)  # 0 if not measured
         q, v = model.state(joints.position, velocity, *((base.pose, base.twist) if base is not None else ()))
         if model.floating_base and base is None:
-            q = self._standing.on_contacts(q)
+            q = self._base_on_contacts.place(q)
         mode = self._session.mode()
-        return Moment(
+        return Snapshot(
             stamp=joints.stamp,
             age=self._joints.age(),
             q=q,
@@ -77,18 +70,18 @@ class Listener:
             torques=self._torques(joints.stamp),
             forces=self._contact_forces(joints.stamp) if mode.startswith("active") else {},
             references=self._references() if mode.startswith(FOLLOWING) else None,
-            heard=self._heard,
-            silence=time.monotonic() - self._spoke,
+            status=self._status,
+            silence=time.monotonic() - self._status_at,
             base_measured=base is not None or not model.floating_base,
         )
 
-    def look(self) -> list[str]:
-        """Read what the nodes say of themselves, which is slower; gives sentences of refusals since the last look."""
+    def read_status(self) -> list[str]:
+        """Read the nodes' statuses, which is slower; return the refusals since the last call."""
         refused = []
-        for status in self._watch.look():
-            self._spoke = time.monotonic()
+        for status in self._listener.take():
+            self._status_at = time.monotonic()
             refused += [value.value for value in status.values if value.key.startswith("refused/")]
-        self._heard = self._watch.heard()
+        self._status = self._listener.newest()
         return refused
 
     def _torques(self, stamp: int) -> Array | None:
@@ -111,11 +104,11 @@ class Listener:
         return {name: force for name, (time, force) in self._forces.items() if _fresh(time, stamp)}
 
     def _references(self) -> References | None:
-        """What is wanted, as far as it is known."""
-        if self._heard is None:
+        """Return the references of the tasks that are known."""
+        if self._status is None:
             return None
-        values, tasks = self._heard.values, {}
-        for name, (_, content) in self._heard.tasks.items():
+        values, tasks = self._status.values, {}
+        for name, (_, content) in self._status.tasks.items():
             position = self._position(name, content)
             if position is not None:
                 still = np.zeros(0)
@@ -129,29 +122,29 @@ class Listener:
         try:
             (change,) = READERS["setpoint"](self._vocabulary, task, content)
         except (InputRefused, ValueError):
-            return None  # of a task that this configuration has otherwise
+            return None  # the running controller has another task of this name
         return np.asarray(change.position)  # type: ignore[union-attr]
 
 
 class _Stream:
-    """The newest state of a stream, and when it came."""
+    """The newest state of a stream, and its arrival time."""
 
     def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
         self._poll, self._reader = poll, reader
         self.newest: Any = None  # the record of the reader
-        self._came = -np.inf
+        self._arrival = -np.inf
 
-    def look(self) -> None:
+    def update(self) -> None:
         payload = self._poll()
         if payload is not None:
             try:
                 self.newest = self._reader.read(payload)
             except InputRefused:
-                return  # the controller refuses it too, and says so on its diagnostics
-            self._came = time.monotonic()
+                return  # the controller refuses it too, and reports it on its diagnostics
+            self._arrival = time.monotonic()
 
     def age(self) -> float:
-        return time.monotonic() - self._came
+        return time.monotonic() - self._arrival
 
 
 def _fresh(stamp: int, now: int) -> bool:

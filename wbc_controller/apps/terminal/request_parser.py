@@ -1,4 +1,4 @@
-"""What a user may say to the nodes of a robot, as messages on their topics."""
+"""Parser of the requests of `wbc send`: words become one message on one topic of a node."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.apps.terminal.quantities import (
+from wbc_controller.apps.terminal.quantity_parser import (
+    ANGLE,
     FORCE,
     LEANS,
     LENGTH,
@@ -27,9 +28,9 @@ from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
-#: Gives the newest message of a topic, by its node, row and subject, and waits for the first one.
+#: Returns the newest message of a topic, by its node, row and subject; waits for the first one.
 Hear = Callable[[str, str, str], Any]
-#: First words of a sentence that are no task's name, with what follows them.
+#: First words of requests that do not begin with a task's name, with the form of the rest.
 FORMS = {
     **dict.fromkeys(REQUESTS, ""),
     "release": "",
@@ -52,83 +53,78 @@ class Request:
     Attributes:
         node: ``controller`` or ``mock``.
         key: row of the node's table of topics.
-        subject: the task or contact that it is about; empty for the others.
-        said: what it asks for, as a sentence without its full stop.
-        make: makes the message, from what the nodes say.
-        frame: frame of the robot that it names, which the node itself would not answer for; empty for none.
+        subject: its task or contact; empty for the others.
+        summary: the effect in words, without a full stop.
+        make: makes the message; it may ask for messages of the nodes.
+        frame: frame of the robot whose name the sender has to check, since the mock robot only logs an error; or empty.
     """
 
     node: str
     key: str
     subject: str
-    said: str
+    summary: str
     make: Callable[[Hear], Any]
     frame: str = ""
 
 
-def read_sentence(words: Sequence[str], settings: Settings) -> Request:
-    """Read a sentence.
-
-    Args:
-        words: such as ``["com", "+0.02", "forward"]``.
-        settings: of the robot: they name its tasks and contacts.
+def parse_request(words: Sequence[str], settings: Settings) -> Request:
+    """Parse a request such as ``["com", "+0.02", "forward"]``; the settings name the tasks and contacts.
 
     Raises:
-        InputRefused: where it is none, with the valid ones.
+        InputRefused: if the words have no valid form, with the valid ones.
     """
     first, rest = (words[0], list(words[1:])) if words else ("", [])
     if first in settings.tasks:
         return _setpoint(first, rest, settings)
     if first not in FORMS:
-        raise InputRefused(f"{first!r} says nothing; {valid_choices(first, [*FORMS, *settings.tasks])}")
-    form = FORMS[first]
+        raise InputRefused(f"unknown command {first!r}; {valid_choices(first, [*FORMS, *settings.tasks])}")
+    form, text = FORMS[first], " ".join(rest)
     if not form and rest:
-        raise InputRefused(f"{first!r} stands alone, without {' '.join(rest)!r}")
+        raise InputRefused(f"{first!r} takes no arguments, got {text!r}")
     if first in REQUESTS:
-        return Request("controller", "command", "", first, _says(first))
+        return Request("controller", "command", "", first, _string(first))
     if first in ("release", "hold"):
-        said = "the hoist lets go of the robot" if first == "release" else "the hoist holds the robot where it began"
-        return Request("mock", "hold", "", said, _is(first == "hold"))
+        summary = "the hoist lets go of the robot" if first == "release" else "the hoist holds the robot at its start"
+        return Request("mock", "hold", "", summary, _bool(first == "hold"))
     if first == "push":
         return _push(rest, settings)
     if first in ("update", "fault"):
         if not rest:
             raise InputRefused(f"{first} takes YAML, see docs/{'topics' if first == 'update' else 'faults'}.md")
-        text = " ".join(rest)
-        return Request("controller" if first == "update" else "mock", first, "", f"{first} {text}", _says(text))
+        return Request("controller" if first == "update" else "mock", first, "", f"{first} {text}", _string(text))
     if first == "record":
-        name = "-".join(rest)
-        return Request("controller", "record", "", "the last seconds are written to a file", _says(name))
+        return Request("controller", "record", "", "the last seconds are written to a file", _string("-".join(rest)))
     if len(rest) != 2:
-        raise InputRefused(f"{first} is followed by {form}, not by {' '.join(rest)!r}")
-    name = _one_of(rest[0], settings.tasks if first in ("task", "weight") else settings.contacts, first)
+        raise InputRefused(f"{first} takes {form}, got {text!r}")
+    kind, known = ("task", settings.tasks) if first in ("task", "weight") else ("contact", settings.contacts)
+    name = _one_of(rest[0], known, kind)
     if first == "weight":
         value = number(rest[1], "a weight")
-        said = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
-        content = message("std_msgs/msg/Float64", data=value)
-        return Request("controller", "weight", name, said, lambda hear: content)
-    on = _one_of(rest[1], ("on", "off"), f"{first} {name}") == "on"
+        summary = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
+        return Request("controller", "weight", name, summary, _constant("std_msgs/msg/Float64", data=value))
+    on = _one_of(rest[1], ("on", "off"), "value") == "on"
     if first == "grip":
-        return Request("mock", "grip", name, f"{'grips' if on else 'lets go of'} {name}", _is(on))
-    key, duration = (
-        ("task_enable", settings.control.weight_ramp)
-        if first == "task"
-        else ("contact_enable", settings.contacts[name].ramp)
-    )
-    return Request("controller", key, name, f"{first} {name} goes {rest[1]} in {duration:g} s", _is(on))
+        return Request("mock", "grip", name, f"{'grips' if on else 'lets go of'} {name}", _bool(on))
+    ramp = settings.control.weight_ramp if first == "task" else settings.contacts[name].ramp
+    return Request("controller", f"{first}_enable", name, f"{first} {name} goes {rest[1]} in {ramp:g} s", _bool(on))
 
 
-def _says(text: str) -> Callable[[Hear], Any]:
-    return lambda hear: message("std_msgs/msg/String", data=text)
+def _constant(type_name: str, **fields: Any) -> Callable[[Hear], Any]:
+    """Make a message that depends on no other message."""
+    return lambda hear: message(type_name, **fields)
 
 
-def _is(value: bool) -> Callable[[Hear], Any]:
-    return lambda hear: message("std_msgs/msg/Bool", data=value)
+def _string(text: str) -> Callable[[Hear], Any]:
+    return _constant("std_msgs/msg/String", data=text)
 
 
-def _one_of(word: str, choices: Any, what: str) -> str:
+def _bool(value: bool) -> Callable[[Hear], Any]:
+    return _constant("std_msgs/msg/Bool", data=value)
+
+
+def _one_of(word: str, choices: Any, kind: str) -> str:
     if word not in choices:
-        raise InputRefused(f"{what}: {word!r} is none; {valid_choices(word, choices)}")
+        raise InputRefused(f"unknown {kind} {word!r}; {valid_choices(word, choices)}")
     return word
 
 
@@ -140,12 +136,12 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
     oriented = type_name == "geometry_msgs/msg/PoseStamped"
     make = partial(setpoint_message, type_name, kind)
 
-    def request(said: str, content: Callable[[Hear], Any]) -> Request:
+    def request(summary: str, content: Callable[[Hear], Any]) -> Request:
         when = f"in {duration:g} s" if duration > 0.0 else "at once"
-        return Request("controller", "setpoint", task, f"{task} {said}, {when}", content)
+        return Request("controller", "setpoint", task, f"{task} {summary}, {when}", content)
 
-    def at(said: str, position: Array, frame: str) -> Request:
-        return request(said, lambda hear: make(position, frame=frame))
+    def at(summary: str, position: Array, frame: str) -> Request:
+        return request(summary, lambda hear: make(position, frame=frame))
 
     if kind in JOINT_FIELDS:
         return request(*_joints(task, words, JOINT_FIELDS[kind]))
@@ -174,25 +170,25 @@ def _absolute(
     if len(words) > 1 and words[-2] == "in":
         frame, words = words[-1], words[:-2]
     values = np.array([number(word, task) for word in words])
-    said = f"goes to {' '.join(words)} in {frame}"
+    summary = f"goes to {' '.join(words)} in {frame}"
     if not oriented or len(values) in (4, 7):
-        return said, lambda hear: make(values, frame=frame)
+        return summary, lambda hear: make(values, frame=frame)
     if len(values) != 3 or frame != home:
-        raise InputRefused(f"{task} goes to x y z, or with a quaternion to x y z x y z w, not to {' '.join(words)!r}")
+        raise InputRefused(f"{task} goes to x y z, or with a quaternion to x y z x y z w, got {' '.join(words)!r}")
 
     def keep_orientation(hear: Hear) -> Any:
         turned = hear("controller", "task_reference", task).pose.orientation
         return make(np.array([*values, turned.x, turned.y, turned.z, turned.w]), frame=frame)
 
-    return said, keep_orientation
+    return summary, keep_orientation
 
 
 def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Hear], Any]]:
     """Read ``JOINT by 0.1`` or ``JOINT to 0.6``, or several of the same kind."""
     hows = set(words[1::3])
     if not words or len(words) % 3 or len(hows) != 1 or not hows <= {"by", "to"}:
-        raise InputRefused(f"{task} takes JOINT by NUMBER, or JOINT to NUMBER, one or several, not {' '.join(words)!r}")
-    units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else {"": 1.0, "rad": 1.0, "deg": np.pi / 180.0}
+        raise InputRefused(f"{task} takes JOINT by NUMBER, or JOINT to NUMBER, one or several, got {' '.join(words)!r}")
+    units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else ANGLE
     names, values = words[::3], np.array([number(word, task, units) for word in words[2::3]])
 
     def joints(names: Sequence[str], values: Array, frame: str) -> Any:
@@ -206,7 +202,7 @@ def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Hea
         before = hear("controller", "task_reference", task)
         known = dict(zip(before.name, getattr(before, field), strict=True))
         for name in names:
-            _one_of(name, known, task)
+            _one_of(name, known, "joint")
         known |= dict(zip(names, values, strict=True))
         return joints(list(known), np.array(list(known.values())), "")
 
@@ -235,8 +231,8 @@ def _push(words: list[str], settings: Settings) -> Request:
     def content(hear: Hear) -> Any:
         return wrench_stamped(np.array([*_heading(hear, floating and by_heading) @ force, 0.0, 0.0, 0.0]), frame)
 
-    said = f"a push of {' '.join(words)} (N) for {lasts:g} s at {frame or 'the base'}"
-    return Request("mock", "push", "", said, content, frame)
+    summary = f"a push of {' '.join(words)} (N) for {lasts:g} s at {frame or 'the base'}"
+    return Request("mock", "push", "", summary, content, frame)
 
 
 def _heading(hear: Hear, turned: bool) -> Array:
@@ -244,7 +240,7 @@ def _heading(hear: Hear, turned: bool) -> Array:
     if not turned:
         return np.eye(3)
     odometry = hear("mock", "odom", "")
-    # What reads messages brings the whole controller with it, for which `wbc --help` and completion would wait.
+    # The decoders import the whole controller, for which shell completion would have to wait.
     from wbc_controller.middleware.codec import encode
     from wbc_controller.middleware.states import OdometryReader
 

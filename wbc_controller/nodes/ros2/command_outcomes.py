@@ -1,4 +1,4 @@
-"""Outcomes of commands that arrive by services."""
+"""Outcomes of the commands that arrive by services, found in the reports of the cycles."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
 #: Service that has the recorder write the last seconds.
 RECORD = "record"
 
-#: Cycles within which a command is taken, unless the requests are so many that it was turned away.
+#: Number of cycles after which a command counts as dropped by a full queue of requests.
 _LONGEST_WAIT = 1000
 
 
-class Answers:
-    """Determines the outcome of a command that a service has put into the command mailbox."""
+class CommandOutcomes:
+    """Reports the outcome of each command that a service has sent to the loop."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -60,7 +60,7 @@ class _Waiting:
         self._cycles = 0
 
     def observe(self, report: CycleReport) -> bool:
-        """Process the report of a cycle; returns whether the command is answered."""
+        """Process the report of a cycle; return True if the command is answered."""
         self._cycles += 1
         if (
             self._word not in report.inputs.requests.commands
@@ -73,9 +73,9 @@ class _Waiting:
         if refusals:
             self.answer(False, refusals[-1])
             return True
-        said = report.mode.value
+        state = report.mode.value
         if report.fault is not None:
-            said += f" {report.fault.code}: {report.fault.sentence}"
+            state += f" {report.fault.code}: {report.fault.sentence}"
         expected = next(modes for word, modes in SERVICES.values() if word == self._word)
-        self.answer(not expected or report.mode in expected, said)
+        self.answer(not expected or report.mode in expected, state)
         return True

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from wbc_controller.apps.terminal.sentences import read_sentence
+from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import header, message
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -17,7 +17,7 @@ HALF = np.sqrt(0.5)
 
 
 def read(text, settings=G1):
-    return read_sentence(text.split(), settings)
+    return parse_request(text.split(), settings)
 
 
 def nothing_is_asked(*place):
@@ -108,7 +108,7 @@ def test_joints_by_and_to():
     content = made("posture b to 0.6", lambda *place: before)
     assert (content.header.frame_id, content.name) == ("", ["a", "b"])
     np.testing.assert_array_equal(content.position, [1.0, 0.6])
-    with pytest.raises(InputRefused, match="posture: 'c' is none"):
+    with pytest.raises(InputRefused, match="unknown joint 'c'"):
         made("posture c to 0.6", lambda *place: before)
 
 
@@ -125,18 +125,18 @@ def test_a_push_goes_where_the_robot_looks(make):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("actvate", "'actvate' says nothing; did you mean 'activate'? Valid: "),
-        ("activate now", "'activate' stands alone, without 'now'"),
+        ("actvate", "unknown command 'actvate'; did you mean 'activate'? Valid: "),
+        ("activate now", "'activate' takes no arguments, got 'now'"),
         ("contact left_fot off", "did you mean 'left_foot'?"),
-        ("contact left_foot of", "contact left_foot: 'of' is none; did you mean 'off'? Valid: off, on"),
-        ("task left_hand", "task is followed by TASK on|off, not by 'left_hand'"),
-        ("weight com heavy", "a weight is a number, not 'heavy'"),
-        ("com 0.02", "com takes pairs of a number and a direction, such as 0.02 forward, not '0.02'"),
-        ("com 0.02 forwards", "com: 'forwards' is no direction; did you mean 'forward'?"),
+        ("contact left_foot of", "unknown value 'of'; did you mean 'off'? Valid: off, on"),
+        ("task left_hand", "task takes TASK on|off, got 'left_hand'"),
+        ("weight com heavy", "a weight is a number, got 'heavy'"),
+        ("com 0.02", "com takes pairs of a number and a direction, such as 0.02 forward, got '0.02'"),
+        ("com 0.02 forwards", "com: unknown direction 'forwards'; did you mean 'forward'?"),
         ("com 2in forward", "com is '2in': unknown unit"),
         ("com 0.02 forward 0.01 x", "mixes the robot's directions with the world's axes"),
         ("torso 0.02 forward", "torso is a frame_orientation task: it takes turn 10deg left"),
-        ("torso turn 10deg up", "torso turn: 'up' is no direction; Valid: left, right"),
+        ("torso turn 10deg up", "torso turn: unknown direction 'up'; Valid: left, right"),
         ("posture left_knee_joint 0.1", "posture takes JOINT by NUMBER, or JOINT to NUMBER"),
         ("push 60 forward for 0.3", "180 N for 0.1 s are the same impulse"),
         ("update", "update takes YAML"),

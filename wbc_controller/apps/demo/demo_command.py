@@ -1,0 +1,28 @@
+"""The command `wbc demo`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import get_args
+
+import click
+
+from wbc_controller.apps.terminal.shell_completion import complete_config
+from wbc_controller.settings.service import SensorQuality
+
+
+@click.command()
+@click.argument("robot", default="g1", shell_complete=complete_config)
+@click.option("--report", "folder", type=click.Path(path_type=Path), default=Path("report"), show_default=True,
+              help="Folder for the report.")  # fmt: skip
+@click.option("--lockstep", is_flag=True, help="One process, no real time: the run is the same every time.")
+@click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
+@click.option("--sensors", type=click.Choice(get_args(SensorQuality)),
+              help="Run without odometry: the base is estimated, from sensors of this quality.")  # fmt: skip
+def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
+    """Show the controller at work on a mock robot, commanded by topics; ROBOT is as CONFIG elsewhere."""
+    from wbc_controller.apps.demo.run import run_demo
+
+    done = run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor, sensors=sensors)
+    sys.exit(0 if done else 1)

@@ -1,0 +1,135 @@
+"""Serves the page of a running robot from its topics, or of a recording, until it is stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import click
+
+from wbc_controller.apps.page.meshes import build_meshes
+from wbc_controller.apps.page.page import Page, SnapshotSource
+from wbc_controller.apps.page.playback import Playback, TimeLine
+from wbc_controller.apps.page.request_sender import RequestSender
+from wbc_controller.apps.page.server import Gate, address, open_server
+from wbc_controller.apps.page.snapshot import Robot
+from wbc_controller.apps.page.topic_source import TopicSource
+from wbc_controller.apps.terminal.session import Session
+from wbc_controller.errors import TransportError
+from wbc_controller.middleware.topics import MOCK_NODE
+from wbc_controller.recording.reading import Recorded
+from wbc_controller.settings import Settings
+
+#: Name of the page's own node.
+_NODE = "wbc_page"
+#: Topics on which the page sends: node, and row of its table.
+_REQUESTS = {
+    *(("controller", key) for key in ("command", "update", "setpoint", "weight", "task_enable", "contact_enable")),
+    *(("mock", key) for key in ("hold", "push", "fault")),
+}
+#: Period of the check of the joint states' publisher, s of wall time.
+_PERIOD = 1.0
+
+
+def serve(
+    settings: Settings,
+    stop: threading.Event,
+    *,
+    host: str,
+    port: int,
+    namespace: str = "/",
+    remappings: Mapping[str, str] | None = None,
+    commands: bool = False,
+    ready: Callable[[str], None] = lambda address: None,
+) -> None:
+    """Serve the page until the event is set.
+
+    Args:
+        settings: settings of the robot.
+        stop: event that ends it.
+        host: address to listen on.
+        port: port to listen on, or the next free one.
+        namespace: namespace of the robot's nodes.
+        remappings: remappings of their topics.
+        commands: True if the page may command.
+        ready: called with the page's address when it can be opened.
+
+    Raises:
+        ConfigurationError: if the robot cannot be drawn, or this computer does not have the address.
+        NoAnswer: if the configuration names no URDF, and none is published.
+    """
+    _yield_processors()
+    with contextlib.ExitStack() as closing:
+        session = closing.enter_context(Session(settings, namespace=namespace, remappings=remappings, node=_NODE))
+        urdf = None if settings.robot.urdf else str(session.hear("mock", "robot_description").data)
+        robot = Robot(settings, urdf)
+        page, found = closing.enter_context(_page(robot, TopicSource(session, robot), host, port, commands=commands))
+        if commands:
+            sender = RequestSender(settings, session.send, page.report)
+            for place in session.topics:
+                if place[:2] in _REQUESTS:
+                    session.open(*place)  # now, so that the first request does not wait for the topic's discovery
+            page.command(sender, _MockWatch(session))
+            sender.start()
+            closing.callback(sender.close)
+        page.view_options()
+        click.echo(f"page: {found}" + ("" if commands else "  (it watches; --command lets it command)"))
+        ready(found)
+        page.run(stop)
+
+
+def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) -> None:
+    """Serve the page of a recording until the event is set; arguments and errors as for `serve`."""
+    recorded = Recorded(path)
+    robot = Robot(recorded.config.settings, recorded.config.urdf)
+    click.echo(f"{path}: {recorded.count} cycles of {recorded.about['robot']}")
+    playback = Playback(recorded, robot)
+    with _page(robot, playback, host, port) as (page, found):
+        page.play(TimeLine(page.server, playback))
+        page.view_options()
+        click.echo(f"page: {found}")
+        page.run(stop)
+
+
+@contextlib.contextmanager
+def _page(
+    robot: Robot, source: SnapshotSource, host: str, port: int, *, commands: bool = False
+) -> Iterator[tuple[Page, str]]:
+    """Open a page on a server of its own; yields it with its address."""
+    meshes, gate = build_meshes(robot.model), Gate(host)
+    server = open_server(host, port, gate, commands=commands)
+    try:
+        yield Page(server, robot, meshes, source), address(gate, host)
+    finally:
+        server.stop()
+
+
+def _yield_processors() -> None:
+    """Leave the processors to other threads such as the control loop: this thread waits for a free one, or a tick.
+
+    It holds for this thread and all that it starts from now on. Only Linux has such a scheduling class.
+    """
+    if hasattr(os, "SCHED_BATCH"):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
+class _MockWatch:
+    """True if the robot is a mock robot: its node publishes the joint states."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._due, self._is_mock = session, 0.0, False
+
+    def __call__(self) -> bool:
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + _PERIOD
+            try:
+                names = self._session.publishers(self._session.topics["mock", "joint_states", ""])
+            except TransportError:  # the page is closing
+                return self._is_mock
+            self._is_mock = any(name.rpartition("/")[2] == MOCK_NODE for name in names)
+        return self._is_mock

@@ -1,0 +1,93 @@
+"""The plain nodes: the executables `mock_robot`, `guard` and `base_estimator`, each a service on a node."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from rclpy.node import Node
+
+from wbc_controller.errors import WbcError
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, MOCK_NODE
+from wbc_controller.middleware.transports.ros2 import Ros2Transport
+from wbc_controller.nodes.ros2.node_parameters import declare, values
+from wbc_controller.nodes.ros2.parameters import own_values, settings_from
+from wbc_controller.nodes.ros2.process import logging_to, spinning
+
+_log = logging.getLogger(__name__)
+
+#: Own parameters of the mock robot's node: default and description.
+_MOCK_PARAMETERS: Mapping[str, tuple[Any, str]] = {
+    "real_time_factor": (1.0, "Simulated seconds per second."),
+    "lockstep": (False, "Wait for the controller's answer to each state."),
+    "patient": (False, "Let simulated time wait for a controller that is late and uses use_sim_time."),
+}
+
+
+def serve_mock(executor: Any, stop: threading.Event) -> int:
+    """Run the mock robot until the event is set, and return the exit status."""
+    from wbc_controller.simulation.mock_service import run_mock
+
+    begins = "the robot of {source}, held: let it go with false on {node}/hold"
+    return _serve(executor, stop, MOCK_NODE, begins, run_mock, _MOCK_PARAMETERS)
+
+
+def serve_guard(executor: Any, stop: threading.Event) -> int:
+    """Run the guard until the event is set, and return the exit status."""
+    from wbc_controller.nodes.guard_service import NODE_NAME, run_guard
+
+    return _serve(executor, stop, NODE_NAME, "guarding the robot of {source}", run_guard)
+
+
+def serve_estimator(executor: Any, stop: threading.Event) -> int:
+    """Run the base estimator until the event is set, and return the exit status."""
+    from wbc_controller.nodes.estimator_service import run_estimator
+
+    return _serve(executor, stop, ESTIMATOR_NODE, "estimating the base of the robot of {source}", run_estimator)
+
+
+def _serve(
+    executor: Any,
+    stop: threading.Event,
+    name: str,
+    begins: str,
+    service: Callable[..., None],
+    parameters: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
+) -> int:
+    """Run a service on a node of its own until the event is set, and return the exit status.
+
+    Args:
+        executor: spins the node.
+        stop: ends the run; set if the executor fails.
+        name: name of the node.
+        begins: text for the log at the start, with ``{source}`` for the source of the settings and ``{node}`` for the
+            full name of the node.
+        service: called with the settings, a transport, `stop`, the namespace and the values of `parameters`.
+        parameters: the node's own parameters, defaults and descriptions by name.
+    """
+    node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
+    own, full_name = declare(node, parameters), node.get_fully_qualified_name()
+    transport = Ros2Transport(node)
+    status: list[int] = []
+
+    def leave(code: int) -> None:
+        status.append(code)
+        stop.set()
+
+    with logging_to(node), spinning(executor, node, leave):
+        try:
+            found = values(node)
+            chosen = own_values(found, {key: default for key, (default, _) in parameters.items()}, full_name)
+            settings, source = settings_from(found, full_name, sys.argv, own)
+            _log.info("%s", begins.format(source=source, node=full_name))
+            service(settings, transport, stop, namespace=node.get_namespace(), **chosen)
+        except WbcError as error:
+            _log.error("%s", error)
+            status.append(2)
+    transport.close()
+    node.destroy_node()
+    return status[0] if status else 0
