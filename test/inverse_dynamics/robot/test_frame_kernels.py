@@ -212,7 +212,7 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     )  # fmt: skip
     rows = kernel.FrameRows(
         instructions=instruction, places=np.arange(3), numbers=numbers, motion=motion, out=np.empty((3, 2)),
-        minus_target=np.zeros(2),
+        target=np.zeros(2),
     )  # fmt: skip
     kernel.fill_rows(rows, np.zeros(1), np.zeros(1), error)
     np.testing.assert_allclose(error, angle * axis, atol=1e-9 if angle < 3.1 else 1e-7)
