@@ -12,10 +12,10 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     add,
     cross,
     put,
-    put_motion,
     rotate,
     subtract,
     three,
+    three_of,
     to_world,
 )
 
@@ -27,8 +27,8 @@ class LinkMotion(Struct):
         joints: placements of the links in the world, (n, 12); the first link is the world.
         local_twists: twists of the links in their own axes, (n, 6).
         local_accelerations: spatial accelerations at v̇ = 0 minus gravity, in the links' own axes, (n, 6).
+        wrenches: F and N that move each link and all links behind it at v̇ = 0, minus gravity, in its own axes, (n, 6).
         roots: the first links of the trees, (r,).
-        root_wrenches: F and N that move each tree at v̇ = 0 and g = 0, in the axes of its first link, (r, 6).
         gravity: g, (3,) in m/s².
         mass: of all links, kg.
         com: centre of mass c, (3,) in m.
@@ -45,8 +45,8 @@ class LinkMotion(Struct):
     joints: Matrix
     local_twists: Matrix
     local_accelerations: Matrix
+    wrenches: Matrix
     roots: Indices
-    root_wrenches: Matrix
     gravity: Vector
     mass: float
     com: Vector
@@ -65,7 +65,7 @@ def _momentum_rate(motion: LinkMotion) -> None:
     """Write the rate of the momentum about the centre of mass c at v̇ = 0: Σ F + m g, and Σ N + (p - c) × F."""
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(len(motion.roots)):
-        frame, wrench = motion.joints[motion.roots[i]], motion.root_wrenches[i]
+        frame, wrench = motion.joints[motion.roots[i]], motion.wrenches[motion.roots[i]]
         F, N = rotate(frame, three(wrench, 0)), rotate(frame, three(wrench, 3))
         force = add(force, F)
         moment = add(add(moment, N), cross(subtract(three(frame, 9), three(motion.com, 0)), F))
@@ -80,17 +80,22 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     if len(velocity) != len(motion.joint_twists):
         raise ValueError("link_terms: the velocity has another size than the model")
     joints, links, gravity = motion.joints, motion.links, three(motion.gravity, 0)
+    twists, accelerations = motion.local_twists, motion.local_accelerations
     for i in range(1, len(joints)):
-        put_motion(links[i, :6], to_world(joints[i], motion.local_twists[i]))
-        linear, angular = to_world(joints[i], motion.local_accelerations[i])
-        put_motion(links[i, 6:], (add(linear, gravity), angular))
+        frame, link = joints[i], links[i]
+        linear, angular = to_world(frame, three_of(twists, i, 0), three_of(twists, i, 3))
+        put(link, 0, linear)
+        put(link, 3, angular)
+        linear, angular = to_world(frame, three_of(accelerations, i, 0), three_of(accelerations, i, 3))
+        put(link, 6, add(linear, gravity))
+        put(link, 9, angular)
     _momentum_rate(motion)
-    per_mass, com_velocity = motion.per_mass, motion.com_velocity
+    per_mass, com_velocity, centroidal, mass = motion.per_mass, motion.com_velocity, motion.centroidal, motion.mass
     for k in range(3):
         com_velocity[k] = 0.0
         motion.com_drift[k] = motion.drift[k] / motion.mass
     for j in range(len(velocity)):
         for k in range(6):
-            per_mass[j, k] = motion.centroidal[j, k] / motion.mass
+            per_mass[j, k] = centroidal[j, k] / mass
         for k in range(3):
             com_velocity[k] += per_mass[j, k] * velocity[j]
