@@ -89,9 +89,11 @@ def compiled(function: _Function) -> _Function:
     if numba.config.DISABLE_JIT:
         return function
     hints = get_type_hints(function)
-    dispatcher: _Function = _compile(
-        function, [_numba_type(hints[name]) for name in inspect.signature(function).parameters]
-    )
+    arguments = [hints[name] for name in inspect.signature(function).parameters]
+    for argument in arguments:
+        if isinstance(argument, type) and issubclass(argument, Struct):
+            argument._allocator()
+    dispatcher: _Function = _compile(function, [_numba_type(argument) for argument in arguments])
     return dispatcher
 
 
@@ -189,43 +191,46 @@ def describe(array: Any) -> str:
 
 def _compile(function: Any, signature: list[Any]) -> Any:
     """Compile a function for one signature, or load its code from the cache; log a warning if that takes long."""
-    started, former = time.monotonic(), numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_cache_folder())
+    started, former, folder = time.monotonic(), numba.config.CACHE_DIR, _cache_folder()
+    numba.config.CACHE_DIR = str(folder or "")
     try:
-        dispatcher = numba.njit(tuple(signature), cache=True, error_model="numpy")(function)
+        dispatcher = numba.njit(tuple(signature), cache=folder is not None, error_model="numpy")(function)
     finally:
         numba.config.CACHE_DIR = former
-    if sum(dispatcher.stats.cache_misses.values()):
-        _report(function.__name__, time.monotonic() - started)
+    if folder is None or sum(dispatcher.stats.cache_misses.values()):
+        _announce()
+        _log.info("compiled %s in %.1f s", function.__name__, time.monotonic() - started)
     return dispatcher
 
 
 @cache
-def _cache_folder() -> Path:
-    """Return the folder of the compiled code, whose name depends on the sources of all kernels.
+def _cache_folder() -> Path | None:
+    """Return the folder of the compiled code, named by the sources of all kernels; None if none is writable.
 
     Numba compares only the file of a function with its cached code, which also contains functions of other files.
     """
     sources = sorted([Path(__file__), *_PACKAGE.rglob("*_kernels.py")])
     name = f"kernels-{sha256(b''.join(path.read_bytes() for path in sources)).hexdigest()[:12]}"
     name += "-boundscheck" * bool(numba.config.BOUNDSCHECK)
-    if numba.config.CACHE_DIR:
-        return Path(numba.config.CACHE_DIR) / name
-    beside = _PACKAGE / "__pycache__"
+    given = numba.config.CACHE_DIR
+    candidates = [Path(given)] if given else [_PACKAGE / "__pycache__", Path.home() / ".cache" / "wbc_controller"]
+    for folder in candidates:
+        if _is_writable(folder):
+            return folder / name
+    _log.warning("kernels are compiled at every start: %s is not writable; set NUMBA_CACHE_DIR", candidates[-1])
+    return None
+
+
+def _is_writable(folder: Path) -> bool:
+    """Make a folder, and return True if files can be written into it."""
     try:
-        beside.mkdir(exist_ok=True)
-        writable = os.access(beside, os.W_OK)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        writable = False
-    return (beside if writable else Path.home() / ".cache" / "wbc_controller") / name
+        return False
+    return os.access(folder, os.W_OK)
 
 
 @cache
 def _announce() -> None:
     """Log once that the kernels are compiled."""
     _log.warning("the kernels are compiled for this processor, once: about half a minute")
-
-
-def _report(name: str, seconds: float) -> None:
-    _announce()
-    _log.info("compiled %s in %.1f s", name, seconds)

@@ -182,5 +182,8 @@ def compare(
             found |= JOINTS_REPEAT
     if len(memory.base_q) and _repeats_in_motion(memory, q, v, memory.base_q, memory.base_v):
         found |= BASE_REPEATS
-    memory.before[:], memory.v_before[:] = q, v
+    for i in range(len(q)):
+        memory.before[i] = q[i]
+    for i in range(len(v)):
+        memory.v_before[i] = v[i]
     return found

@@ -132,7 +132,13 @@ class JointMotionLimit(Tunable):
             period: time for which an acceleration is held, s.
             lower: array of the lower bounds, by index in v, in rad/s².
             upper: array of the upper bounds, likewise.
+
+        Raises:
+            ValueError: if the indices have another size than the limits.
         """
+        sizes = {len(v_index), self._limits.shape[1] or len(q_index), len(self._fastest) or len(q_index)}
+        if sizes != {len(q_index)}:
+            raise ValueError(f"{len(q_index)} joints, but their indices in v and their limits are {sorted(sizes)}")
         return JointMotion(
             q_index=q_index,
             v_index=v_index,

@@ -1,0 +1,231 @@
+"""Compilation of kernels: types from annotations, structs that share memory with arrays, and the cache on disk."""
+
+import ast
+import importlib.util
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from wbc_controller import compilation
+from wbc_controller.compilation import Struct
+
+SOURCE = '''
+from wbc_controller.compilation import OutVector, StridedVector, Struct, Vector, compiled
+
+class Scaled(Struct):
+    values: Vector
+    factor: float
+    out: OutVector
+
+@compiled
+def total(values: Vector, factor: float) -> float:
+    found = 0.0
+    for i in range(len(values)):
+        found += factor * values[i]
+    return found
+
+@compiled
+def strided_total(values: StridedVector) -> float:
+    found = 0.0
+    for i in range(len(values)):
+        found += values[i]
+    return found
+
+@compiled
+def scale(scaled: Scaled) -> None:
+    for i in range(len(scaled.values)):
+        scaled.out[i] = scaled.factor * scaled.values[i]
+'''
+#: Tests of Numba's own type checks.
+compiled_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="NUMBA_DISABLE_JIT is set")
+
+
+def load(folder, source=SOURCE, name="kernels_of_a_test"):
+    file = folder / f"{name}.py"
+    file.write_text(source, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(name, file)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def kernels(tmp_path_factory):
+    return load(tmp_path_factory.mktemp("kernels"))
+
+
+def scaled(kernels, **changes):
+    fields = {"values": np.ones(3), "factor": 2.0, "out": np.zeros(3), **changes}
+    return kernels.Scaled(**{name: value for name, value in fields.items() if value is not None})
+
+
+def test_a_struct_shares_memory_with_its_arrays(kernels):
+    values, out = np.arange(3.0), np.zeros(3)
+    struct = scaled(kernels, values=values, out=out)
+    kernels.scale(struct)
+    assert out.tolist() == [0.0, 2.0, 4.0]
+    values += 1.0
+    kernels.scale(struct)
+    assert out.tolist() == [2.0, 4.0, 6.0]
+    assert struct.values is values
+
+
+def test_a_struct_keeps_its_arrays_alive(kernels):
+    struct = scaled(kernels, values=np.arange(1000.0), out=np.zeros(1000))
+    np.random.default_rng(0).normal(size=(200, 1000))  # memory that was freed would be written
+    kernels.scale(struct)
+    assert struct.out.tolist() == (2.0 * np.arange(1000.0)).tolist()
+
+
+def test_fields_cannot_be_set_again(kernels):
+    with pytest.raises(AttributeError, match=r"Scaled\.factor cannot be set again; make a new struct"):
+        scaled(kernels).factor = 3.0
+
+
+@pytest.mark.parametrize("changes", [{"out": None}, {"other": 1.0}])
+def test_missing_and_unknown_fields_are_refused(kernels, changes):
+    with pytest.raises(TypeError, match=r"Scaled takes the fields \['values', 'factor', 'out'\], got"):
+        scaled(kernels, **changes)
+
+
+def frozen(values):
+    values.setflags(write=False)
+    return values
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"values": np.ones(3, dtype=np.float32)}, "float32 of shape"),
+        ({"values": np.ones((3, 1))}, r"float64 of shape \(3, 1\)"),
+        ({"values": np.ones(6)[::2]}, ".*, not c_contiguous"),
+        ({"values": [1.0, 2.0]}, r"\[1.0, 2.0\]"),
+        ({"out": frozen(np.ones(3))}, ".*, not writeable"),
+    ],
+)
+def test_arrays_of_another_type_are_refused(kernels, changes, said):
+    (name,) = changes
+    with pytest.raises(TypeError, match=rf"Scaled\.{name} takes a contiguous .*float64 array of 1 axes, got {said}"):
+        scaled(kernels, **changes)
+
+
+def test_a_frozen_array_is_read(kernels):
+    assert kernels.total(frozen(np.ones(3)), 2) == 6.0
+
+
+def test_arrays_in_any_order_are_read_by_their_strides(kernels):
+    values = np.arange(12.0).reshape(3, 4)
+    for each in (values[1], values[:, 2], values[::-1, 0], values[0, :0], values.T[3]):
+        assert kernels.strided_total(each) == each.sum()
+
+
+@compiled_only
+@pytest.mark.parametrize(
+    "values", [np.ones(3, dtype=np.float32), np.ones(3).astype(">f8"), np.ones((2, 2)), np.ones(6)[::2], None]
+)
+def test_types_that_the_annotations_do_not_name_are_refused(kernels, values):
+    with pytest.raises((TypeError, ValueError)):
+        kernels.total(values, 2.0)
+
+
+@compiled_only
+def test_nothing_is_compiled_after_the_import(kernels):
+    before = [dict(kernel.overloads) for kernel in (kernels.total, kernels.scale)]
+    kernels.total(np.ones(3), 2)
+    kernels.scale(scaled(kernels))
+    assert [dict(kernel.overloads) for kernel in (kernels.total, kernels.scale)] == before
+
+
+@compiled_only
+def test_the_first_start_says_that_it_compiles_and_the_next_one_finds_it(tmp_path, caplog):
+    compilation._announce.cache_clear()
+    with caplog.at_level(logging.INFO):
+        load(tmp_path)
+        assert any(message.startswith("compiled total in") for message in caplog.messages)
+        assert sum("once: about half a minute" in message for message in caplog.messages) == 1
+        caplog.clear()
+        assert load(tmp_path).total(np.ones(3), 2.0) == 6.0
+    assert not caplog.messages
+
+
+@compiled_only
+def test_another_source_is_compiled_anew(tmp_path):
+    assert load(tmp_path).total(np.ones(3), 2.0) == 6.0
+    os.utime(tmp_path / "kernels_of_a_test.py", (0, 0))
+    assert load(tmp_path, SOURCE.replace("found = 0.0", "found = 1.25")).total(np.ones(3), 2.0) == 7.25
+
+
+def test_the_cache_folder_depends_on_the_sources_and_the_bounds_checks(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compilation, "_PACKAGE", tmp_path)
+    kernel, names = tmp_path / "some_kernels.py", set()
+    for content, checked in (("a", 0), ("b", 0), ("b", 1)):
+        kernel.write_text(content, encoding="utf-8")
+        monkeypatch.setattr(numba.config, "BOUNDSCHECK", checked)
+        folder = compilation._cache_folder.__wrapped__()
+        assert folder.parent == tmp_path
+        names.add(folder.name)
+    assert len(names) == 3
+
+
+def test_without_a_writable_folder_it_says_so(tmp_path, monkeypatch, caplog):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file"))
+    assert compilation._cache_folder.__wrapped__() is None
+    assert "compiled at every start" in caplog.text
+    assert "set NUMBA_CACHE_DIR" in caplog.text
+
+
+@compiled_only
+def test_without_a_writable_folder_functions_are_compiled_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr(compilation, "_cache_folder", lambda: None)
+    assert load(tmp_path, name="uncached").total(np.ones(3), 2.0) == 6.0
+
+
+def test_without_compilation_kernels_are_functions_and_structs_are_plain_objects(tmp_path):
+    """For breakpoints and coverage."""
+    (tmp_path / "kernels_of_a_test.py").write_text(SOURCE, encoding="utf-8")
+    script = """
+import types, numpy as np, kernels_of_a_test as k
+struct = k.Scaled(values=np.ones(2), factor=3.0, out=np.zeros(2))
+k.scale(struct)
+print(isinstance(k.scale, types.FunctionType), struct.out.tolist(), k.Scaled.__mro__[2].__name__)
+"""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(compilation.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split("\n")[0] == "True [3.0, 3.0] object"
+
+
+KERNELS = sorted(Path(compilation.__file__).parent.rglob("*_kernels.py"))
+
+
+@pytest.mark.parametrize("file", KERNELS, ids=lambda file: file.stem)
+def test_kernels_import_kernels_only(file):
+    """The cache depends on the files of kernels alone."""
+    imported = {
+        node.module
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+    }
+    ours = {module for module in imported if module.startswith("wbc_controller.")}
+    assert all(
+        module.endswith("_kernels") or module in ("wbc_controller.compilation", "wbc_controller.records")
+        for module in ours
+    )
+
+
+def test_structs_name_each_field_in_their_docstring():
+    structs = [struct for struct in Struct.__subclasses__() if struct.__module__.startswith("wbc_controller.")]
+    assert structs
+    for struct in structs:
+        lines = {line.strip().partition(":")[0] for line in struct.__doc__.splitlines()}
+        assert not struct._fields.keys() - lines, struct
