@@ -15,7 +15,7 @@ import pytest
 from wbc_controller import compilation
 from wbc_controller.compilation import Struct
 
-SOURCE = '''
+SOURCE = """
 from wbc_controller.compilation import OutVector, StridedVector, Struct, Vector, compiled
 
 class Scaled(Struct):
@@ -41,7 +41,7 @@ def strided_total(values: StridedVector) -> float:
 def scale(scaled: Scaled) -> None:
     for i in range(len(scaled.values)):
         scaled.out[i] = scaled.factor * scaled.values[i]
-'''
+"""
 #: Tests of Numba's own type checks.
 compiled_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="NUMBA_DISABLE_JIT is set")
 

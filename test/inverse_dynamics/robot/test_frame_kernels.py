@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.contacts.mount import Mount
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, vector_table
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.tasks import (
@@ -46,7 +46,7 @@ def fill(block, dynamics, wanted, tasks=()):
     errors = np.empty(sum(task.dimension for task in tasks))
     block.set_gains()
     block.set_references(wanted)
-    return block.fill(dynamics.q, dynamics.v, errors), errors
+    return kernel.fill_rows(block.arrays, dynamics.q, dynamics.v, errors), errors
 
 
 def filled(dynamics, contacts=(), tasks=()):
@@ -206,13 +206,13 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     point, matrix, error = np.zeros(3), np.zeros((1, 6)), np.empty(3)
     motion = LinkMotion(
         joints=placement[None], local_twists=matrix, local_accelerations=matrix, roots=np.zeros(0, dtype=np.int64),
-        root_wrenches=matrix, gravity=point, mass=1.0, com=point, centroidal=matrix, joint_twists=matrix,
+        local_wrenches=matrix, gravity=point, mass=1.0, com=point, centroidal=matrix, joint_twists=matrix,
         moves=np.zeros((1, 1), dtype=np.int8), links=np.zeros((1, 12)), per_mass=matrix, com_velocity=point,
         com_drift=point, drift=still,
     )  # fmt: skip
     rows = kernel.FrameRows(
         instructions=instruction, places=np.arange(3), numbers=numbers, motion=motion, out=np.empty((3, 2)),
-        minus_target=np.zeros(2),
+        target=np.zeros(2),
     )  # fmt: skip
     kernel.fill_rows(rows, np.zeros(1), np.zeros(1), error)
     np.testing.assert_allclose(error, angle * axis, atol=1e-9 if angle < 3.1 else 1e-7)
@@ -224,6 +224,8 @@ def test_link_motion_holds_pinocchio_s_vectors(robot):
     data, motion = dynamics._data, dynamics.motion
     for number, placement in enumerate(data.oMi):
         np.testing.assert_array_equal(dynamics.joints[number], [*placement.rotation.T.ravel(), *placement.translation])
-    for parts, rows in ((data.v, motion.local_twists), (data.a_gf, motion.local_accelerations)):
+    tables = (data.v, motion.local_twists), (data.a_gf, motion.local_accelerations), (data.f, motion.local_wrenches)
+    for parts, rows in tables:
         np.testing.assert_array_equal([part.vector for part in parts], rows)
-    np.testing.assert_array_equal([data.f[root].vector for root in motion.roots.tolist()], motion.root_wrenches)
+    with pytest.raises(RuntimeError, match="does not keep 7 floats per link"):
+        vector_table([part.vector for part in data.v], 7)

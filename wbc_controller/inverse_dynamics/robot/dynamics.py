@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion, link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -19,7 +20,7 @@ _crba, _bias_forces = pin.crba, pin.nonLinearEffects
 class Dynamics:
     """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
 
-    The arrays are overwritten by the next `update`: copy them to keep their values.
+    The arrays are Pinocchio's own and are overwritten by the next `update`: copy them to keep their values.
 
     Attributes:
         model: the robot's model.
@@ -65,25 +66,15 @@ class Dynamics:
         self.centroidal_matrix = _matrix(data.Ag)
         self.joint_jacobians: Array = _matrix(data.J)
         self.moves = moved_by(model.pinocchio)
-        n = model.pinocchio.njoints
-        self.links = np.zeros((n, 12))
-        self.joints = np.zeros((n, 12))
-        twists, accelerations = np.zeros((n, 6)), np.zeros((n, 6))
+        self.links = np.zeros((model.pinocchio.njoints, 12))
+        self.joints = vector_table([placement.rotation for placement in data.oMi], 12)
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
-        wrenches = np.zeros((len(roots), 6))
-        #: Arrays into which `compute` copies Pinocchio's vectors, and views of these vectors.
-        self._copies = (
-            (self.joints, placement_parts(data.oMi)),
-            (twists, [twist.vector for twist in data.v]),
-            (accelerations, [acceleration.vector for acceleration in data.a_gf]),
-            (wrenches, [data.f[root].vector for root in roots.tolist()]),
-        )
         self.motion = LinkMotion(
             joints=self.joints,
-            local_twists=twists,
-            local_accelerations=accelerations,
+            local_twists=vector_table([twist.vector for twist in data.v], 6),
+            local_accelerations=vector_table([acceleration.vector for acceleration in data.a_gf], 6),
+            local_wrenches=vector_table([wrench.vector for wrench in data.f], 6),
             roots=roots,
-            root_wrenches=wrenches,
             gravity=model.pinocchio.gravity.linear.copy(),
             mass=pin.computeTotalMass(model.pinocchio),
             com=self.com,
@@ -121,8 +112,6 @@ class Dynamics:
         _crba(model, data, q, _WORLD)
         # Its pass at v̇ = 0 has all drifts J̇v: `link_terms` takes them from there.
         _bias_forces(model, data, q, v)
-        for table, parts in self._copies:
-            np.concatenate(parts, out=table.reshape(-1))
         if self._rotors is not None:
             np.add(self._M, self._rotors, out=self.M)
         if self.model.passive is not None:
@@ -196,9 +185,23 @@ def moved_by(model: pin.Model) -> np.ndarray:
     return moves
 
 
-def placement_parts(placements: Any) -> list[Array]:
-    """Return views of the columns of the rotation, (9,), and of the translation, (3,), of each placement, in order."""
-    return [part for each in placements for part in (each.rotation.reshape(-1, order="A"), each.translation)]
+def vector_table(parts: Sequence[Array], size: int) -> Array:
+    """Return a read-only view of all elements of a `std::vector` of Pinocchio, (n, size), without a copy.
+
+    Args:
+        parts: the first numbers of each element, in its memory order.
+        size: number of floats of an element.
+
+    Raises:
+        RuntimeError: if an element has another size, as another release may have it.
+    """
+    first, last = (part.reshape(-1, order="A") for part in (parts[0], parts[-1]))
+    table = as_strided(first, (len(parts), size), (8 * size, 8), writeable=False)
+    if not np.shares_memory(table[-1, :1], last[:1]):
+        raise RuntimeError(
+            f"Pinocchio {pin.__version__} does not keep {size} floats per link; install the locked version"
+        )
+    return table
 
 
 def _matrix(J: Array) -> Array:
