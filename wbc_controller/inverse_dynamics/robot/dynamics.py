@@ -67,13 +67,13 @@ class Dynamics:
         self.joint_jacobians: Array = _matrix(data.J)
         self.moves = moved_by(model.pinocchio)
         self.links = np.zeros((model.pinocchio.njoints, 12))
-        self.joints = vector_table([placement.rotation for placement in data.oMi], 12)
+        self.joints = view_of([placement.rotation for placement in data.oMi], 12)
         roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # the first is the world
         self.motion = LinkMotion(
             joints=self.joints,
-            local_twists=vector_table([twist.vector for twist in data.v], 6),
-            local_accelerations=vector_table([acceleration.vector for acceleration in data.a_gf], 6),
-            local_wrenches=vector_table([wrench.vector for wrench in data.f], 6),
+            local_twists=view_of([twist.vector for twist in data.v], 6),
+            local_accelerations=view_of([acceleration.vector for acceleration in data.a_gf], 6),
+            wrenches=view_of([wrench.vector for wrench in data.f], 6),
             roots=roots,
             gravity=model.pinocchio.gravity.linear.copy(),
             mass=pin.computeTotalMass(model.pinocchio),
@@ -185,22 +185,23 @@ def moved_by(model: pin.Model) -> np.ndarray:
     return moves
 
 
-def vector_table(parts: Sequence[Array], size: int) -> Array:
-    """Return a read-only view of all elements of a `std::vector` of Pinocchio, (n, size), without a copy.
+def view_of(parts: Sequence[Array], size: int) -> Array:
+    """Return a read-only view, (n, size), of n vectors of Pinocchio, which a `std::vector` stores one after the other.
 
     Args:
-        parts: the first numbers of each element, in its memory order.
-        size: number of floats of an element.
+        parts: the first numbers of each vector: of a placement its rotation, which the translation follows.
+        size: numbers of each vector.
 
     Raises:
-        RuntimeError: if an element has another size, as another release may have it.
+        RuntimeError: if this release of Pinocchio stores them in another way.
     """
-    first, last = (part.reshape(-1, order="A") for part in (parts[0], parts[-1]))
-    table = as_strided(first, (len(parts), size), (8 * size, 8), writeable=False)
-    if not np.shares_memory(table[-1, :1], last[:1]):
-        raise RuntimeError(
-            f"Pinocchio {pin.__version__} does not keep {size} floats per link; install the locked version"
-        )
+    flat = [part.reshape(-1, order="A") for part in parts]
+    step = flat[0].itemsize
+    table = as_strided(flat[0], (len(parts), size), (size * step, step), writeable=False)
+    for row, part in zip(table, flat, strict=True):
+        last = len(part) - 1
+        if not (np.shares_memory(row[:1], part[:1]) and np.shares_memory(row[last : last + 1], part[last:])):
+            raise RuntimeError(f"Pinocchio {pin.__version__} does not store vectors of {size} numbers in one piece")
     return table
 
 

@@ -27,7 +27,7 @@ class LinkMotion(Struct):
         joints: placements of the links in the world, (n, 12); the first link is the world.
         local_twists: twists of the links in their own axes, (n, 6).
         local_accelerations: spatial accelerations at v̇ = 0 minus gravity, in the links' own axes, (n, 6).
-        local_wrenches: F and N that move each link and those behind it at v̇ = 0 and g = 0, in its own axes, (n, 6).
+        wrenches: F and N that move each link and all links behind it at v̇ = 0, minus gravity, in its own axes, (n, 6).
         roots: the first links of the trees, (r,).
         gravity: g, (3,) in m/s².
         mass: of all links, kg.
@@ -45,7 +45,7 @@ class LinkMotion(Struct):
     joints: Matrix
     local_twists: Matrix
     local_accelerations: Matrix
-    local_wrenches: Matrix
+    wrenches: Matrix
     roots: Indices
     gravity: Vector
     mass: float
@@ -65,7 +65,7 @@ def _momentum_rate(motion: LinkMotion) -> None:
     """Write the rate of the momentum about the centre of mass c at v̇ = 0: Σ F + m g, and Σ N + (p - c) × F."""
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(len(motion.roots)):
-        frame, wrench = motion.joints[motion.roots[i]], motion.local_wrenches[motion.roots[i]]
+        frame, wrench = motion.joints[motion.roots[i]], motion.wrenches[motion.roots[i]]
         F, N = rotate(frame, three(wrench, 0)), rotate(frame, three(wrench, 3))
         force = add(force, F)
         moment = add(add(moment, N), cross(subtract(three(frame, 9), three(motion.com, 0)), F))
