@@ -70,7 +70,7 @@ class Watched:
             mismatch=self.mismatch,
             untold=self.untold,
         )
-        found = compare(memory, self.q, self.v, self.change(), self.dt, self.some_untold)
+        found = compare(memory, self.q, self.v, self.dt, self.some_untold)
         expected = [self.before, self.v_before] if found & ABSURD else [self.q, self.v]
         assert all(each.tobytes() == other.tobytes() for each, other in zip(kept, expected, strict=True))
         return found

@@ -127,8 +127,8 @@ def unusable_torques(
     limits: Array,
     actuators: Sequence[str],
     tolerance: float = TORQUE_TOLERANCE,
-) -> Fault | None:
-    """Name the torques that are not finite or not available; None if all are usable.
+) -> Fault:
+    """Name the torques that are not finite or not available.
 
     Args:
         tau: torques of the actuators, (na,) in N·m.
@@ -139,8 +139,6 @@ def unusable_torques(
     """
     lower, upper = available
     good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
-    if good.all():
-        return None
     bound = np.where(tau < 0.0, -lower, upper)
     worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(~good))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))

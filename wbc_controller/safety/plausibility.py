@@ -82,7 +82,7 @@ class StateWatch:
 
     def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
         self.doubt: Fault | None = None
-        self._model, self._limits = model, limits
+        self._limits = limits
         self._speed_limits = joint_speed_limits(model, limits.joint_speed)
         self._names = _names(model)
         # Largest velocities, mismatches, and motions untold.
@@ -125,9 +125,8 @@ class StateWatch:
             return self.doubt
         found = 0
         if before is not None:
-            change = self._model.difference(self._before, state.q)
             elapsed = 1.0e-9 * (state.stamp - before.stamp)
-            found = compare(self._memory, state.q, state.v, change, elapsed, self.some_untold)
+            found = compare(self._memory, state.q, state.v, elapsed, self.some_untold)
         elif self._absurd(state) is None:
             self._before[:], self._v_before[:] = state.q, state.v
         else:
@@ -297,7 +296,7 @@ class FallWatch:
         self.floating = model.floating_base
         self._pin, self._data = model.pinocchio, model.pinocchio.createData()
         self._limbs = _limb_ends(model.pinocchio) if model.floating_base else []
-        self.upward, self._begun = np.zeros(3), False
+        self.upward, self._begun = (0.0, 0.0, 1.0), False
         self._height = 0.0  # at the activation, m
         self._looked = -math.inf
 
@@ -311,10 +310,11 @@ class FallWatch:
             return None
         limits = self._limits
         if not self._begun:
-            self.upward[:], self._height, self._looked = upward(state.q), self._height_of(state), now
+            self.upward, self._height, self._looked = upward(state.q), self._height_of(state), now
             self._begun = True
             return None
-        tilted = math.acos(np.clip(self.upward @ upward(state.q), -1.0, 1.0))
+        cosine = sum(a * b for a, b in zip(self.upward, upward(state.q), strict=True))
+        tilted = math.acos(max(-1.0, min(1.0, cosine)))
         if not (tilted <= limits.tilt):
             return Fault(
                 "FALLEN",
@@ -339,10 +339,10 @@ class FallWatch:
         return float(state.q[2]) - min(ends, default=math.inf)
 
 
-def upward(q: Array) -> Array:
-    """Return the world's z axis in the axes of a floating base, (3,), from a configuration, (nq,)."""
+def upward(q: Array) -> tuple[float, float, float]:
+    """Return the world's z axis in the axes of a floating base, from a configuration, (nq,)."""
     x, y, z, w = q[3:7].tolist()
-    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
 def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:

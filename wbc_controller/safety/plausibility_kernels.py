@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from wbc_controller.compilation import Indices, OutVector, StridedVector, Struct, Vector, compiled, part
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
+from wbc_controller.inverse_dynamics.robot.placement_kernels import add, cross, dot, put, scale, subtract, three
 from wbc_controller.records import Array
 
 #: Time constant with which a mismatch between positions and velocities is forgotten, s: noise of sensors averages out
@@ -104,6 +107,46 @@ def _rests(memory: StateMemory, q: Array, v: Array) -> bool:
 
 
 @part
+def _base_change(before: Array, q: Array, change: Array) -> None:
+    """Write the logarithm of the base's placement relative to the one before, (6,): Pinocchio's `difference`.
+
+    With the quaternion (ε, η) between them, the rotation is w = 2 atan2(|ε|, η) ε / |ε|, and of the translation p in
+    the axes before the linear part is p - w × p / 2 + β w × (w × p), β = (1 - ϑ/2 cot ϑ/2) / ϑ² with ϑ = |w|: (9.26) of
+    Blanco's tutorial on SE(3).
+    """
+    a, b = scale(-1.0, three(before, 3)), three(q, 3)  # a: the inverse of the rotation before
+    epsilon = add(add(scale(before[6], b), scale(q[6], a)), cross(a, b))
+    eta = before[6] * q[6] - dot(a, b)
+    if eta < 0.0:  # the shorter way
+        epsilon, eta = scale(-1.0, epsilon), -eta
+    sine = math.sqrt(dot(epsilon, epsilon))
+    half = math.atan2(sine, eta)
+    # The angle over the sine of its half; NaN if a quaternion is zero.
+    factor = 2.0 * half / math.sin(half) if sine > 1.0e-8 else 2.0 if eta > 0.0 else math.nan
+    w = scale(factor, epsilon)
+    squared = dot(w, w)
+    beta = 1.0 / squared - 0.25 * eta / (sine * half) if half > 1.0e-4 else 1.0 / 12.0 + squared / 720.0
+    moved = subtract(three(q, 0), three(before, 0))
+    twice = scale(2.0, cross(a, moved))
+    p = add(add(moved, scale(before[6], twice)), cross(a, twice))
+    once = cross(w, p)
+    put(change, 0, add(subtract(p, scale(0.5, once)), scale(beta, cross(w, once))))
+    put(change, 3, w)
+
+
+@part
+def _change(memory: StateMemory, q: Array, nv: int) -> Array:
+    """Return the change of the configuration since the state before, (nv,)."""
+    change, first = np.empty(nv), len(memory.base_v)
+    if first:
+        _base_change(memory.before, q, change)
+    for i in range(first, nv):
+        row = i + len(memory.base_q) - first
+        change[i] = q[row] - memory.before[row]
+    return change
+
+
+@part
 def _update_mismatch(memory: StateMemory, change: Array, v: Array, dt: float, known: bool) -> int:
     """Update x ← (1 - Δt / T) x + Δq - Δt (v₁ + v₂) / 2; return ``JUMPED`` if it is beyond its tolerance.
 
@@ -135,9 +178,7 @@ def _update_untold(memory: StateMemory, change: Array, v: Array, dt: float) -> i
 
 
 @compiled
-def compare(
-    memory: StateMemory, q: StridedVector, v: StridedVector, change: Vector, dt: float, some_untold: bool
-) -> int:
+def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, some_untold: bool) -> int:
     """Compare a state with the one before it, which it replaces in the memory unless it is absurd or rests.
 
     The velocities tell the motion Δt (v₁ + v₂) / 2. The mismatch x is its difference from the change of the
@@ -148,7 +189,6 @@ def compare(
         memory: limits, and what is remembered.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        change: Δq from the configuration before, (nv,).
         dt: Δt, s.
         some_untold: True if u is not zero.
 
@@ -158,13 +198,13 @@ def compare(
         joints, or of the base, repeat bit for bit, and not all of these velocities are zero (``JOINTS_REPEAT``,
         ``BASE_REPEATS``).
     """
-    if not (len(q) == len(memory.before) and len(v) == len(memory.v_before) and len(change) == len(v)):
-        raise ValueError("compare: the state or its change has another size than the memory")
+    if not (len(q) == len(memory.before) and len(v) == len(memory.v_before)):
+        raise ValueError("compare: the state has another size than the memory")
     if _is_absurd(memory, q, v):
         return ABSURD
     if not some_untold and _rests(memory, q, v):
         return 0
-    known = 0.0 <= dt <= GAP
+    change, known = _change(memory, q, len(v)), 0.0 <= dt <= GAP
     found = _update_mismatch(memory, change, v, dt, known)
     if found:
         memory.untold[:] = 0.0

@@ -38,12 +38,14 @@ from wbc_controller.records import (
     frozen,
 )
 from wbc_controller.safety.checks import (
+    TORQUE_TOLERANCE,
     no_solution_for_too_long,
     relaxed_for_too_long,
     unusable_torques,
 )
 from wbc_controller.safety.damping import stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
+from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 #: Time within which a joint would reach its position limit that is held without its torque, s.
@@ -107,6 +109,7 @@ class Supervisor:
         self.fault: Fault | None = None
         self._model = model
         self._effort_limits = (-model.effort_limits, model.effort_limits)
+        self._torques_available = np.array(self._effort_limits)
         self._limits: SupervisorLimits | None = None
         self.limits = limits
         self._since = 0.0  # when the present mode began, s
@@ -119,6 +122,9 @@ class Supervisor:
         self._tau = np.zeros(model.na)  # last torques sent
         self._held = self._tau  # the torques at the start of holding
         self._taken_over = False  # whether the torques have reached the solution's since activation
+        self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
+        na, nj = model.na, model.nj
+        self._parts = slice(0, na), slice(na, na + nj), slice(na + nj, na + 2 * nj)  # of a command
         self._nowhere = frozen(np.full(model.nj, np.nan))
 
     @property
@@ -140,6 +146,15 @@ class Supervisor:
             self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
         if old is None or old.fall != limits.fall:
             self._fall = FallWatch(self._model, limits.fall) if limits.fall is not None else None
+        self._command_limits = CommandLimits(
+            limits=self._model.effort_limits,
+            rate=self._rate,
+            available=self._torques_available,
+            tolerance=TORQUE_TOLERANCE,
+            q_index=self._model.q_index,
+            v_index=self._model.v_index,
+            period=self._period,
+        )
 
     @property
     def solving(self) -> bool:
@@ -294,10 +309,19 @@ class Supervisor:
             joint_velocity: joint velocities, (nj,) in rad/s; None if stale.
             solution: the solution.
         """
-        model, available, share = self._model, self._available(joint_velocity), self._share.sample(now)
-        fault = unusable_torques(solution.tau, available, model.effort_limits, model.actuators)
-        if fault is not None:
-            self._hold(now, fault)
+        share, kept, seen = self._share.sample(now), 0.0, self._no_state if state is None else state
+        if self._filter > 0.0 and self._taken_over and share >= 1.0:
+            kept = math.exp(-self._passed / self._filter)
+        if self._curve is not None:
+            self._torques_available[:] = self._available(joint_velocity)
+        made = np.empty(self._parts[-1].stop)
+        usable = follow(
+            self._command_limits, solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept,
+            min(self._passed, self._period), made,
+        )  # fmt: skip
+        if not usable:
+            model, (lower, upper) = self._model, self._torques_available
+            self._hold(now, unusable_torques(solution.tau, (lower, upper), model.effort_limits, model.actuators))
             return None
         fault = self._relaxing(now, solution) if solution.relaxed else None
         if fault is not None:
@@ -308,19 +332,12 @@ class Supervisor:
         if share <= 0.0 and self._share.after <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
             return None
-        taken_over = self._taken_over
-        if share >= 1.0 and not taken_over:
+        if share >= 1.0 and not self._taken_over:
             self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
-        tau = share * solution.tau
-        if self._filter > 0.0 and taken_over and share >= 1.0:
-            kept = math.exp(-self._passed / self._filter)
-            tau = kept * self._tau + (1.0 - kept) * tau
-        self._tau = self._limited(tau, available)
-        if state is None:
-            return JointCommand(0, self._tau, self._nowhere, self._nowhere)
-        velocity = state.v[model.v_index] + self._period * solution.v_dot[model.v_index]
-        position = state.q[model.q_index] + self._period * velocity
-        return JointCommand(state.stamp, self._tau, freeze(position), freeze(velocity))
+        freeze(made)  # and so the parts
+        tau, position, velocity = (made[part] for part in self._parts)
+        self._tau = tau
+        return JointCommand(seen.stamp, tau, position, velocity)
 
     def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
         """Limit torques by the rate from the last ones and, last, by the available ones, (na,) each in N·m."""

@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.contacts.mount import Mount
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, vector_table
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, view_of
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.tasks import (
@@ -206,7 +206,7 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
     point, matrix, error = np.zeros(3), np.zeros((1, 6)), np.empty(3)
     motion = LinkMotion(
         joints=placement[None], local_twists=matrix, local_accelerations=matrix, roots=np.zeros(0, dtype=np.int64),
-        local_wrenches=matrix, gravity=point, mass=1.0, com=point, centroidal=matrix, joint_twists=matrix,
+        wrenches=matrix, gravity=point, mass=1.0, com=point, centroidal=matrix, joint_twists=matrix,
         moves=np.zeros((1, 1), dtype=np.int8), links=np.zeros((1, 12)), per_mass=matrix, com_velocity=point,
         com_drift=point, drift=still,
     )  # fmt: skip
@@ -224,8 +224,12 @@ def test_link_motion_holds_pinocchio_s_vectors(robot):
     data, motion = dynamics._data, dynamics.motion
     for number, placement in enumerate(data.oMi):
         np.testing.assert_array_equal(dynamics.joints[number], [*placement.rotation.T.ravel(), *placement.translation])
-    tables = (data.v, motion.local_twists), (data.a_gf, motion.local_accelerations), (data.f, motion.local_wrenches)
+    tables = (data.v, motion.local_twists), (data.a_gf, motion.local_accelerations), (data.f, motion.wrenches)
     for parts, rows in tables:
         np.testing.assert_array_equal([part.vector for part in parts], rows)
-    with pytest.raises(RuntimeError, match="does not keep 7 floats per link"):
-        vector_table([part.vector for part in data.v], 7)
+    assert not dynamics.joints.flags.writeable
+
+
+def test_vectors_that_are_not_in_one_piece_are_refused():
+    with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers in one piece"):
+        view_of(list(np.zeros((3, 4))[:, :3]), 3)
