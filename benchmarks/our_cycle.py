@@ -14,16 +14,16 @@ from wbc_controller.records import Array, JointCommand, Mode, References, RobotS
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 
-try:
-    from wbc_controller.controller.build.program import make_qp
-    from wbc_controller.controller.build.references import make_board
-    from wbc_controller.controller.build.robot import make_model
-    from wbc_controller.controller.build.safety import make_supervisor
-except ModuleNotFoundError:  # as in d8d35bb
+try:  # of d8d35bb; first, as an editable installation would find the newer modules in this repository
     from wbc_controller.assembly.program import make_qp
     from wbc_controller.assembly.references import make_board
     from wbc_controller.assembly.robot import make_model
     from wbc_controller.assembly.safety import make_supervisor
+except ModuleNotFoundError:
+    from wbc_controller.controller.build.program import make_qp
+    from wbc_controller.controller.build.references import make_board
+    from wbc_controller.controller.build.robot import make_model
+    from wbc_controller.controller.build.safety import make_supervisor
 
 if TYPE_CHECKING:
     from wbc_controller.inverse_dynamics.robot.model import RobotModel

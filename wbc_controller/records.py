@@ -132,9 +132,6 @@ class Prediction:
 class References:
     """Everything that commands can set, sampled at the time of one cycle.
 
-    Weights and contacts may be read-only mappings (`frozen_mapping`): these must stay as they are, and are not compared
-    from cycle to cycle.
-
     Attributes:
         tasks: reference of each task.
         weights: weight of each task, ramps applied; 0 switches a task off.

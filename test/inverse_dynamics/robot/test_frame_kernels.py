@@ -46,7 +46,7 @@ def fill(block, dynamics, wanted, tasks=()):
     errors = np.empty(sum(task.dimension for task in tasks))
     block.set_gains()
     block.set_references(wanted)
-    return block.fill(dynamics.q, dynamics.v, errors), errors
+    return kernel.fill_rows(block.arrays, dynamics.q, dynamics.v, errors), errors
 
 
 def filled(dynamics, contacts=(), tasks=()):

@@ -120,26 +120,18 @@ class LevelCost:
             self._band_width[band] = scale * soft.band()
         self.rows.set_gains()
 
-    def fill(self, references: References) -> tuple[float, Array]:
-        """Fill the rows and targets of the tasks with compiled rows.
-
-        Args:
-            references: the task references.
-
-        Returns:
-            The constant cost of posture tasks; and an array for the errors of all tasks, with those of these tasks.
-        """
-        errors = np.empty(self._errors)
+    def set_references(self, references: References) -> Array:
+        """Copy the references of the tasks with compiled rows; return an array for the errors of all tasks."""
         self.rows.set_references(references.tasks)
-        return self.rows.fill(self._dynamics.q, self._dynamics.v, errors), errors
+        return np.empty(self._errors)
 
     def complete(self, references: References, constant: float, errors: Array) -> Errors:
         """Fill the rows of the tasks that are evaluated in Python, and update the level.
 
         Args:
             references: the task references.
-            constant: the first result of `fill`.
-            errors: the second one, which is completed.
+            constant: constant cost of the posture tasks.
+            errors: task errors, with those of the tasks with compiled rows; the others are added.
         """
         level, places = self.level, self._errors_of
         level.cost.update(self.squares, constant)

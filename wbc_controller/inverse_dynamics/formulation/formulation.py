@@ -11,15 +11,18 @@ from wbc_controller.errors import MethodError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact, motion_of
 from wbc_controller.inverse_dynamics.formulation.anchors import pull
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
+from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
 from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
 from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, raised, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import fill_dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import fill_rows
+from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References, RobotState, Tuning
@@ -91,7 +94,6 @@ class Formulation:
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._costs: dict[tuple[tuple[str, ...], tuple[str, ...]], list[LevelCost]] = {}
         self._tuning: Tuning | None = None
-        self._motion: JointMotion
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
@@ -125,20 +127,32 @@ class Formulation:
         """
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
-        self.dynamics.update(state.q, state.v)
+        dynamics, q, v = self.dynamics, state.q, state.v
+        dynamics.compute(q, v)
         structure = self._current_structure(references)
-        layout, costs = structure.layout, structure.costs
-        filled = [cost.fill(references) for cost in costs]
-        self._fill_contacts(layout, references)
+        layout, costs, program = structure.layout, structure.costs, structure.program
         if self.torque_limit.curve is not None:
-            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(state.v))
+            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
         before, share = layout.available[2], -1.0
         if tau_before is not None:
             before, share = tau_before, self.torque_limit.rate * self.period
-        fill_dynamics(layout.dynamics_rows, bias_forces(self.dynamics, references), state.v, before, share)
-        acceleration_bounds(self._motion, state.q, state.v)
-        self.task_errors = tuple([cost.complete(references, *parts) for cost, parts in zip(costs, filled, strict=True)])
-        self._fill_row_limits(layout)
+        first, errors = costs[0], costs[0].set_references(references)
+        if layout.python_contacts or layout.anchored:
+            link_terms(dynamics.motion, v)
+            constant = fill_rows(program.rows, q, v, errors)
+            self._fill_contacts(layout, references)
+            fill_dynamics(program.dynamics, bias_forces(dynamics, references), v, before, share)
+            acceleration_bounds(program.motion_limit, q, v)
+        else:
+            constant = fill_program(program, q, v, bias_forces(dynamics, references), before, share, errors)
+        found = [first.complete(references, constant, errors)]
+        for cost in costs[1:]:
+            errors = cost.set_references(references)
+            constant = fill_rows(cost.rows.arrays, q, v, errors)
+            found.append(cost.complete(references, constant, errors))
+        self.task_errors = tuple(found)
+        if self.row_limits:
+            self._fill_row_limits(layout)
         return layout
 
     def add_effort_errors(self, x: Array) -> None:
@@ -150,10 +164,9 @@ class Formulation:
 
     def _current_structure(self, references: References) -> Structure:
         """Return the structure of this cycle, with its parameters written."""
-        owners = *self._owners, self.motion_limit, self.torque_limit
-        changes = sum([owner.version for owner in owners])
-        parameters = Parameters(references.weights, references.contacts, self.motion_limit, self.torque_limit, changes)
         known, structure = self.parameters, self.structure
+        changes = sum([owner.version for owner in self._owners], self.motion_limit.version + self.torque_limit.version)
+        parameters = Parameters(references.weights, references.contacts, self.motion_limit, self.torque_limit, changes)
         if structure is not None and parameters == known:
             return structure
         parameters.weights, parameters.activations = dict(references.weights), dict(references.contacts)
@@ -200,7 +213,11 @@ class Formulation:
         for cost in structure.costs:
             cost.set_parameters(parameters.weights)
         lower, upper = layout.problem.x_lower[:nv], layout.problem.x_upper[:nv]
-        self._motion = self.motion_limit.bind(self._q_index, self._v_index, self.period, lower, upper)
+        structure.program = Program(
+            rows=structure.costs[0].rows.arrays,
+            dynamics=layout.dynamics_rows,
+            motion_limit=self.motion_limit.bind(self._q_index, self._v_index, self.period, lower, upper),
+        )
 
     def _tune(self, tuning: Tuning) -> None:
         """Apply new gains and limits."""
@@ -259,7 +276,7 @@ class Formulation:
                     require_finite(limit, "fill", name, bounds)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Return the bounds of the problem's torque rows from the available torques alone, without the torque rate limit."""
+        """Return the bounds of the torque rows from the available torques alone, without the torque rate limit."""
         actuation = self.model.actuation
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(bias_forces(self.dynamics, references))

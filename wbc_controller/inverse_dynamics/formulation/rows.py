@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows, fill_rows, take_reference
+from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows, take_reference
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, Reference
@@ -31,13 +31,21 @@ class RowEntry:
     error: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _TaskNumbers:
-    """Views of the numbers of a task, which the kernel reads: gains K and D (2, size), and the reference."""
+    """Views of the numbers of a task, which the kernel reads.
+
+    Attributes:
+        task: the task.
+        gains: K and D, (2, size).
+        reference: position, velocity and acceleration, one after the other.
+        copied: the last reference, if it is read-only, so that it need not be copied again.
+    """
 
     task: MotionTask
     gains: Array
     reference: Array
+    copied: Reference | None = None
 
 
 class CompiledRows:
@@ -109,13 +117,13 @@ class CompiledRows:
         for own in self._tasks:
             task = own.task
             wanted = references[task.name]
+            if wanted is own.copied:
+                continue
             position, velocity, acceleration = wanted.position, wanted.velocity, wanted.acceleration
             if not take_reference(position, velocity, acceleration, task.size, own.reference):
                 raise ValueError(
                     f"the reference of task {task.name!r} has {len(position)} positions, {len(velocity)} velocities "
                     f"and {len(acceleration)} accelerations; expected {task.form.size}, {task.size} and {task.size}"
                 )
-
-    def fill(self, q: Array, v: Array, errors: Array) -> float:
-        """Fill the rows at a state, (nq,) and (nv,), and the task errors; return the constant cost."""
-        return fill_rows(self.arrays, q, v, errors)
+            writeable = position.flags.writeable or velocity.flags.writeable or acceleration.flags.writeable
+            own.copied = None if writeable else wanted

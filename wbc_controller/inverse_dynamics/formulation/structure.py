@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from wbc_controller.inverse_dynamics.formulation.cost import LevelCost
+from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Structure:
     """The arrays of the problem for one set of active contacts and tasks; their sizes depend on nothing else.
 
@@ -18,11 +19,13 @@ class Structure:
         version: number of structures that the controller has used before this one.
         layout: rows and columns of the problem.
         costs: the cost of each priority level, highest priority first.
+        program: the same arrays for the kernel, with the parameters of the limits.
     """
 
     version: int
     layout: Layout
     costs: list[LevelCost]
+    program: Program = field(init=False)
 
 
 @dataclass(slots=True)

@@ -105,7 +105,7 @@ def unpack(
     Raises:
         ValueError: if the answer has no residuals.
     """
-    residuals, errors = answer.residuals, formulation.task_errors
+    residuals = answer.residuals
     if residuals is None:
         raise ValueError(f"the answer {answer.status!r} has no residuals")
     value = residuals.value
@@ -115,7 +115,7 @@ def unpack(
     return Solution(
         value[: formulation.model.nv],
         residuals.outputs,
-        _LazyDetails(layout, answer, residuals, errors, stages),
+        _LazyDetails(layout, answer, residuals, formulation.task_errors, stages),
         answer.relaxed,
         answer.iterations,
         MappingProxyType(stages),

@@ -108,7 +108,7 @@ def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> 
         first_soft: index of the first row of the cost.
         weights: w, (k,).
     """
-    K = np.dot(B * inverse, B.T)
+    K: Array = np.dot(B * inverse, B.T)
     for i in range(len(weights)):
         K[first_soft + i, first_soft + i] += 1.0 / weights[i]
     return K
@@ -173,7 +173,7 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> A
         first_soft: index of the first row of the cost.
         weights: w, (k,).
     """
-    out = -np.dot(B, z)
+    out: Array = -np.dot(B, z)
     out[first_soft:] -= p[first_soft:] / weights
     return out
 
@@ -291,7 +291,7 @@ def solve_condensed(
     p = np.zeros(len(B))
     beta = residual(B, z, p, hard, weights)
     left = beta
-    for refinement in range(3):
+    for _ in range(3):
         correction = left.copy()
         solve_factorized(K, pivots, correction)
         p += correction

@@ -1,0 +1,35 @@
+"""All numbers of the quadratic program that depend on the state, in one call."""
+
+from __future__ import annotations
+
+from wbc_controller.compilation import OutVector, Struct, Vector, compiled
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
+from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import FrameRows, fill_rows
+from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
+
+
+class Program(Struct):
+    """The arrays of a quadratic program.
+
+    Attributes:
+        rows: rows of tasks and contacts, with the motion of the links.
+        dynamics: the equations of motion and bounds of the torques.
+        motion_limit: bounds of the joint accelerations.
+    """
+
+    rows: FrameRows
+    dynamics: DynamicsRows
+    motion_limit: JointMotion
+
+
+@compiled
+def fill_program(
+    program: Program, q: Vector, v: Vector, h: Vector, tau_before: Vector, share: float, errors: OutVector
+) -> float:
+    """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, which document the arguments."""
+    link_terms(program.rows.motion, v)
+    constant = fill_rows(program.rows, q, v, errors)
+    fill_dynamics(program.dynamics, h, v, tau_before, share)
+    acceleration_bounds(program.motion_limit, q, v)
+    return constant
