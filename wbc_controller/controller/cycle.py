@@ -231,7 +231,7 @@ class ControlCycle:
             stage_seconds=stages,
         )
         if self.tape is not None:
-            given = inputs if problem is inputs.problem else inputs._replace(problem=problem)
+            given = inputs if problem is inputs.problem else replace(inputs, problem=problem)
             self.tape.append(CycleRecord(inputs=given, live=self._parts, result=result, apart=self._apart))
             self._apart = False
         return result
