@@ -24,7 +24,11 @@ _FILLINGS = (0x11, 0x22)
 
 
 class MessageLayout:
-    """Positions of the numbers in the serialized messages that have equal text and array sizes."""
+    """Positions of the numbers in the serialized messages that have equal text and array sizes.
+
+    Attributes:
+        span: the bytes of a message that can be read as an array of floating-point numbers.
+    """
 
     def __init__(self, content: Any) -> None:
         """Find the numbers.
@@ -45,18 +49,14 @@ class MessageLayout:
         edges = np.flatnonzero(np.diff(np.concatenate([[True], differs, [True]]))).reshape(-1, 2).tolist()
         self._pieces = [slice(start, stop) for start, stop in edges]  # the bytes that belong to no number
         self._constant = [first[piece].tobytes() for piece in self._pieces]
-        self._size, self._end = len(first), _START + (len(first) - _START) // 8 * 8
+        self._size, self.span = len(first), slice(_START, _START + (len(first) - _START) // 8 * 8)
 
     def fits(self, payload: bytes) -> bool:
         """Return whether a serialized message has this layout."""
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
-    def numbers(self, payload: bytes | bytearray) -> Array:
-        """Return a view of a message of this layout as floating-point numbers, (n,)."""
-        return np.frombuffer(memoryview(payload)[_START : self._end])
-
     def index_of(self, *paths: str) -> np.ndarray:
-        """Return the index of each number of some fields in `numbers`, (k,).
+        """Return the index of each number of some fields in the array of `span`, (k,).
 
         Args:
             paths: such as ``position`` or ``pose.pose.position.x``. A timestamp counts as one number.
@@ -79,7 +79,7 @@ class Template:
         """
         layout = MessageLayout(content)
         self._payload = bytearray(encode(content))
-        self._numbers = layout.numbers(self._payload)
+        self._numbers = np.frombuffer(memoryview(self._payload)[layout.span])
         self._stamp = _START + 8 * int(layout.index_of("header.stamp")[0]) if hasattr(content, "header") else None
         self._fields = [_as_slice(layout.index_of(*paths)) for paths in fields]
 
