@@ -1,8 +1,8 @@
-"""Users' requests: stored as bytes as they come, decoded on a thread of their own, taken by a cycle.
+"""Requests of users: stored as bytes on arrival, decoded on a separate thread, taken by a cycle.
 
-They are stored by callbacks on the transport's thread, where an emergency stop is recognized: no queue of requests can
-delay it. The thread `reader` decodes and validates them, and leaves the loop most of the processor. Where no such
-thread runs, as in lockstep, they are decoded when a cycle looks for them.
+Callbacks on the transport's thread store them and recognize an emergency stop: no queue of requests can delay it. The
+thread `reader` decodes and validates them, and leaves most of the processor to the loop. Without this thread, for
+example in lockstep, the cycle decodes them.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from wbc_controller.records import ChangeSettings
 
 _log = logging.getLogger(__name__)
 
-#: Requests that wait to be read, at most; the newest beyond are turned away and counted.
+#: Largest number of requests in the queue; newer ones are turned away and counted.
 _REQUEST_DEPTH = 100
-#: Requests that one cycle takes, at most: what it spends on them is bounded. The others are for the next ones.
+#: Largest number of requests in one cycle, to bound its time; the others are for the next cycles.
 _MOST_PER_CYCLE = 20
 #: Largest message, in bytes, by row of the topic table: trajectories, and others.
 _LARGEST, _LARGEST_REQUEST = {"trajectory": 1 << 20}, 1 << 18
 #: Share of the time that the reader of requests may use; the interpreter runs one thread at a time.
 _READER_SHARE = 0.25
-#: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
+#: Longest reason of a refusal, in characters; longer ones are cut, because they may quote the message.
 _LONGEST_REASON = 1000
 #: Longest word on the command topic, in characters.
 _LONGEST_WORD = 40
-#: The word that stops the robot, as it stands in a serialized std_msgs/String.
+#: The word that stops the robot, as in a serialized std_msgs/String.
 _ESTOP = b"estop"
 
 
 @dataclass(slots=True)
 class _Read:
-    """What one request says."""
+    """Content of one decoded request."""
 
     commands: list[str] = field(default_factory=list)
     changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
@@ -61,7 +61,7 @@ class Requests:
         Args:
             vocabulary: the names that messages may use.
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
-            stop: called when an emergency stop has come, on the thread that brings it.
+            stop: called at an emergency stop, on the transport's thread.
         """
         self._vocabulary, self._prepare, self._stop = vocabulary, prepare, stop
         self._estop = threading.Event()
@@ -73,13 +73,13 @@ class Requests:
         self._ended = False
 
     def start_reader(self) -> None:
-        """Decode requests on a thread of their own from now on, until `stop_reader`."""
+        """Decode requests on a separate thread until `stop_reader`."""
         self._ended = False
         self._reader = threading.Thread(target=self._read_requests, name="reader", daemon=True)
         self._reader.start()
 
     def stop_reader(self) -> None:
-        """End the thread that decodes requests; what waits is left to be taken."""
+        """End the thread that decodes requests; decoded requests stay in the queue."""
         reader, self._reader = self._reader, None
         if reader is not None:
             with self._waiting:
@@ -88,12 +88,12 @@ class Requests:
             reader.join()
 
     def turn_away(self, endpoint: Endpoint, why: str) -> None:
-        """Count a message that is not even read."""
+        """Count a message that is dropped without decoding."""
         with self._waiting:
             self._turned_away[endpoint.name, why] += 1
 
     def put(self, endpoint: Endpoint, payload: bytes) -> None:
-        """Store a request; a stop has a way of its own, which no other request can fill."""
+        """Store a request; an emergency stop does not pass the queue."""
         largest = _LARGEST.get(endpoint.key, _LARGEST_REQUEST)
         if len(payload) > largest:
             self.turn_away(endpoint, f"more than {largest} bytes")
@@ -110,14 +110,14 @@ class Requests:
                 self._turned_away[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
 
     def wait_to_be_taken(self) -> bool:
-        """Whether a cycle has something to take; where no thread decodes requests, they are decoded now."""
+        """Return whether `take` would return any request; decode the requests first if no thread does."""
         if self._reader is None:
             while self._requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
         return bool(self._read or self._turned_away or self._estop.is_set())
 
     def take(self) -> TakenRequests:
-        """What has been read since the last call, an emergency stop first, `_MOST_PER_CYCLE` requests at most."""
+        """Return the requests decoded since the last call, an emergency stop first, at most `_MOST_PER_CYCLE`."""
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
         refused: list[str] = []
@@ -137,7 +137,7 @@ class Requests:
         return TakenRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _read_requests(self) -> None:
-        """Decode requests as they come, in a share of the time."""
+        """Decode requests on arrival, in a limited share of the time."""
         while True:
             with self._waiting:
                 self._waiting.wait_for(lambda: self._requests or self._ended)
@@ -180,7 +180,7 @@ class Requests:
 
 
 def refusal(endpoint: Endpoint, error: Exception) -> str:
-    """The reason why a message is refused, from what was raised while it was read."""
+    """Return the reason of a refusal, from the exception that the decoder raised."""
     if isinstance(error, InputRefused | ConfigurationError):
         reason = str(error)
     else:  # a message that exposes a bug must not end the loop
