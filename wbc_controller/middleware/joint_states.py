@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
@@ -108,7 +107,7 @@ class JointStateReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, values = self._decode(payload)
         columns = values.reshape(len(self.paths), -1)  # (k, nj)
-        if not all_finite(values):
+        if not np.isfinite(values).all():
             k, i = np.argwhere(~np.isfinite(columns))[0]
             column, joint = self.paths[k], self._joints[i]
             raise InputRefused(f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite")
@@ -142,11 +141,6 @@ class JointStateReader(StateReader):
             )
         places = {name: i for i, name in enumerate(names)}
         return np.array([places[name] for name in self._joints], dtype=np.intp)
-
-
-def all_finite(values: Array) -> bool:
-    """Return whether no value of an array, (n,), is infinite or NaN, in half of the time of ``numpy.isfinite``."""
-    return bool(-math.inf < values[values.argmin()] and values[values.argmax()] < math.inf)
 
 
 def require_unique(names: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.tasks.form import finite, unit_quaternion
-from wbc_controller.middleware.joint_states import StateReader, all_finite
+from wbc_controller.middleware.joint_states import StateReader
 from wbc_controller.records import Array
 
 #: Largest magnitudes that an IMU measures, rad/s and m/s², and largest component of a force at a contact, N.
@@ -101,7 +101,7 @@ class OdometryReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, values = self._decode(payload)
         pose, twist = values[:7], values[7:]
-        if not all_finite(values):
+        if not np.isfinite(values).all():
             finite(pose, "the pose")
             finite(twist, "the twist")
         pose[3:] = unit_quaternion(pose[3:], "the orientation ")
