@@ -134,10 +134,10 @@ class JointStateReader(StateReader):
         require_unique(names)
         missing = [name for name in self._joints if name not in names]
         if missing:
-            strange = [name for name in names if name not in self._joints]
-            unknown = f"; names that are none of the controller's joints: {', '.join(strange)}" if strange else ""
+            unknown = ", ".join(name for name in names if name not in self._joints)
             raise InputRefused(
-                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
+                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}"
+                + (f"; unknown joints: {unknown}" if unknown else "")
             )
         places = {name: i for i, name in enumerate(names)}
         return np.array([places[name] for name in self._joints], dtype=np.intp)
@@ -147,4 +147,4 @@ def require_unique(names: Sequence[str]) -> None:
     """Raise `InputRefused` if a joint is named more than once."""
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")
+        raise InputRefused(f"duplicate joint {twice[0]!r}; name each joint once")
