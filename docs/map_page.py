@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
+from data_path import DEFINITION, PATH
 from layers import ROOMS
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "wbc_controller"
@@ -21,9 +23,14 @@ contact, limit, solver, topic, setting, robot or transport.
 
 def first_line(path: Path) -> str:
     """Return the first line of a file's docstring."""
-    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    return _summary(ast.parse(path.read_text(encoding="utf-8")), str(path))
+
+
+def _summary(node: Any, name: str) -> str:
+    """Return the first line of the docstring of a module, class or function; `name` is for the error message."""
+    text = ast.get_docstring(node)
     if not text:
-        raise ValueError(f"{path}: no docstring; start the file with one line that names its content")
+        raise ValueError(f"{name}: no docstring; start it with one line that names its content")
     return text.split("\n\n")[0].replace("\n", " ").replace("|", r"\|")
 
 
@@ -33,6 +40,18 @@ def _rows(files: list[Path], folder: Path) -> str:
 
     rows = [f"| {link(path)} | {first_line(path)} |" for path in sorted(files) if path.name != "__init__.py"]
     return "\n| File | Content |\n|---|---|\n" + "\n".join(rows) + "\n" if rows else ""
+
+
+def _path_rows() -> str:
+    """Return one row for each call that a joint state passes: number, function, file and content."""
+    rows = []
+    for number, call in enumerate(PATH, 1):
+        file, _, name = call.partition(":")
+        node: Any = ast.parse((_PACKAGE / file).read_text(encoding="utf-8"))
+        for part in name.split("."):
+            node = next(each for each in ast.iter_child_nodes(node) if getattr(each, "name", "") == part)
+        rows.append(f"| {number} | `{name}` | [{file}](../wbc_controller/{file}) | {_summary(node, call)} |")
+    return "\n| | Function | File | Content |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
 
 
 def map_page() -> str:
@@ -48,4 +67,4 @@ def map_page() -> str:
             level = "##" if folder == _PACKAGE / top else "###"
             parts.append(f"\n{level} `{names[folder]}/`\n\n{first_line(folder / '__init__.py')}\n")
             parts.append(_rows(list(folder.glob("*.py")), folder))
-    return "".join(parts)
+    return "".join([*parts, "\n## The path of a joint state\n\n", DEFINITION, "\n", _path_rows()])

@@ -1,9 +1,9 @@
-"""The calls that a joint state passes, from the transport to the torque message, are those of `docs/data_path.py`.
+"""The calls that a joint state passes in one cycle, from the transport to the torque message, are those of the docs.
 
-A function of the package is on the path if it receives the joint state, or data made from it, and returns data made
-from it, stores them (``-> None``), or passes them to such a function. The joint state is first the serialized message,
-then arrays, records of arrays, and at last the serialized torques. Checks, which return a flag, a number or a fault,
-are not on the path, nor are constructors of records, comprehensions, and calls within the transport.
+`data_path.DEFINITION` defines the path. Here the data are followed by the identity of the objects: first the serialized
+message; then every object that a function returns, if it has the data among its arguments or from a function that it
+calls. The objects are bytes, arrays, tuples, lists and dataclasses with these, and objects of `inverse_dynamics`, such
+as the quadratic program, with their attributes.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ from types import CodeType, FrameType
 from typing import Any
 
 import numpy as np
+from data_path import MOST_CALLS, PATH
 
 import wbc_controller
+from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.records import Mode
 
 ROOT = Path(wbc_controller.__file__).parent
 TRANSPORTS = "middleware/transports/"
@@ -76,9 +79,8 @@ class DataPath:
     def _end(self) -> None:
         """End at the call of the transport that sends the torque message."""
         self._sent = True
-        self._found.update(call.name for call in self._active)
-        names = dict.fromkeys(name for name in self._began if name in self._found)
-        self.calls = [name for name in names if not name.rpartition(":")[2].split(".")[-1].startswith(("<listc", "__"))]
+        self._found.update(call.name for call in self._active[1:])  # the first call is the loop's
+        self.calls = [name for name in dict.fromkeys(self._began) if name in self._found and not _is_omitted(name)]
 
     def _is_data(self, value: Any) -> bool:
         return id(value) in self._data or (isinstance(value, tuple | list) and any(id(v) in self._data for v in value))
@@ -92,10 +94,21 @@ class DataPath:
         elif dataclasses.is_dataclass(value):
             found = any([self._add(getattr(value, field.name)) for field in dataclasses.fields(value)])
         else:
-            found = type(value).__module__.startswith("wbc_controller.inverse_dynamics")
+            found = _is_own(value)
+            if found:
+                self._data |= {id(part): part for part in getattr(value, "__dict__", {}).values() if _is_own(part)}
         if found:
             self._data[id(value)] = value
         return found
+
+
+def _is_own(value: Any) -> bool:
+    return type(value).__module__.startswith("wbc_controller.inverse_dynamics")
+
+
+def _is_omitted(name: str) -> bool:
+    """Return whether a function is part of the transport, a constructor or a comprehension."""
+    return name.startswith(TRANSPORTS) or name.rpartition(".")[2].startswith(("__", "<"))
 
 
 def _arguments(code: CodeType) -> tuple[str, ...]:
@@ -110,3 +123,25 @@ def _returns_nothing(file: Path, qualified_name: str) -> bool:
     for name in qualified_name.split("."):
         function = getattr(function, name, None)
     return getattr(function, "__annotations__", {}).get("return") == "None"
+
+
+def test_a_joint_state_passes_the_documented_calls(bench):
+    robot = bench("g1")
+    received: list[bytes] = []
+    (topic,) = [topic for topic in robot.topics if topic.key == "joint_states"]
+    MemoryTransport(robot.bus).subscribe(topic, received.append)
+    robot.cycle(3)
+    robot.activate()
+    robot.cycle(20)
+    robot.clock.time += robot.period
+    robot.base()
+    robot.joints()
+    path = DataPath(received[-1])
+    sys.setprofile(path.profile)
+    try:
+        report = robot.loop.cycle()
+    finally:
+        sys.setprofile(None)
+    assert report.mode is Mode.ACTIVE
+    assert path.calls == list(PATH), "edit docs/data_path.py, then run: make docs"
+    assert len(PATH) <= MOST_CALLS

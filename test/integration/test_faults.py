@@ -117,7 +117,7 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
             "joint_states",
             "",
             make.joint_state([*joints[:-1], "RR_claf_joint"], good, still),
-            f"/joint_states: 1 of {na} joints are missing: {joints[-1]}; names that are none of the controller's",
+            f"/joint_states: 1 of {na} joints are missing: {joints[-1]}; unknown joints",
         ),
         (
             "joint_states",

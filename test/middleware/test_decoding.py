@@ -193,7 +193,7 @@ class TestSetpoints:
             (["hip", "knee"], [0, 0], "position: 1 joints are missing: ankle"),
             (["hip", "knee", "ankle"], [0, 0], "position has 2 values for 3 names"),
             (["hip", "knee", "ankle"], [], "position has 0 values for 3 names"),
-            (["hip", "knee", "ankle", "hip"], [0] * 4, "joint 'hip' stands more than once"),
+            (["hip", "knee", "ankle", "hip"], [0] * 4, "duplicate joint 'hip'"),
             (["hip", "knee", "ankle"], [0, NAN, 0], "position holds a value that is not finite: [0, nan, 0]"),
         ],
     )
@@ -290,7 +290,7 @@ class TestTrajectories:
         [
             (["hip", "knee", "ancle"], ([0, 0, 0],), "'ancle' is not a joint of this task; did you mean 'ankle'?"),
             (["hip", "knee"], ([0, 0],), "positions: 1 joints are missing: ankle"),
-            ([*JOINTS, "hip"], ([0] * 4,), "joint 'hip' stands more than once"),
+            ([*JOINTS, "hip"], ([0] * 4,), "duplicate joint 'hip'"),
             (JOINTS, ([0, 0],), "positions has 2 values for 3 names"),
             (JOINTS, ([],), "positions has 0 values for 3 names"),
             (JOINTS, ([0, 0, 0], [1, 2]), "velocities has 2 values for 3 names"),

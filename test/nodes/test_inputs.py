@@ -137,9 +137,12 @@ def bad_joint_states(make, model):
     return {
         "not finite": (make.joint_state(model.joints, one_nan, good), f"position of '{model.joints[2]}' is nan"),
         "velocity": (make.joint_state(model.joints, good, one_nan), f"velocity of '{model.joints[2]}' is nan"),
-        "name": (make.joint_state(wrong, good, good), f"1 of {na} joints are missing: {model.joints[-1]}; names"),
+        "name": (make.joint_state(wrong, good, good), f"1 of {na} joints are missing: {model.joints[-1]}; unknown"),
         "too few": (make.joint_state(model.joints[:-1], good[1:], good[1:]), f"1 of {na} joints are missing"),
-        "twice": (make.joint_state([*model.joints, model.joints[0]], [0] * (na + 1), [0] * (na + 1)), "more than once"),
+        "twice": (
+            make.joint_state([*model.joints, model.joints[0]], [0] * (na + 1), [0] * (na + 1)),
+            "duplicate joint",
+        ),
         "size": (make.joint_state(model.joints, good[1:], good), f"position has {na - 1} values for {na} names"),
         "empty": (make.joint_state(model.joints, [], []), f"position has 0 values for {na} names"),
     }

@@ -231,7 +231,7 @@ class ControlCycle:
             stage_seconds=stages,
         )
         if self.tape is not None:
-            given = inputs if problem is inputs.problem else inputs._replace(problem=problem)
+            given = inputs if problem is inputs.problem else replace(inputs, problem=problem)
             self.tape.append(CycleRecord(inputs=given, live=self._parts, result=result, apart=self._apart))
             self._apart = False
         return result
@@ -366,6 +366,18 @@ class ControlCycle:
         starts: bool,
         refused: list[str],
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
+        """Apply the changes of references, sample the references, and solve the quadratic program.
+
+        Args:
+            state: the latched state; None before the first one.
+            changes: sets of changes, in order.
+            now: time on the clock of the loop, s.
+            starts: whether the controller starts from this state.
+            refused: receives a sentence for each refused change.
+
+        Returns:
+            The solution, or the reason why there is none; and the sampled references.
+        """
         if state is None:
             return Fault("NO_STATE", "no state has arrived"), None
         references = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import NamedTuple
 
 from wbc_controller.controller.result import CycleResult
@@ -37,7 +36,8 @@ class TakenRequests(NamedTuple):
     total: int = 0
 
 
-class LatchedInputs(NamedTuple):
+@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
+class LatchedInputs:
     """All inputs, latched at the start of one cycle.
 
     Attributes:
@@ -56,8 +56,8 @@ class LatchedInputs(NamedTuple):
     ages: Mapping[str, float]
     clock_stall: float = 0.0
     refused_states: tuple[str, ...] = ()
-    requests: TakenRequests = TakenRequests()
-    estimate: Mapping[str, str] = MappingProxyType({})
+    requests: TakenRequests = field(default_factory=TakenRequests)
+    estimate: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -65,7 +65,8 @@ class LatchedInputs(NamedTuple):
         return self.refused_states + self.requests.refused
 
 
-class CycleInputs(NamedTuple):
+@dataclass(slots=True)
+class CycleInputs:
     """The inputs of the controller in one cycle.
 
     Attributes:
@@ -85,7 +86,7 @@ class CycleInputs(NamedTuple):
     changes: tuple[Sequence[Change | ChangeSettings], ...] = ()
 
 
-@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
+@dataclass(slots=True)
 class CycleReport:
     """Inputs and results of one cycle, for diagnostics and recordings; observers do not change it.
 
@@ -109,7 +110,7 @@ class CycleReport:
     deadlines_missed: int
     audit: AuditReport | None = None
     contested: tuple[str, ...] = ()
-    shared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    shared: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def mode(self) -> Mode:

@@ -115,7 +115,7 @@ def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
 
 
 def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
-    """The frame of a setpoint, as `SetSetpoint` has it.
+    """Return the frame of a setpoint for `SetSetpoint`: empty for the reference frame of the task.
 
     Raises:
         InputRefused: where setpoints of the task are not given in this frame.
@@ -136,7 +136,7 @@ def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str 
 
 
 def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
-    """The frames at a task's own reference in which its setpoints may be given: see `relative.own_frames`.
+    """Return the frames at a task's own reference in which its setpoints may be given (`relative.own_frames`).
 
     The axes of a relative pose, a contact's wrench and joints know no heading; between two directions there is no
     displacement.
@@ -179,14 +179,14 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Values of the task's joints by name; every joint of the task must be given."""
+    """Return the values of the task's joints by name; every joint of the task must be given."""
     _as_many(names, values, what)
     order = _joint_order(joints, names, what)
     return np.asarray(finite(values, what)[order])
 
 
 def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Displacements of the task's joints by name; those that are not named stay."""
+    """Return the displacements of the task's joints by name; 0 for joints without one."""
     _as_many(names, values, what)
     _are_joints(joints, names)
     steps = dict(zip(names, finite(values, what), strict=True))
@@ -206,7 +206,7 @@ def _are_joints(joints: Sequence[str], names: Sequence[str]) -> None:
 
 
 def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    """Where each joint of a task stands among the names of a message, (k,)."""
+    """Return the index of each joint of a task in the names of a message, (k,)."""
     _are_joints(joints, names)
     places = {name: i for i, name in enumerate(names)}
     missing = [name for name in joints if name not in places]
@@ -368,7 +368,7 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a YAML value is a number; a whole one fits into a double, as longer ones are refused before."""
+    """Return whether a YAML value is a number; integers too long for a double are refused before."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 

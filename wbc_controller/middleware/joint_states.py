@@ -39,23 +39,23 @@ class StateReader(ABC):
     """Decoder of one stream of states.
 
     The first message of a layout, i.e. with new text or array sizes, passes the codec, and its text is checked. The
-    offsets of its arrays hold for all messages of this layout: only their numbers are read and checked.
+    offsets of its numbers hold for all messages of this layout: only their numbers are read and checked.
     """
 
     type: str
-    #: The arrays that are read, each as the paths of consecutive fields.
-    arrays: tuple[tuple[str, ...], ...]
+    #: Paths of the numbers and arrays that are read, in the order of the values that `_decode` returns.
+    paths: tuple[str, ...]
 
     def __init__(self) -> None:
         self._layout: MessageLayout | None = None
-        self._slices: list[slice] = []
+        self._index = np.zeros(0, dtype=np.intp)  # of the values among the numbers of the layout
 
     @abstractmethod
     def read(self, payload: bytes) -> Any:
         """Decode and check a serialized message.
 
         Returns:
-            The named tuple of this stream, with arrays that own their data.
+            The record of this stream, with arrays that own their data.
 
         Raises:
             InputRefused: if the bytes are not a message of this type and robot, or a value or the timestamp is invalid.
@@ -65,8 +65,8 @@ class StateReader(ABC):
     def _check_text(self, content: Any) -> None:
         """Raise `InputRefused` if names, frames or array sizes of a decoded message are invalid."""
 
-    def _decode(self, payload: bytes) -> tuple[int, list[Array]]:
-        """Return the timestamp in ns, and views of the arrays in a serialized message.
+    def _decode(self, payload: bytes) -> tuple[int, Array]:
+        """Return the timestamp in ns, and a new array of the values at `paths`, (n,).
 
         Raises:
             InputRefused: if the message has another type, invalid text or array sizes, or an invalid timestamp.
@@ -78,10 +78,14 @@ class StateReader(ABC):
             if layout is None or not layout.fits(payload):
                 self._check_text(content)
                 layout = MessageLayout(content)
-                self._slices = [layout.slice_of(*paths) for paths in self.arrays]
+                self._index = self._index_in(layout, content)
                 self._layout = layout
-        numbers = np.frombuffer(payload, offset=layout.start, count=layout.count)
-        return header_stamp(payload), [numbers[place] for place in self._slices]
+        numbers = np.frombuffer(memoryview(payload)[layout.span])
+        return header_stamp(payload), numbers.take(self._index)
+
+    def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
+        """Return the index of each value among the numbers of a layout, (n,)."""
+        return np.concatenate([layout.index_of(path) for path in self.paths])
 
 
 class JointStateReader(StateReader):
@@ -97,25 +101,21 @@ class JointStateReader(StateReader):
             columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
         """
         super().__init__()
-        self._joints, self._columns = tuple(joints), columns or ("position", "velocity")
-        self.arrays = tuple((column,) for column in self._columns)
-        self._order = np.zeros(0, dtype=np.intp)  # index in the message of each of the robot's joints, (nj,)
+        self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
 
     def read(self, payload: bytes) -> JointStates:
         """Decode and check a serialized message; see `StateReader.read`."""
-        stamp, arrays = self._decode(payload)
-        measured = [array[self._order] for array in arrays]
-        for column, values in zip(self._columns, measured, strict=True):
-            if not np.isfinite(values).all():
-                i = int(np.flatnonzero(~np.isfinite(values))[0])
-                raise InputRefused(
-                    f"{column} of {self._joints[i]!r} is {values[i]} {_UNITS[column]}; every value must be finite"
-                )
-        return JointStates(stamp, **dict(zip(self._columns, measured, strict=True)))
+        stamp, values = self._decode(payload)
+        columns = values.reshape(len(self.paths), -1)  # (k, nj)
+        if not np.isfinite(values).all():
+            k, i = np.argwhere(~np.isfinite(columns))[0]
+            column, joint = self.paths[k], self._joints[i]
+            raise InputRefused(f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite")
+        return JointStates(stamp, **dict(zip(self.paths, columns, strict=True)))
 
     def _check_text(self, content: Any) -> None:
-        order = self._find(content.name)
-        for column in self._columns:
+        self._find(content.name)
+        for column in self.paths:
             size = len(getattr(content, column))
             if column == "velocity" and size == 0:
                 raise InputRefused(
@@ -124,17 +124,20 @@ class JointStateReader(StateReader):
                 )
             if size != len(content.name):
                 raise InputRefused(f"{column} has {size} values for {len(content.name)} names")
-        self._order = order
+
+    def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
+        order = self._find(content.name)
+        return np.concatenate([layout.index_of(path)[order] for path in self.paths])
 
     def _find(self, names: Sequence[str]) -> np.ndarray:
         """Return the index of each of the robot's joints in the names of a message, (nj,)."""
         require_unique(names)
         missing = [name for name in self._joints if name not in names]
         if missing:
-            strange = [name for name in names if name not in self._joints]
-            unknown = f"; names that are none of the controller's joints: {', '.join(strange)}" if strange else ""
+            unknown = ", ".join(name for name in names if name not in self._joints)
             raise InputRefused(
-                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}{unknown}"
+                f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}"
+                + (f"; unknown joints: {unknown}" if unknown else "")
             )
         places = {name: i for i, name in enumerate(names)}
         return np.array([places[name] for name in self._joints], dtype=np.intp)
@@ -144,4 +147,4 @@ def require_unique(names: Sequence[str]) -> None:
     """Raise `InputRefused` if a joint is named more than once."""
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise InputRefused(f"joint {twice[0]!r} stands more than once; every joint is named once")
+        raise InputRefused(f"duplicate joint {twice[0]!r}; name each joint once")

@@ -7,7 +7,6 @@ arrays of them. All other bytes, the text and the array sizes, form the layout.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -28,8 +27,7 @@ class MessageLayout:
     """Positions of the numbers in the serialized messages that have equal text and array sizes.
 
     Attributes:
-        start: offset of the first number, bytes.
-        count: number of groups of eight bytes after it.
+        span: the bytes of a message that can be read as an array of floating-point numbers.
     """
 
     def __init__(self, content: Any) -> None:
@@ -41,36 +39,32 @@ class MessageLayout:
         first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
         differs = first != second
         number_bytes = np.flatnonzero(differs)
-        self._slices: dict[str, slice] = {}
+        self._indices: dict[str, np.ndarray] = {}
         seen = 0
         for path, count in _numbers(content):
             if count:
                 start = (int(number_bytes[seen]) - _START) // 8
-                self._slices[path] = slice(start, start + count)
+                self._indices[path] = np.arange(start, start + count)
                 seen += 8 * count
         edges = np.flatnonzero(np.diff(np.concatenate([[True], differs, [True]]))).reshape(-1, 2).tolist()
-        self._size, self.start, self.count = len(first), _START, (len(first) - _START) // 8
         self._pieces = [slice(start, stop) for start, stop in edges]  # the bytes that belong to no number
         self._constant = [first[piece].tobytes() for piece in self._pieces]
+        self._size, self.span = len(first), slice(_START, _START + (len(first) - _START) // 8 * 8)
 
     def fits(self, payload: bytes) -> bool:
         """Return whether a serialized message has this layout."""
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
-    def slice_of(self, *paths: str) -> slice:
-        """Return the slice of consecutive fields in the message, read as floating-point numbers from `start` on.
+    def index_of(self, *paths: str) -> np.ndarray:
+        """Return the index of each number of some fields in the array of `span`, (k,).
 
         Args:
             paths: such as ``position`` or ``pose.pose.position.x``. A timestamp counts as one number.
 
         Raises:
             KeyError: if the message has no such numbers.
-            ValueError: if the fields are not consecutive.
         """
-        slices = [self._slices[path] for path in paths]
-        if any(before.stop != after.start for before, after in itertools.pairwise(slices)):
-            raise ValueError(f"{', '.join(paths)} are not consecutive fields of the message")
-        return slice(slices[0].start, slices[-1].stop)
+        return np.concatenate([self._indices[path] for path in paths])
 
 
 class Template:
@@ -85,9 +79,9 @@ class Template:
         """
         layout = MessageLayout(content)
         self._payload = bytearray(encode(content))
-        self._numbers = np.frombuffer(self._payload, offset=layout.start, count=layout.count)
-        self._stamp = _START + 8 * layout.slice_of("header.stamp").start if hasattr(content, "header") else None
-        self._fields = [layout.slice_of(*paths) for paths in fields]
+        self._numbers = np.frombuffer(memoryview(self._payload)[layout.span])
+        self._stamp = _START + 8 * int(layout.index_of("header.stamp")[0]) if hasattr(content, "header") else None
+        self._fields = [_as_slice(layout.index_of(*paths)) for paths in fields]
 
     def write(self, nanoseconds: int, *values: Array) -> bytes:
         """Serialize a message.
@@ -106,6 +100,18 @@ class Template:
                 raise ValueError(f"{len(numbers)} numbers for a field of {field.stop - field.start}")
             self._numbers[field] = numbers
         return bytes(self._payload)
+
+
+def _as_slice(index: np.ndarray) -> slice:
+    """Return consecutive indices, (k,), as a slice.
+
+    Raises:
+        ValueError: if the indices are not consecutive.
+    """
+    start, stop = int(index[0]), int(index[-1]) + 1
+    if not np.array_equal(index, np.arange(start, stop)):
+        raise ValueError(f"the fields of a group follow one another in the message; theirs are {index.tolist()}")
+    return slice(start, stop)
 
 
 def _is_message(value: object) -> bool:

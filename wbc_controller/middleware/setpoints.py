@@ -1,4 +1,4 @@
-"""Writes references as the messages in which setpoints are given: the reverse of reading them in `decoding`."""
+"""Setpoint messages of references: the inverse of the decoders in `decoding`."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class OdometryReader(StateReader):
     """Decoder of nav_msgs/Odometry."""
 
     type = "nav_msgs/msg/Odometry"
-    arrays = (_POSE, (*_axes("twist.twist.linear"), *_axes("twist.twist.angular")))
+    paths = (*_POSE, *_axes("twist.twist.linear"), *_axes("twist.twist.angular"))
 
     def __init__(self, base_link: str) -> None:
         """Make a decoder; `base_link` is the link whose pose and twist are measured."""
@@ -99,8 +99,13 @@ class OdometryReader(StateReader):
 
     def read(self, payload: bytes) -> BaseState:
         """Decode and check a serialized message; see `StateReader.read`."""
-        stamp, (pose, twist) = self._decode(payload)
-        return BaseState(stamp, _checked_pose(pose), _finite(twist, "the twist"))
+        stamp, values = self._decode(payload)
+        pose, twist = values[:7], values[7:]
+        if not np.isfinite(values).all():
+            finite(pose, "the pose")
+            finite(twist, "the twist")
+        pose[3:] = unit_quaternion(pose[3:], "the orientation ")
+        return BaseState(stamp, pose, twist)
 
     def _check_text(self, content: Any) -> None:
         if content.child_frame_id not in ("", self._base_link):
@@ -113,9 +118,9 @@ class ImuReader(StateReader):
     """Decoder of sensor_msgs/Imu; its orientation is not used."""
 
     type = "sensor_msgs/msg/Imu"
-    arrays = (
-        _axes("angular_velocity"), ("angular_velocity_covariance",),
-        _axes("linear_acceleration"), ("linear_acceleration_covariance",),
+    paths = (
+        *_axes("angular_velocity"), "angular_velocity_covariance",
+        *_axes("linear_acceleration"), "linear_acceleration_covariance",
     )  # fmt: skip
 
     def __init__(self, frame: str) -> None:
@@ -125,10 +130,11 @@ class ImuReader(StateReader):
 
     def read(self, payload: bytes) -> ImuData:
         """Decode and check a serialized message; see `StateReader.read`."""
-        stamp, (rate, rate_covariance, force, force_covariance) = self._decode(payload)
-        angular_velocity = _measured("angular_velocity", rate, rate_covariance, FASTEST_IMU, "rad/s")
-        specific_force = _measured("linear_acceleration", force, force_covariance, HARDEST_IMU, "m/s²")
-        return ImuData(stamp, angular_velocity, specific_force)
+        stamp, values = self._decode(payload)
+        rate, force = values[:12], values[12:]  # three components, and nine of the covariance
+        _check_measured("angular_velocity", rate[:3], rate[3:], FASTEST_IMU, "rad/s")
+        _check_measured("linear_acceleration", force[:3], force[3:], HARDEST_IMU, "m/s²")
+        return ImuData(stamp, rate[:3], force[:3])
 
     def _check_text(self, content: Any) -> None:
         if content.header.frame_id not in ("", self._frame):
@@ -139,12 +145,18 @@ class PoseReader(StateReader):
     """Decoder of geometry_msgs/PoseWithCovarianceStamped, absolute poses of the base in the world."""
 
     type = "geometry_msgs/msg/PoseWithCovarianceStamped"
-    arrays = (_POSE, ("pose.covariance",))
+    paths = (*_POSE, "pose.covariance")
 
     def read(self, payload: bytes) -> AbsolutePose:
         """Decode and check a serialized message; see `StateReader.read`."""
-        stamp, (pose, covariance) = self._decode(payload)
-        return AbsolutePose(stamp, _near_pose(pose), _checked_covariance(covariance))
+        stamp, values = self._decode(payload)
+        pose = finite(values[:7], "the pose")
+        if not (np.abs(pose[:3]) <= FARTHEST_POSE).all():
+            raise InputRefused(
+                f"the position is {pose[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin"
+            )
+        pose[3:] = unit_quaternion(pose[3:], "the orientation ")
+        return AbsolutePose(stamp, pose, _checked_covariance(values[7:]))
 
     def _check_text(self, content: Any) -> None:
         frame = content.header.frame_id
@@ -158,7 +170,7 @@ class ContactForceReader(StateReader):
     """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used."""
 
     type = "geometry_msgs/msg/WrenchStamped"
-    arrays = (_axes("wrench.force"),)
+    paths = _axes("wrench.force")
 
     def __init__(self, contact: str, normals: Mapping[str, Array]) -> None:
         """Make a decoder.
@@ -172,8 +184,8 @@ class ContactForceReader(StateReader):
 
     def read(self, payload: bytes) -> ContactForce:
         """Decode and check a serialized message; see `StateReader.read`."""
-        stamp, (force,) = self._decode(payload)
-        force = _finite(force, "wrench.force")
+        stamp, force = self._decode(payload)
+        finite(force, "wrench.force")
         if not (np.abs(force) <= HARDEST_CONTACT).all():
             raise InputRefused(f"wrench.force is {force.tolist()} N; at a contact it is at most {HARDEST_CONTACT:g}")
         return ContactForce(stamp, float(self._normal @ force), force)
@@ -188,48 +200,13 @@ class ContactForceReader(StateReader):
         self._normal = self._normals[frame]
 
 
-def _finite(view: Array, what: str) -> Array:
-    """Return a copy of an array of a message; raise `InputRefused` if a value is not finite."""
-    return finite(view.copy(), what)
-
-
-def _checked_pose(view: Array) -> Array:
-    """Return position and normalized quaternion, (7,).
-
-    Raises:
-        InputRefused: if a value is not finite, or the quaternion is not a unit quaternion.
-    """
-    pose = _finite(view, "the pose")
-    pose[3:] = unit_quaternion(pose[3:], "the orientation ")
-    return pose
-
-
-def _near_pose(view: Array) -> Array:
-    """Return position and normalized quaternion of an absolute pose, (7,).
-
-    Raises:
-        InputRefused: as `_checked_pose`, or if the position is too far away.
-    """
-    pose = _finite(view, "the pose")
-    if not (np.abs(pose[:3]) <= FARTHEST_POSE).all():
-        raise InputRefused(
-            f"the position is {pose[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin"
-        )
-    return _checked_pose(pose)
-
-
-def _measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> Array:
-    """Return a quantity that an IMU measures, (3,).
-
-    Raises:
-        InputRefused: if the IMU does not measure it, or a value is not finite or above its limit.
-    """
+def _check_measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> None:
+    """Raise `InputRefused` if an IMU does not measure a quantity, or a value is not finite or above its limit."""
     if covariance[0] == -1.0:
         raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure it")
-    values = _finite(values, what)
+    finite(values, what)
     if not (np.abs(values) <= limit).all():
         raise InputRefused(f"{what} is {values.tolist()} {unit}; an IMU measures at most {limit:g}")
-    return values
 
 
 def _checked_covariance(rows: Array) -> Array:
@@ -238,7 +215,7 @@ def _checked_covariance(rows: Array) -> Array:
     Raises:
         InputRefused: if a value is not finite, or a variance or an eigenvalue is negative or too large.
     """
-    C = _finite(rows, "the covariance").reshape(6, 6)
+    C = finite(rows, "the covariance").reshape(6, 6)
     C += C.T.copy()
     C *= 0.5
     variances = C.diagonal()

@@ -1,4 +1,4 @@
-"""What is measured at the contacts, by force sensors and switches: messages in, contacts that hold out."""
+"""Force sensors and switches at the contacts: decodes their messages and returns the active contacts."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ KEYS = ("measured_wrench", "holds")
 
 
 class ContactSensors:
-    """Reads the sensors at the contacts, on the thread of the cycle."""
+    """Decodes the messages of the sensors at the contacts, on the thread of the cycle."""
 
     def __init__(self, sensing: ContactSensing, tracker: Callable[[], StampTracker]) -> None:
-        """Make it, with nothing heard.
+        """Make the decoders.
 
         Args:
-            sensing: what is known of the sensors.
-            tracker: makes what judges the stamps of one stream.
+            sensing: limits and normals of the sensors.
+            tracker: makes the tracker of the timestamps of one sensor.
         """
         self._detector = ContactDetector(sensing.limits)
         self._tracker = tracker
@@ -55,16 +55,16 @@ class ContactSensors:
         self._detector.update_force(contact, measured.normal)
 
     def restart(self) -> None:
-        """Take the next stamps as those of a new time."""
+        """Accept the next timestamps as those of a new time."""
         self._stamps.clear()
         self._detector.forget_forces()
 
     def decide(self, now: float, meant: Collection[str]) -> tuple[Collection[str], list[str]]:
-        """Which contacts hold, and a sentence for each sensor that is newly silent.
+        """Return the contacts that hold, and a sentence for each newly silent sensor.
 
         Args:
             now: s, on the clock of the arrivals.
-            meant: names of the contacts that are meant to hold.
+            meant: names of the contacts that should hold.
         """
         before = self._detector.silent
         holding = self._detector.active(meant, {name: stamps.age(now) for name, stamps in self._stamps.items()})
@@ -73,7 +73,7 @@ class ContactSensors:
         ]
 
     def notes(self) -> dict[str, str]:
-        """What to know about sensors that are silent, by topic."""
+        """Return a sentence for each silent sensor, by topic."""
         return {self._topics[name]: self._silence(name) for name in self._detector.silent}
 
     def _silence(self, contact: str) -> str:

@@ -137,7 +137,7 @@ class Inputs:
             self._sources["imu"] = _Source(ImuReader(estimator.imu_frame), self._tracker())
         elif model.floating_base:
             self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker())
-        self._parts = dict(self._sources)  # those without which there is no state
+        self._parts = dict(self._sources)  # without one of them there is no state
         if estimator is not None and estimator.takes_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
         self._queues: dict[str, _Queue] = {}

@@ -28,9 +28,9 @@ _log = logging.getLogger(__name__)
 
 #: Time for which a logged sentence is not repeated, s.
 _SILENCE = 1.0
-#: Sentences that are logged in that time, at most.
+#: Largest number of sentences that are logged in that time.
 _MOST_SAID = 20
-#: Figures and quoted names in a sentence, which may be others in every cycle.
+#: Figures and quoted names in a sentence, which may change from cycle to cycle.
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 #: Longest time for which the interpreter leaves another thread running while the loop waits for it, s.
 _SWITCH_INTERVAL = 5.0e-4
@@ -67,7 +67,7 @@ class ControlLoop:
             inputs: latch the incoming messages.
             outputs: publish the outgoing messages.
             audit: compares the model with the measured motion.
-            ownership: knows who else publishes on the topics.
+            ownership: finds other publishers on the topics.
             clock: measures ages and durations.
             timer: returns seconds, for the stage times.
             observers: called with the report of every cycle.
@@ -90,7 +90,7 @@ class ControlLoop:
 
     @property
     def estimator(self) -> BaseEstimator | None:
-        """The estimator of the base, where its state is estimated here."""
+        """The estimator of the base; None if its state is measured."""
         return self._inputs.estimator
 
     def cycle(self) -> CycleReport:
@@ -170,7 +170,7 @@ class ControlLoop:
         return report
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
-        """Say why ages cannot be measured during a stall of the clock: it is too coarse, or has stopped.
+        """Return the reason why ages cannot be measured during a stall of the clock: it is too coarse, or has stopped.
 
         Args:
             stall: advance of the stamps of the states since the clock moved, s.
@@ -185,11 +185,11 @@ class ControlLoop:
         return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _takes_reset(self, words: tuple[str, ...]) -> bool:
-        """Whether the supervisor accepts the first 'reset' of some requests, as it does unless it is in control."""
+        """Return whether the supervisor accepts the first 'reset' of some requests: it does unless it is in control."""
         return self.controller.mode not in _UNDER_CONTROL or "damp" in words[: words.index("reset")]
 
     def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The requests for the controller, and a sentence for each that is refused, as the robot has another owner."""
+        """Return the requests for the controller, and a sentence for each one refused because of another owner."""
         if self._activate_when_fresh and any(word != "activate" for word in words):
             _log.warning("command %r: the activation at the start is cancelled", words[0])
             self._activate_when_fresh = False
@@ -263,14 +263,14 @@ class ControlLoop:
             self._shut_down()
 
     def run_due(self, now: float, period: float) -> bool:
-        """Run the triggered cycle that is due, if one is: what `run` does with joint states, where time is simulated.
+        """Run the triggered cycle if one is due, as `run` does, in simulated time.
 
         Args:
-            now: the time that passes while the loop waits, s; its clock may be another one.
+            now: simulated time, s; the loop may use another clock.
             period: time between cycles, s.
 
         Returns:
-            Whether a cycle was due.
+            True if a cycle was due.
         """
         if not self._inputs.wait(0.0) and now < self._due:
             return False
@@ -279,7 +279,7 @@ class ControlLoop:
         return True
 
     def wake(self) -> None:
-        """Interrupt the wait for a joint state, so that a loop whose `stop` event is set ends at once."""
+        """Interrupt the wait for a joint state, so that a loop ends at once when its `stop` event is set."""
         self._inputs.wake()
 
     def _shut_down(self) -> None:
@@ -312,7 +312,7 @@ class ControlLoop:
             deadline += period
 
     def _guarded_wait(self, stop: threading.Event, period: float) -> None:
-        """Wait for the next joint state; where that is not possible any more, the next cycles damp."""
+        """Wait for the next joint state; if the transport fails, the next cycles damp."""
         try:
             self._inputs.wait(self._patience(period))
         except TransportError as error:
@@ -320,7 +320,7 @@ class ControlLoop:
             stop.wait(period)
 
     def _guarded_cycle(self) -> None:
-        """Run one cycle; an exception, wherever it is raised, leads to zero torques now and damping with a fault."""
+        """Run one cycle; an exception leads to zero torques now, and to damping with a fault."""
         try:
             self.cycle()
         except Exception as error:
@@ -328,5 +328,5 @@ class ControlLoop:
             self._outputs.publish_zeros()
 
     def _patience(self, period: float) -> float:
-        """Time to wait for the next joint state, s: until the last one is stale, then one period at a time."""
+        """Return the time to wait for the next joint state, s: until the last one is stale, then one period."""
         return max(period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))

@@ -1,8 +1,8 @@
 """Outgoing messages: commands, contact wrenches, the mode, diagnostics, tasks' states and markers.
 
-Diagnostics and markers take longer than a fast loop has between two states. They are composed piece by piece, one per
-cycle, when the torques are out. Contact wrenches, tasks' states and markers are made while somebody reads them, and
-diagnostics that nobody reads once a second, for the recorder.
+Diagnostics and markers take longer than the time between two states. They are composed piece by piece, one per cycle,
+after the torques are sent. Contact wrenches, tasks' states and markers are made only if a subscription exists.
+Diagnostics without a subscription are made once a second, for the recorder.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.nodes.diagnostics.task_states import TaskStates
 from wbc_controller.records import Fault, Mode, References, RobotState, Solution
 
-#: Rows of the topic table whose messages are made while somebody reads them; diagnostics are made less often.
+#: Rows of the topic table whose messages depend on subscriptions; without one, diagnostics are made less often.
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
-#: Shortest time between two diagnostics that nobody reads, s.
+#: Shortest time between two diagnostics without a subscription, s.
 _UNREAD = 1.0
-#: Time between two looks at who reads them, s.
+#: Time between two queries of the subscriptions, s.
 _LOOK = 0.1
 
 
 class _Readers:
-    """Which of the topics whose messages are made on demand somebody reads.
+    """Subscriptions of the topics whose messages are made on demand.
 
     Attributes:
-        subjects: names of the contacts or tasks whose topic is read, by row of the topic table; of one without a
-            subject the empty name.
+        subjects: names of the contacts or tasks whose topic has a subscription, by row of the topic table; the empty
+            name for a topic without a subject.
     """
 
     def __init__(self, transport: Transport, endpoints: Iterable[Endpoint]) -> None:
@@ -55,7 +55,7 @@ class _Readers:
         self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
 
     def look(self, now: float) -> None:
-        """Look at who reads, where it is time to.
+        """Query the subscriptions if they are due.
 
         Args:
             now: time on the clock of the loop, s.
@@ -93,13 +93,13 @@ class Outputs:
             endpoints: endpoints of the controller's node.
             transport: carries the messages.
             diagnostics_period: time between two diagnostics messages, and between two of a task, s.
-            tasks: writes where the tasks are.
-            shortfall: finds those that stay short of their references.
+            tasks: writes the states of the tasks.
+            shortfall: finds the tasks that stay short of their references.
             scene: draws the markers.
             markers_period: time between two marker messages, s; inf for none.
             node: name of the node, with its namespace.
             scheduling: how the process is scheduled, for diagnostics.
-            recorder: gives what became of the recordings, by key, for diagnostics.
+            recorder: returns diagnostics of the recordings, by key.
         """
         self._actuation = model.actuation
         self._contacts = contacts
@@ -131,8 +131,8 @@ class Outputs:
         self._diagnostics_period = diagnostics_period
         self._diagnosed = -np.inf  # when the last diagnostics were begun, s
         self._contested_said: tuple[str, ...] = ()
-        self._news = False  # that the next diagnostics must not wait with
-        self._composed: dict[str, Generator[None, None, None]] = {}  # messages that are on their way, by key
+        self._news = False  # whether the next diagnostics are due at once
+        self._composed: dict[str, Generator[None, None, None]] = {}  # unfinished messages, by key
         self._tasks = tasks
         self._tasks_due = -np.inf
         self._shortfall = shortfall
@@ -159,11 +159,11 @@ class Outputs:
                     publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:
-        """Send zero torques, whatever has failed: the bytes were made at the start."""
+        """Send zero torques after a failure: the message was serialized at the start."""
         self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send the mode if it has changed, begin diagnostics if they are due or have news, and look who reads.
+        """Send the mode if it has changed, begin diagnostics if they are due, and query the subscriptions.
 
         Args:
             report: report of the cycle.
@@ -196,16 +196,16 @@ class Outputs:
         references: References | None,
         solution: Solution | None,
     ) -> None:
-        """Send where a task is and where it is wanted: all that are read in turn, in as many cycles, when they are due.
+        """Send the state and the reference of one task if due: all tasks with a subscription in turn, one per cycle.
 
-        What stays short of its reference is said with the next diagnostics.
+        The next diagnostics name the tasks that stay short of their references.
 
         Args:
             now: time on the clock of the loop, s.
             state: latched state; None before the first one.
             dynamics: the snapshot of the cycle.
-            references: references of the cycle, if its program was solved.
-            solution: solution of the cycle, if there is one.
+            references: references of the cycle; None if no program was solved.
+            solution: solution of the cycle, or None.
         """
         if state is None or references is None or solution is None:
             self._short = ()
@@ -223,13 +223,13 @@ class Outputs:
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
     ) -> None:
-        """Begin the markers of the cycle if they are due, and somebody reads them.
+        """Begin the markers of the cycle if they are due and have a subscription.
 
         Args:
             now: time on the clock of the loop, s.
             state: latched state; None before the first one.
-            references: references of the cycle, if its program was solved.
-            solution: solution of the cycle, if there is one.
+            references: references of the cycle; None if no program was solved.
+            solution: solution of the cycle, or None.
         """
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period
@@ -237,19 +237,19 @@ class Outputs:
                 self._begin("markers", self._scene.compose(state, references, solution))
 
     def compose(self) -> None:
-        """Take one step of the oldest message that is on its way."""
+        """Compose one piece of the oldest unfinished message."""
         for key, steps in self._composed.items():
             if next(steps, self) is self:
                 del self._composed[key]
             return
 
     def finish(self) -> None:
-        """Take all steps that are left."""
+        """Compose all pieces that are left."""
         while self._composed:
             self.compose()
 
     def _begin(self, key: str, content: Generator[None, None, Any]) -> None:
-        """Begin a message; what is left of the last one, which is late, is done at once."""
+        """Begin a message; finish the last one at once, which is late."""
         for _ in self._composed.pop(key, ()):
             pass
         self._composed[key] = self._written(key, content)

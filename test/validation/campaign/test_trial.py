@@ -97,7 +97,7 @@ def _old_states(controller):
 
     def careless(inputs):
         measured = velocity if inputs.joint_velocity is None else inputs.joint_velocity
-        return cycle(inputs._replace(problem=None, joint_velocity=measured))
+        return cycle(dataclasses.replace(inputs, problem=None, joint_velocity=measured))
 
     controller.cycle = careless
     # The loop asks for the largest age as well.
@@ -170,7 +170,7 @@ def test_a_reason_that_a_fault_does_not_have_is_a_violation():
 
         def stopped(inputs):
             stopped.count += 1
-            return cycle(inputs._replace(requests=("estop",)) if stopped.count == 40 else inputs)
+            return cycle(dataclasses.replace(inputs, requests=("estop",)) if stopped.count == 40 else inputs)
 
         stopped.count = 0
         controller.cycle = stopped

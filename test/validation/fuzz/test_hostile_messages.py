@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from wbc_controller.cli import main
 from wbc_controller.controller.cycle import ControlCycle
-from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.middleware import decoding
@@ -165,19 +165,16 @@ class TestWhatIsBrokenIsFound:
         assert "ms of processor time; at most 50 ms" in self.found("controller").why
 
     def test_an_estimate_that_is_answered_to_a_refused_message(self, monkeypatch):
-        original = Inputs._read_state
+        original = Inputs._decode
 
-        def broken(self, *arguments):
-            try:
-                original(self, *arguments)
-            except InputRefused:
-                if self.estimator is not None and self.estimator.base is not None:
-                    self.estimator._running._last = dataclasses.replace(
-                        self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
-                    )
-                raise
+        def broken(self, endpoint, arrival, payload, refused):
+            original(self, endpoint, arrival, payload, refused)
+            if refused and self.estimator is not None and self.estimator.base is not None:
+                self.estimator._running._last = dataclasses.replace(
+                    self.estimator._running._last, stamp=self.estimator.stamp + 1e-6
+                )
 
-        monkeypatch.setattr(Inputs, "_read_state", broken)
+        monkeypatch.setattr(Inputs, "_decode", broken)
         assert "was refused" in self.found("estimator", 200).why
 
     def test_an_estimate_without_a_covariance(self, monkeypatch):

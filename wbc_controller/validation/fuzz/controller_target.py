@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -52,7 +53,8 @@ class _Gate:
         """Return the newest state and the passed requests; as `Inputs.latch`."""
         passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
         requests = [latched.requests for latched in passed]
-        return passed[-1]._replace(
+        return dataclasses.replace(
+            passed[-1],
             refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
             requests=TakenRequests(
                 commands=tuple(word for taken in requests for word in taken.commands),
