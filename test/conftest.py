@@ -16,6 +16,7 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import Clock, ManualClock
@@ -67,6 +68,11 @@ def _pose(position: Any, quaternion: Any) -> Any:
     )
 
 
+def _twist(twist: Any) -> Any:
+    linear, angular = _vector("Vector3", twist[:3]), _vector("Vector3", twist[3:])
+    return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
+
+
 def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = (), time: int = 1) -> Any:
     arrays = {
         "position": np.asarray(position, dtype=float),
@@ -84,11 +90,7 @@ def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, fr
         pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose[:3], pose[3:]), covariance=np.zeros(36)),
         twist=message(
             "geometry_msgs/msg/TwistWithCovariance",
-            twist=message(
-                "geometry_msgs/msg/Twist",
-                linear=_vector("Vector3", twist[:3]),
-                angular=_vector("Vector3", twist[3:]),
-            ),
+            twist=_twist(twist),
             covariance=np.zeros(36),
         ),
     )
@@ -124,14 +126,7 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
                     )
                     for transform in transforms
                 ],
-                velocities=[
-                    message(
-                        "geometry_msgs/msg/Twist",
-                        linear=_vector("Vector3", twist[:3]),
-                        angular=_vector("Vector3", twist[3:]),
-                    )
-                    for twist in (twists[0] if twists else ())
-                ],
+                velocities=[_twist(twist) for twist in (twists[0] if twists else ())],
                 accelerations=[],
                 time_from_start=_duration(time),
             )
@@ -144,6 +139,10 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
     )
 
 
+def _setpoint(kind: str, values: Any, frame: str) -> Any:
+    return setpoint_message(f"geometry_msgs/msg/{kind}", "", values, frame=frame)
+
+
 MAKE = SimpleNamespace(
     joint_state=_joint_state,
     odom=_odom,
@@ -152,24 +151,12 @@ MAKE = SimpleNamespace(
     string=lambda text: message("std_msgs/msg/String", data=text),
     bool=lambda value: message("std_msgs/msg/Bool", data=value),
     float64=lambda value: message("std_msgs/msg/Float64", data=float(value)),
-    point=lambda values, frame="world": message(
-        "geometry_msgs/msg/PointStamped", header=header(0, frame), point=_vector("Point", values)
+    point=lambda values, frame="world": _setpoint("PointStamped", values, frame),
+    vector=lambda values, frame="world": _setpoint("Vector3Stamped", values, frame),
+    pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": _setpoint(
+        "PoseStamped", [*position, *quaternion], frame
     ),
-    vector=lambda values, frame="world": message(
-        "geometry_msgs/msg/Vector3Stamped", header=header(0, frame), vector=_vector("Vector3", values)
-    ),
-    pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": message(
-        "geometry_msgs/msg/PoseStamped", header=header(0, frame), pose=_pose(position, quaternion)
-    ),
-    wrench=lambda values, frame="world": message(
-        "geometry_msgs/msg/WrenchStamped",
-        header=header(0, frame),
-        wrench=message(
-            "geometry_msgs/msg/Wrench",
-            force=_vector("Vector3", values[:3]),
-            torque=_vector("Vector3", values[3:]),
-        ),
-    ),
+    wrench=lambda values, frame="world": _setpoint("WrenchStamped", values, frame),
 )
 
 

@@ -69,8 +69,7 @@ class MessageGrowingDelay(_StreamFault):
 
     def post(self, site: Site) -> _Post:
         """Delay each message by what has grown since the beginning."""
-        began = site.plant.time
-        return lambda parcel: [_later(parcel, self.growth * (site.plant.time - began))]
+        return lambda parcel: [_later(parcel, self.growth * site.elapsed)]
 
 
 class MessageJitter(_StreamFault):
@@ -131,10 +130,9 @@ class MessageReplay(_StreamFault):
     def post(self, site: Site) -> _Post:
         """Keep what comes for a while, then repeat it."""
         kept: deque[Parcel] = deque()
-        began = site.plant.time
 
         def replay(parcel: Parcel) -> list[Parcel]:
-            if (not kept or site.plant.time - began < self.length) and len(kept) < _MOST_KEPT:
+            if (not kept or site.elapsed < self.length) and len(kept) < _MOST_KEPT:
                 kept.append(parcel)
                 return [parcel]
             kept.rotate(-1)

@@ -1,4 +1,4 @@
-"""One trial: a robot that stands and moves, a fault at a random moment, and what came of it.
+"""One trial: a robot that stands and moves, a fault at a random moment, and the outcome.
 
 Controller, physics and user run in one thread on simulated time, so that the same seed gives the same trial. Their
 clocks are the same one; trials with an odd seed tell the controller so (`safety.synchronized_clocks`), in the others it
@@ -95,7 +95,7 @@ def run_trial(
         with _few_objects_to_collect():
             trial.run()
         if place is not None:
-            trial.look_at(place)
+            trial.check_recording(place)
     if logged:
         trial.monitor.found("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
@@ -139,7 +139,7 @@ class _Trial(Lockstep):
         self._moved = 0.0
 
     def run(self) -> None:
-        """Stand up, move, let the fault happen, and see what comes of it."""
+        """Stand up, move, and let the fault happen."""
         try:
             self._stand()
             if self.monitor.mode is not Mode.ACTIVE or self._fall.seen():
@@ -158,13 +158,13 @@ class _Trial(Lockstep):
             if self._recorder is not None:
                 self._recorder.close()
 
-    def look_at(self, place: Place) -> None:
-        """See whether the recording that a fault has left names it, and comes out again."""
+    def check_recording(self, place: Place) -> None:
+        """Check the recording of a fault."""
         left = self.monitor.left
         if left is not None and left[2]:
-            lacks = place.lacks(left[1], left[2])
-            if lacks:
-                self.monitor.found("recording", lacks)
+            mistake = place.mistake(left[1], left[2])
+            if mistake:
+                self.monitor.found("recording", mistake)
 
     def _stand(self) -> None:
         """Activate with the base held until the torques are those of standing, and let it go."""
@@ -213,7 +213,7 @@ class _Trial(Lockstep):
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
-        """Judge what has been seen."""
+        """Judge the observations."""
         monitor, expected = self.monitor, self._expected
         left = monitor.left
         after = left[0] - self._began if left is not None and math.isfinite(self._began) else None
@@ -240,7 +240,7 @@ class _Trial(Lockstep):
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
-        """Compare what came of the fault with what had to."""
+        """Compare the outcome of the fault with the expected one."""
         if after is not None and after < 0.0:
             self.monitor.found("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:

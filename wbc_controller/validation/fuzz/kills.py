@@ -1,4 +1,4 @@
-"""Kills: the controller or the mock robot is killed, hung up or stopped for a while, at random moments.
+"""Kills of processes: the controller or the mock robot is killed, hung up or stopped for a while.
 
 What counts is what arrives for the joints: after the last command, the guard's torques within its bound; no torques
 that were computed from an old state; and afterwards everything can go on.
