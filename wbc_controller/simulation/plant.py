@@ -28,14 +28,9 @@ from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
-from wbc_controller.simulation.grips import closures_of, grips_of, place, wrench
+from wbc_controller.simulation.grips import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import (
-    compile_mechanism,
-    contact_frame,
-    frame_on_joint,
-    rub,
-)
+from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rub
 from wbc_controller.simulation.shapes import Shape, read_shapes
 from wbc_controller.simulation.touch import Touch
 

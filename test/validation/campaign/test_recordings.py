@@ -47,7 +47,7 @@ def test_a_damaged_recording_is_found_out(left):
 
 
 def test_a_trial_says_what_its_recording_lacks(tmp_path, monkeypatch):
-    monkeypatch.setattr(Place, "lacks", lambda place, code, sentence: f"no {code}")
+    monkeypatch.setattr(Place, "mistake", lambda place, code, sentence: f"no {code}")
     outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=tmp_path)
     assert outcome.result == "violation"
     assert outcome.violations["recording"].endswith(f"no {outcome.code}")

@@ -40,6 +40,16 @@ class _LinkFault(_WorldFault):
         known(self.link, moving, "link")
 
 
+class _ContactFault(_WorldFault):
+    """A fault of the floor below contacts."""
+
+    contact: str = ""
+
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """Check that the robot has the contact."""
+        known(self.contact, contacts, "contact")
+
+
 class Payload(_LinkFault):
     """A load is fastened to a link."""
 
@@ -81,15 +91,11 @@ class CenterOfMassError(_WorldFault):
         return Effect(ended=at_once(restore))
 
 
-class SlipperyFloor(_WorldFault):
+class SlipperyFloor(_ContactFault):
     """The floor is slippery, below all feet or one."""
 
     contact: str = Field("", description="name of the contact on it; empty for all")
     friction: float = number(0.1, 0.0, 0.5, "", "coefficient of the floor")
-
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """See that the robot has the contact."""
-        known(self.contact, contacts, "contact")
 
     def begin(self, site: Site) -> Effect:
         """Change the friction of the floor, which has precedence over that of the feet; or give a foot precedence."""
@@ -139,14 +145,10 @@ class FloorDrop(_WorldFault):
         return Effect()
 
 
-class FloorHole(_WorldFault):
+class FloorHole(_ContactFault):
     """There is no floor below one foot; where it has sunk, it is free until it is above the floor again."""
 
     contact: str = Field("", description="name of the contact; empty for one at random")
-
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """See that the robot has the contact."""
-        known(self.contact, contacts, "contact")
 
     def begin(self, site: Site) -> Effect:
         """Take away what the foot collides with."""

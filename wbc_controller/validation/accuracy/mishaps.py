@@ -52,8 +52,7 @@ class Mishap:
 #: The rows of the table.
 MISHAPS = (
     Mishap(
-        "one foot on ice, friction 0.05",
-        lambda foot, _: [SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)],
+        "one foot on ice, friction 0.05", lambda foot, _: [SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)]
     ),
     Mishap("one foot pulled up", pull=True),
     Mishap("IMU silent for 20 ms", lambda *_: [MessageDropout(duration=0.02, stream="imu")]),
@@ -80,14 +79,9 @@ MISHAPS = (
         lambda *_: [ImuShock(duration=1.5, turn=5.0, force=0.0)],
         hoist=True,
     ),
+    Mishap("IMU shock of 20 m/s² for 0.1 s, on the hoist", lambda *_: [ImuShock(duration=0.1, force=20.0)], hoist=True),
     Mishap(
-        "IMU shock of 20 m/s² for 0.1 s, on the hoist",
-        lambda *_: [ImuShock(duration=0.1, force=20.0)],
-        hoist=True,
-    ),
-    Mishap(
-        "encoder offset of 0.02 rad",
-        lambda _, joint: [JointBias(duration=LONGEST, joint=joint, bias=0.02, ramp=0.0)],
+        "encoder offset of 0.02 rad", lambda _, joint: [JointBias(duration=LONGEST, joint=joint, bias=0.02, ramp=0.0)]
     ),
 )
 

@@ -215,14 +215,14 @@ class _Bench:
             bare.append(found())
             progress(count * seconds / blocks, ours[-1], bare[-1])
         return Latency(
-            joined(ours),
-            joined(bare),
-            active / blocks,
-            inactive,
-            waiting / blocks,
-            (first, last),
-            scheduling,
-            tuple(said),
+            controller=joined(ours),
+            echo=joined(bare),
+            active=active / blocks,
+            inactive=inactive,
+            waiting=waiting / blocks,
+            memory=(first, last),
+            scheduling=scheduling,
+            said=tuple(said),
         )
 
     def _inactive_share(self, seconds: float) -> float:
