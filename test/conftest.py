@@ -16,6 +16,7 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.odometry import odometry, quaternion, vector
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
@@ -56,21 +57,14 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
     return result
 
 
-def _vector(kind: str, values: Any) -> Any:
-    return message(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
-
-
-def _pose(position: Any, quaternion: Any) -> Any:
-    return message(
-        "geometry_msgs/msg/Pose",
-        position=_vector("Point", position),
-        orientation=_vector("Quaternion", quaternion),
-    )
-
-
 def _twist(twist: Any) -> Any:
-    linear, angular = _vector("Vector3", twist[:3]), _vector("Vector3", twist[3:])
-    return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
+    linear, angular = np.split(np.asarray(twist, dtype=float), [3])
+    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
+
+
+def _transform(pose: Any) -> Any:
+    place, turn = np.split(np.asarray(pose, dtype=float), [3])
+    return message("geometry_msgs/msg/Transform", translation=vector(place), rotation=quaternion(turn))
 
 
 def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = (), time: int = 1) -> Any:
@@ -83,17 +77,7 @@ def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = ()
 
 
 def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, frame: str = "world") -> Any:
-    return message(
-        "nav_msgs/msg/Odometry",
-        header=header(time, frame),
-        child_frame_id=child,
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose[:3], pose[3:]), covariance=np.zeros(36)),
-        twist=message(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=_twist(twist),
-            covariance=np.zeros(36),
-        ),
-    )
+    return odometry(time, frame, child, np.asarray(pose, dtype=float), np.asarray(twist, dtype=float))
 
 
 def _duration(time: float) -> Any:
@@ -118,14 +102,7 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
         made.append(
             message(
                 "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-                transforms=[
-                    message(
-                        "geometry_msgs/msg/Transform",
-                        translation=_vector("Vector3", transform[:3]),
-                        rotation=_vector("Quaternion", transform[3:]),
-                    )
-                    for transform in transforms
-                ],
+                transforms=[_transform(transform) for transform in transforms],
                 velocities=[_twist(twist) for twist in (twists[0] if twists else ())],
                 accelerations=[],
                 time_from_start=_duration(time),

@@ -16,6 +16,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.middleware.codec import header, message
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
+from wbc_controller.simulation.measurement import imu_message
 
 IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
 GRAVITY = (0.0, 0.0, 9.81)
@@ -32,21 +33,8 @@ class Standing:
         self.bench = bench
 
     def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
-        vectors = [
-            message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, values), strict=True)))
-            for values in (turning, force)
-        ]
-        content = message(
-            "sensor_msgs/msg/Imu",
-            header=header(self.bench.time if time is None else time, frame),
-            orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
-            orientation_covariance=np.zeros(9),
-            angular_velocity=vectors[0],
-            angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=vectors[1],
-            linear_acceleration_covariance=np.zeros(9),
-        )
-        self.bench.send("imu", content)
+        stamp, vectors = self.bench.time if time is None else time, (np.array(turning), np.array(force))
+        self.bench.send("imu", imu_message(stamp, frame, np.zeros(4), *vectors))
 
     def cycle(self, count=1, *, imu=True, **changes):
         for _ in range(count):

@@ -13,7 +13,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.lockstep import Lockstep
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
@@ -28,37 +28,22 @@ from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, counterpar
 GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])
 
 
-class Robot:
+class Robot(Lockstep):
     """The controller and the mock robot on one thread, and a user who hears everything."""
 
     def __init__(self, *, lockstep: bool = False, **changes) -> None:
-        self.settings = menagerie(**changes)
-        self.model = make_model(self.settings, MENAGERIE)
-        bus = MemoryBus()
-        self.mock = MockRobot(self.model, self.settings, MemoryTransport(bus), lockstep=lockstep)
-        self.clock = ManualClock()
-        topics = controller_endpoints(self.settings, self.model)
-        controller = Controller(self.settings, preflight=False, model=self.model)
-        self.loop = make_loop(controller, MemoryTransport(bus), self.clock, topics)
-        user = MemoryTransport(bus)
+        settings = menagerie(**changes)
+        super().__init__(settings, model=make_model(settings, MENAGERIE), mock={"lockstep": lockstep})
         self.heard: dict[str, list[bytes]] = {}
-        self.publish = {}
-        self.types = {topic.key: topic.type for topic in topics}
-        for topic in topics:
-            if topic.direction is Direction.IN:
-                self.publish[topic.key] = user.advertise(counterpart(topic))
-            else:
-                user.subscribe(counterpart(topic), self.heard.setdefault(topic.key, []).append)
-
-    def say(self, key: str, text: str) -> None:
-        self.publish[key](encode(message("std_msgs/msg/String", data=text)))
+        self.types = {topic.key: topic.type for topic in self.topics}
+        for topic in self.topics:
+            if topic.direction is Direction.OUT:
+                listener = self.heard.setdefault(topic.key, []).append
+                MemoryTransport(self.bus).subscribe(counterpart(topic), listener)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * self.settings.control.rate)):
-            self.clock.time = self.mock.stamp * 1e-9
-            self.mock.publish()
-            self.loop.cycle()
-            self.mock.advance()
+            self.cycle()
 
     def last(self, key: str):
         return decode(self.heard[key][-1], self.types[key])
@@ -68,9 +53,9 @@ class Robot:
 def moved() -> Robot:
     """The posture task has moved every joint that a motor moves, in one second."""
     robot = Robot()
-    robot.say("command", "activate")
+    robot.user.say("command", "activate")
     robot.run(1.2)
-    robot.say("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
+    robot.user.say("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
     robot.run(2.0)
     return robot
 
@@ -96,7 +81,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
     runs = []
     for command in ("actuators", "joints"):
         robot = Robot(command=command, **changes)
-        robot.say("command", "activate")
+        robot.user.say("command", "activate")
         robot.run(0.1)
         runs.append(robot)
     by_actuator, by_joint = (robot.last("effort").data for robot in runs)
@@ -110,10 +95,9 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
 
 def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators():
     robot = Robot(lockstep=True)
-    robot.say("command", "activate")
+    robot.user.say("command", "activate")
     for _ in range(20):
-        robot.clock.time = robot.mock.stamp * 1e-9
-        robot.mock.publish()
+        robot.publish_state()
         robot.loop.cycle()
         assert robot.mock.wait_for_answer()
         robot.mock.advance()
