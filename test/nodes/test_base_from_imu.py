@@ -13,7 +13,8 @@ from wbc_controller.controller.build.estimation import contact_normals, estimate
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.middleware.codec import header, message
+from wbc_controller.middleware.codec import message
+from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.measurement import imu_message
@@ -289,16 +290,10 @@ FEET = ("front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foo
 
 
 def force(robot, newtons, foot=FEET[0], frame="", time=None):
-    content = message(
-        "geometry_msgs/msg/WrenchStamped",
-        header=header(robot.bench.time if time is None else time, frame),
-        wrench=message(
-            "geometry_msgs/msg/Wrench",
-            force=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=newtons),
-            torque=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
-        ),
+    stamp = robot.bench.time if time is None else time
+    robot.bench.send(
+        "measured_wrench", wrench_stamped(np.array([0.0, 0.0, newtons, 0.0, 0.0, 0.0]), frame, stamp), foot
     )
-    robot.bench.send("measured_wrench", content, foot)
 
 
 def holding(robot):

@@ -113,13 +113,6 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
     )
 
 
-def wrench_message(stamp: int, frame: str, wrench: Array) -> Any:
-    """Make a WrenchStamped from a force, (3,) in N, or a wrench, (6,) in N and N·m."""
-    torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
-    content = messages.message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(torque))
-    return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
-
-
 def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
     """Make an Imu message without covariances."""
     exact = np.zeros(9)

@@ -23,7 +23,7 @@ from wbc_controller.validation.user import User
 
 
 class Lockstep:
-    """The three on one memory bus.
+    """Controller, mock robot and user on one memory bus.
 
     Attributes:
         settings: of the robot.

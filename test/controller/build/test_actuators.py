@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from chains import MENAGERIE, TENDON, menagerie
+from peer import Peer
 
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
@@ -34,19 +35,11 @@ class Robot(Lockstep):
     def __init__(self, *, lockstep: bool = False, **changes) -> None:
         settings = menagerie(**changes)
         super().__init__(settings, model=make_model(settings, MENAGERIE), mock={"lockstep": lockstep})
-        self.heard: dict[str, list[bytes]] = {}
-        self.types = {topic.key: topic.type for topic in self.topics}
-        for topic in self.topics:
-            if topic.direction is Direction.OUT:
-                listener = self.heard.setdefault(topic.key, []).append
-                MemoryTransport(self.bus).subscribe(counterpart(topic), listener)
+        self.peer = Peer(self.bus, [topic for topic in self.topics if topic.direction is Direction.OUT])
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * self.settings.control.rate)):
             self.cycle()
-
-    def last(self, key: str):
-        return decode(self.heard[key][-1], self.types[key])
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +61,7 @@ def test_the_posture_is_reached_and_the_follower_follows(moved):
 
 
 def test_torques_go_out_by_actuator_and_by_joint(moved):
-    effort, command = moved.last("effort"), moved.last("joint_commands")
+    effort, command = moved.peer.all("effort")[-1], moved.peer.all("joint_commands")[-1]
     assert effort.layout.dim[0].size == len(effort.data) == moved.model.na
     assert command.name == list(moved.model.joints)
     assert len(command.position) == len(command.velocity) == moved.model.nj
@@ -84,7 +77,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
         robot.user.say("command", "activate")
         robot.run(0.1)
         runs.append(robot)
-    by_actuator, by_joint = (robot.last("effort").data for robot in runs)
+    by_actuator, by_joint = (robot.peer.all("effort")[-1].data for robot in runs)
     model = runs[0].model
     driven = [i for i, name in enumerate(model.joints) if name != "ankle"]
     np.testing.assert_allclose(by_joint, model.actuation.at_joints(by_actuator)[driven], rtol=1e-9, atol=1e-9)
@@ -101,7 +94,7 @@ def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators()
         robot.loop.cycle()
         assert robot.mock.wait_for_answer()
         robot.mock.advance()
-    sent = robot.last("effort").data
+    sent = robot.peer.all("effort")[-1].data
     assert np.abs(sent).max() > 0.01
     np.testing.assert_allclose(robot.mock.plant.applied_torques, sent, rtol=1e-12, atol=1e-12)
 
