@@ -129,13 +129,7 @@ def add_attachment(
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
-    """Set the placement of an attachment.
-
-    Args:
-        model: MuJoCo's model.
-        attachment: the attachment.
-        holder: target placement of the attached frame, in the holder's frame.
-    """
+    """Set the placement of an attachment, from the placement of the attached frame in the holder's frame."""
     link = attachment.placements[1]
     for index, constraint in enumerate(attachment.names):
         data = model.eq_data[model.equality(constraint).id]

@@ -161,9 +161,6 @@ class MockRobot:
         In real time, periods end at absolute deadlines, so that lateness does not accumulate. Torques that arrive
         before the end of a period act from the state at its beginning.
 
-        Args:
-            stop: event that ends the run.
-
         Raises:
             WbcError: if the simulation has diverged.
         """
@@ -207,9 +204,6 @@ class MockRobot:
         """Run one period as fast as possible: publish, in lockstep wait for the command, advance.
 
         If messages are delivered within ``publish()``, as in memory, the controller's command is used at once.
-
-        Args:
-            stop: event that ends the wait.
 
         Returns:
             Whether the period was completed; False if `stop` was set before a command arrived.
@@ -303,11 +297,7 @@ class MockRobot:
         self._brakes = []
 
     def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
-        """Plan faults.
-
-        Args:
-            faults: what is to happen.
-            since: simulated time from which their starts count, s.
+        """Plan faults, whose starts count from the simulated time `since`, s.
 
         Raises:
             InputRefused: where they do not fit the robot, or cannot happen in lockstep.
