@@ -16,6 +16,8 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.odometry import odometry, quaternion, vector
+from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import Clock, ManualClock
@@ -55,16 +57,14 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
     return result
 
 
-def _vector(kind: str, values: Any) -> Any:
-    return message(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
+def _twist(twist: Any) -> Any:
+    linear, angular = np.split(np.asarray(twist, dtype=float), [3])
+    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
 
 
-def _pose(position: Any, quaternion: Any) -> Any:
-    return message(
-        "geometry_msgs/msg/Pose",
-        position=_vector("Point", position),
-        orientation=_vector("Quaternion", quaternion),
-    )
+def _transform(pose: Any) -> Any:
+    place, turn = np.split(np.asarray(pose, dtype=float), [3])
+    return message("geometry_msgs/msg/Transform", translation=vector(place), rotation=quaternion(turn))
 
 
 def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = (), time: int = 1) -> Any:
@@ -77,21 +77,7 @@ def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = ()
 
 
 def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, frame: str = "world") -> Any:
-    return message(
-        "nav_msgs/msg/Odometry",
-        header=header(time, frame),
-        child_frame_id=child,
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose[:3], pose[3:]), covariance=np.zeros(36)),
-        twist=message(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=message(
-                "geometry_msgs/msg/Twist",
-                linear=_vector("Vector3", twist[:3]),
-                angular=_vector("Vector3", twist[3:]),
-            ),
-            covariance=np.zeros(36),
-        ),
-    )
+    return odometry(time, frame, child, np.asarray(pose, dtype=float), np.asarray(twist, dtype=float))
 
 
 def _duration(time: float) -> Any:
@@ -116,22 +102,8 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
         made.append(
             message(
                 "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-                transforms=[
-                    message(
-                        "geometry_msgs/msg/Transform",
-                        translation=_vector("Vector3", transform[:3]),
-                        rotation=_vector("Quaternion", transform[3:]),
-                    )
-                    for transform in transforms
-                ],
-                velocities=[
-                    message(
-                        "geometry_msgs/msg/Twist",
-                        linear=_vector("Vector3", twist[:3]),
-                        angular=_vector("Vector3", twist[3:]),
-                    )
-                    for twist in (twists[0] if twists else ())
-                ],
+                transforms=[_transform(transform) for transform in transforms],
+                velocities=[_twist(twist) for twist in (twists[0] if twists else ())],
                 accelerations=[],
                 time_from_start=_duration(time),
             )
@@ -144,6 +116,10 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
     )
 
 
+def _setpoint(kind: str, values: Any, frame: str) -> Any:
+    return setpoint_message(f"geometry_msgs/msg/{kind}", "", values, frame=frame)
+
+
 MAKE = SimpleNamespace(
     joint_state=_joint_state,
     odom=_odom,
@@ -152,24 +128,12 @@ MAKE = SimpleNamespace(
     string=lambda text: message("std_msgs/msg/String", data=text),
     bool=lambda value: message("std_msgs/msg/Bool", data=value),
     float64=lambda value: message("std_msgs/msg/Float64", data=float(value)),
-    point=lambda values, frame="world": message(
-        "geometry_msgs/msg/PointStamped", header=header(0, frame), point=_vector("Point", values)
+    point=lambda values, frame="world": _setpoint("PointStamped", values, frame),
+    vector=lambda values, frame="world": _setpoint("Vector3Stamped", values, frame),
+    pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": _setpoint(
+        "PoseStamped", [*position, *quaternion], frame
     ),
-    vector=lambda values, frame="world": message(
-        "geometry_msgs/msg/Vector3Stamped", header=header(0, frame), vector=_vector("Vector3", values)
-    ),
-    pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": message(
-        "geometry_msgs/msg/PoseStamped", header=header(0, frame), pose=_pose(position, quaternion)
-    ),
-    wrench=lambda values, frame="world": message(
-        "geometry_msgs/msg/WrenchStamped",
-        header=header(0, frame),
-        wrench=message(
-            "geometry_msgs/msg/Wrench",
-            force=_vector("Vector3", values[:3]),
-            torque=_vector("Vector3", values[3:]),
-        ),
-    ),
+    wrench=lambda values, frame="world": _setpoint("WrenchStamped", values, frame),
 )
 
 

@@ -106,10 +106,7 @@ def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
         *(("a", 0, 30.0, 20), ("b", 0, 30.0, 20), ("a", 7, 50.0, 10), ("b", 7, 50.0, 10)),
     ]
     filled = compare.FILLING
-    assert [block.seconds.tolist() for block in warm["b"]] == [
-        [*range(filled, 20)],
-        [*range(30 + filled, 50)],
-    ]
+    assert [block.seconds.tolist() for block in warm["b"]] == [[*range(filled, 20)], [*range(30 + filled, 50)]]
     assert [block.seconds.tolist() for block in cold["a"]] == [[*range(20, 30)], [*range(50, 60)]]
 
 

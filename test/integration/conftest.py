@@ -23,19 +23,16 @@ from launching import patient
 from participants import is_omitted
 
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
-from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.lockstep import Lockstep
 
 ROBOT = "go2"
 DOMAIN = own_domain()
@@ -198,11 +195,7 @@ class Processes:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(DOMAIN),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
+        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self._started: list[subprocess.Popen[bytes]] = []
 
     def start(self, *words: str) -> subprocess.Popen[bytes]:
@@ -264,24 +257,8 @@ def _wait(user: User) -> None:
 @contextlib.contextmanager
 def _on_memory(request: pytest.FixtureRequest) -> Iterator[User]:
     """One thread, one step at a time."""
-    bus = MemoryBus()
-    settings = load_settings(find_configuration(ROBOT))
-    model, clock = make_model(settings), ManualClock()
-    robot = MockRobot(model, settings, MemoryTransport(bus))
-    loop = make_loop(
-        Controller(settings, preflight=False, model=model),
-        MemoryTransport(bus),
-        clock,
-        controller_endpoints(settings, model),
-    )
-
-    def advance() -> None:
-        clock.time = robot.stamp * 1e-9
-        robot.publish()
-        loop.cycle()
-        robot.advance()
-
-    yield User(MemoryTransport(bus), advance)
+    robot = Lockstep(load_settings(find_configuration(ROBOT)))
+    yield User(MemoryTransport(robot.bus), robot.cycle)
 
 
 @contextlib.contextmanager

@@ -9,16 +9,9 @@ import pytest
 import yaml
 
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.controller import Controller
-from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import counterpart
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.lockstep import Lockstep
 
 SWITCHES = 100
 #: Sideways from the middle, m; time for the way and on each side, and between two switches of tasks, s.
@@ -49,28 +42,12 @@ class Run:
     moved: float = 0.0
 
 
-class Robot:
-    """Controller and mock robot on the memory transport, and a user of the topics."""
+class Robot(Lockstep):
+    """Controller, mock robot and user on the memory transport."""
 
-    def __init__(self, settings, observer):
-        self.model, self.clock, bus = make_model(settings), ManualClock(), MemoryBus()
-        topics = controller_endpoints(settings, self.model)
-        self.mock = MockRobot(self.model, settings, MemoryTransport(bus))
-        controller = Controller(settings, preflight=False, model=self.model)
-        self.loop = make_loop(controller, MemoryTransport(bus), self.clock, topics, observers=(observer,))
-        user = MemoryTransport(bus)
-        # Not on the topics of the state: the robot would have a rival.
-        self._publish = {t.key: user.advertise(counterpart(t)) for t in topics if t.key in ("command", "update")}
-
-    def send(self, key, text):
-        self._publish[key](encode(message("std_msgs/msg/String", data=text)))
-
-    def cycle(self, count=1):
+    def run(self, count):
         for _ in range(count):
-            self.clock.time = self.mock.stamp * 1e-9
-            self.mock.publish()
-            self.loop.cycle()
-            self.mock.advance()
+            self.cycle()
 
     @property
     def dynamics(self):
@@ -97,21 +74,21 @@ def random_task_switch(rng, enabled, weights):
 def run():
     settings = swaying_settings()
     result = Run(settings)
-    robot = Robot(settings, result.reports.append)
-    robot.cycle(5)
-    robot.send("command", "activate")
-    robot.cycle(600)
+    robot = Robot(settings, observers=(result.reports.append,))
+    robot.run(5)
+    robot.user.say("command", "activate")
+    robot.run(600)
     robot.mock.plant.hold(False)
-    robot.cycle(400)
+    robot.run(400)
     result.reports.clear()
     rng, start, stood = np.random.default_rng(0), np.array(robot.dynamics.com), robot.soles()
     enabled = {name: task.enabled for name, task in settings.tasks.items()}
     weights = {name: task.weight for name, task in settings.tasks.items()}
-    begun = time = robot.clock.time
+    begun = time = robot.clock.now()
     side, arrives, due, light, back = -1, time, time, None, 0.0
     while result.switches < SWITCHES or light:
         changes: dict[str, dict] = {"tasks": {}, "contacts": {}}
-        time = robot.clock.time
+        time = robot.clock.now()
         if time >= arrives + STAY or begun == time:
             side, arrives = -side, time + WAY
             changes["tasks"]["com"] = {"setpoint": [float(start[0]), float(start[1] + side * SWAY), float(start[2])]}
@@ -135,13 +112,13 @@ def run():
             result.switches += count
         changes = {section: entries for section, entries in changes.items() if entries}
         if changes:
-            robot.send("update", yaml.safe_dump(changes))
+            robot.user.say("update", yaml.safe_dump(changes))
         robot.cycle()
         result.fallen = result.fallen or robot.mock.plant.fallen
         for name, place in robot.soles().items():
             if light is None or name != f"{light}_foot":
                 result.moved = max(result.moved, float(np.linalg.norm(place - stood[name])))
-    robot.cycle(300)
+    robot.run(300)
     result.fallen = result.fallen or robot.mock.plant.fallen
     return result
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wbc_controller.middleware.codec import encode, header, message
+from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.odometry import pose_with_covariance
 from wbc_controller.records import Mode
+from wbc_controller.simulation.measurement import imu_message
 
 POSES = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": "", "absolute_pose": True}}
 THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
@@ -31,14 +32,8 @@ class Standing:
         for _ in range(count):
             bench = self.bench
             bench.clock.time += bench.period
-            still = {part: message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=z) for part, z in
-                     (("angular_velocity", 0.0), ("linear_acceleration", 9.81))}  # fmt: skip
-            nothing = {f"{part}_covariance": np.zeros(9) for part in (*still, "orientation")}
-            level = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-            imu = message(
-                "sensor_msgs/msg/Imu", header=header(bench.time, "base"), orientation=level, **still, **nothing
-            )
-            bench.send("imu", imu)
+            level, still, gravity = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 0.0, 9.81])
+            bench.send("imu", imu_message(bench.time, "base", level, still, gravity))
             if pose is not None and self.count % 25 == 0:
                 self.send(pose)
             self.count += 1

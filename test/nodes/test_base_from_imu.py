@@ -13,9 +13,11 @@ from wbc_controller.controller.build.estimation import contact_normals, estimate
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.middleware.codec import header, message
+from wbc_controller.middleware.codec import message
+from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
+from wbc_controller.simulation.measurement import imu_message
 
 IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
 GRAVITY = (0.0, 0.0, 9.81)
@@ -32,21 +34,8 @@ class Standing:
         self.bench = bench
 
     def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
-        vectors = [
-            message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, values), strict=True)))
-            for values in (turning, force)
-        ]
-        content = message(
-            "sensor_msgs/msg/Imu",
-            header=header(self.bench.time if time is None else time, frame),
-            orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
-            orientation_covariance=np.zeros(9),
-            angular_velocity=vectors[0],
-            angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=vectors[1],
-            linear_acceleration_covariance=np.zeros(9),
-        )
-        self.bench.send("imu", content)
+        stamp, vectors = self.bench.time if time is None else time, (np.array(turning), np.array(force))
+        self.bench.send("imu", imu_message(stamp, frame, np.zeros(4), *vectors))
 
     def cycle(self, count=1, *, imu=True, **changes):
         for _ in range(count):
@@ -301,16 +290,10 @@ FEET = ("front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foo
 
 
 def force(robot, newtons, foot=FEET[0], frame="", time=None):
-    content = message(
-        "geometry_msgs/msg/WrenchStamped",
-        header=header(robot.bench.time if time is None else time, frame),
-        wrench=message(
-            "geometry_msgs/msg/Wrench",
-            force=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=newtons),
-            torque=message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
-        ),
+    stamp = robot.bench.time if time is None else time
+    robot.bench.send(
+        "measured_wrench", wrench_stamped(np.array([0.0, 0.0, newtons, 0.0, 0.0, 0.0]), frame, stamp), foot
     )
-    robot.bench.send("measured_wrench", content, foot)
 
 
 def holding(robot):

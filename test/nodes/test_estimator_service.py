@@ -5,21 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from peer import Peer
 from starved import StarvedThread
 
 from wbc_controller import Simulation
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.codec import encode, header, message, nanoseconds
+from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.simulation.measurement import measure, wrench_message
+from wbc_controller.simulation.measurement import measure
 
 FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
 
 
-class Robot:
+class Robot(Peer):
     """Go2, controlled by its true state, and the node that sees its sensors alone."""
 
     def __init__(self, transport=MemoryTransport):
@@ -29,20 +31,10 @@ class Robot:
         bus, self.clock = MemoryBus(), ManualClock()
         topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
         self.node = EstimatorService(settings, self.model, topics, transport(bus), self.clock)
-        user = MemoryTransport(bus)
-        self.heard = {"odom": [], "tf": [], "diagnostics": []}
-        self.lines = {}
-        for topic in topics:
-            if topic.direction is Direction.OUT:
-                user.subscribe(
-                    counterpart(topic),
-                    lambda payload, topic=topic: self.heard[topic.key].append(decode(payload, topic.type)),
-                )
-            else:
-                self.lines[topic.key, topic.subject] = user.advertise(counterpart(topic))
+        super().__init__(bus, topics)
 
     def send(self, key, content, subject=""):
-        self.lines[key, subject](content if isinstance(content, bytes) else encode(content))
+        self.raw(key, content if isinstance(content, bytes) else encode(content), subject)
 
     def sense(self, imu=True, turning=0.0):
         stamp = round(1e9 * self.simulation.time) + 1
@@ -63,7 +55,7 @@ class Robot:
 
     @property
     def said(self):
-        return self.heard["diagnostics"][-1].status[0]
+        return self.all("diagnostics")[-1].status[0]
 
     @property
     def values(self):
@@ -84,17 +76,13 @@ def standing():
 
 
 def push(time=1):
-    wrench = message(
-        "geometry_msgs/msg/Wrench",
-        **{part: message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=40.0) for part in ("force", "torque")},
-    )
-    return message("geometry_msgs/msg/WrenchStamped", header=header(time), wrench=wrench)
+    return wrench_stamped(np.array([0.0, 0.0, 40.0, 0.0, 0.0, 40.0]), "", time)
 
 
 def test_nothing_is_said_before_the_robot_has_stood_still(robot):
     robot.run(0.3)
-    assert robot.heard["odom"] == []
-    assert robot.heard["tf"] == []
+    assert robot.all("odom") == []
+    assert robot.all("tf") == []
     assert robot.said.name == "base_estimator: base"
     assert robot.said.level == 1
     assert robot.said.message == "the robot has to stand still for 0.5 s"
@@ -105,11 +93,11 @@ def test_each_joint_state_is_answered_by_where_the_base_is(standing):
     assert set(standing.values["holding"].split(", ")) == FEET
     com = standing.controller.dynamics.com.copy()
     standing.controller.follow("com", [0.4], [com + [0.0, 0.03, -0.03]])
-    answered, moved, worst = len(standing.heard["odom"]), len(standing.heard["tf"]), np.zeros(2)
+    answered, moved, worst = len(standing.all("odom")), len(standing.all("tf")), np.zeros(2)
 
     def look(_):
         standing.sense()
-        odom, (q, v) = standing.heard["odom"][-1], standing.simulation.plant.state()
+        odom, (q, v) = standing.all("odom")[-1], standing.simulation.plant.state()
         pose, twist = odom.pose.pose, odom.twist.twist
         there = np.array([pose.position.x, pose.position.y, pose.position.z])
         moving = np.array([twist.linear.x, twist.linear.y, twist.linear.z])
@@ -119,9 +107,9 @@ def test_each_joint_state_is_answered_by_where_the_base_is(standing):
 
     standing.simulation.run(0.5, look)
     assert (worst < [0.005, 0.02]).all(), worst
-    assert len(standing.heard["odom"]) - answered == 250
-    assert 24 <= len(standing.heard["tf"]) - moved <= 26
-    odom, (sent,) = standing.heard["odom"][-1], standing.heard["tf"][-1].transforms
+    assert len(standing.all("odom")) - answered == 250
+    assert 24 <= len(standing.all("tf")) - moved <= 26
+    odom, (sent,) = standing.all("odom")[-1], standing.all("tf")[-1].transforms
     assert (
         (odom.header.frame_id, odom.child_frame_id) == (sent.header.frame_id, sent.child_frame_id) == ("odom", "base")
     )
@@ -134,37 +122,37 @@ def test_each_joint_state_is_answered_by_where_the_base_is(standing):
 
 
 def test_an_imu_that_is_silent_leaves_no_estimate_to_publish(standing):
-    before = len(standing.heard["odom"])
+    before = len(standing.all("odom"))
     standing.simulation.run(0.05, lambda _: standing.sense(imu=False))
-    assert len(standing.heard["odom"]) == before
+    assert len(standing.all("odom")) == before
     standing.run(0.02)
-    assert len(standing.heard["odom"]) > before  # the gap was short
+    assert len(standing.all("odom")) > before  # the gap was short
 
 
 def test_a_long_silence_begins_the_estimate_anew(robot):
     robot.run(0.7)
     robot.simulation.run(0.2, lambda _: robot.sense(imu=False))
-    before = len(robot.heard["odom"])
+    before = len(robot.all("odom"))
     robot.run(0.1)
-    assert len(robot.heard["odom"]) == before
+    assert len(robot.all("odom")) == before
     assert robot.said.message == (
         "the base estimate was lost: the IMU was silent for 0.202 s; the robot has to stand still for 0.5 s"
     )
     robot.run(0.6)
-    assert len(robot.heard["odom"]) > before
+    assert len(robot.all("odom")) > before
 
 
 def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_again(robot):
     robot.run(0.7)
     robot.simulation.run(0.1, lambda _: robot.sense(turning=2.0))
-    before = len(robot.heard["odom"])
+    before = len(robot.all("odom"))
     robot.run(0.3)
-    assert len(robot.heard["odom"]) == before
+    assert len(robot.all("odom")) == before
     assert robot.said.message.startswith(
         "the base estimate was lost: the IMU contradicts all contacts (front_left_foot"
     )
     robot.run(0.6)
-    assert len(robot.heard["odom"]) > before
+    assert len(robot.all("odom")) > before
     assert np.abs(robot.node.estimator.base[1]).max() < 0.02
 
 
@@ -172,9 +160,9 @@ def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
     robot.run(0.7)
     robot.node._stamp = 1e6  # as where the clock went further before
     robot.node.estimator.restart()
-    before = len(robot.heard["odom"])
+    before = len(robot.all("odom"))
     robot.run(0.7)
-    assert len(robot.heard["odom"]) > before
+    assert len(robot.all("odom")) > before
 
 
 def test_which_contacts_hold():
@@ -207,7 +195,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
         stamp = round(1e9 * robot.simulation.time) + 1
         for name, wrench in robot.simulation.plant.contact_wrenches().items():
             if robot.simulation.time < 0.1 or name != "rear_left_foot":
-                robot.send("measured_wrench", wrench_message(stamp, "world", wrench), name)
+                robot.send("measured_wrench", wrench_stamped(wrench, "world", stamp), name)
         robot.sense()
 
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it
@@ -233,7 +221,7 @@ def test_what_is_refused_is_said(robot):
     robot.node.cycle()
     refused = {
         value.key: value.value
-        for each in robot.heard["diagnostics"]
+        for each in robot.all("diagnostics")
         for value in each.status[0].values
         if value.key.startswith("refused/")
     }

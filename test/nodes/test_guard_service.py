@@ -9,12 +9,13 @@ import threading
 
 import numpy as np
 import pytest
+from peer import Peer
 from starved import StarvedThread
 
 from wbc_controller.controller.build.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import decode, encode
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.codec import encode
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import guard_service
 from wbc_controller.nodes.clock import ManualClock
@@ -26,7 +27,7 @@ from wbc_controller.settings.files import shipped_configurations
 TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
 
 
-class Stage:
+class Stage(Peer):
     """A guard on the memory transport, and a user who plays the controller and the robot."""
 
     def __init__(self, robot_of, make, changed, changes=None, transport=MemoryTransport):
@@ -39,29 +40,21 @@ class Stage:
         robot = describe(self.model.urdf, self.settings.robot)
         self.transport = transport(self.bus)
         self.service = GuardService(self.settings, robot, TABLE, self.transport, self.clock)
-        self.user = MemoryTransport(self.bus)
-        self.kept = {}
-        self.publish = {}
-        for topic in TABLE:
-            if topic.direction is Direction.IN:
-                self.publish[topic.key] = self.user.advertise(counterpart(topic))
-            else:
-                self.kept[topic.key] = []
-                self.user.subscribe(counterpart(topic), self.kept[topic.key].append)
+        super().__init__(self.bus, TABLE)
 
     def command(self, torques=1.0, names=None, time=1):
         names = self.model.joints if names is None else names
         nothing = np.full(len(names), np.nan)
         effort = np.full(len(names), torques)
-        self.publish["joint_commands"](encode(self.make.joint_state(names, nothing, nothing, effort, time)))
+        self.send("joint_commands", self.make.joint_state(names, nothing, nothing, effort, time))
 
     def mode(self, text):
-        self.publish["controller_state"](encode(self.make.string(text)))
+        self.say("controller_state", text)
 
     def joints(self, velocity=0.5, joints=None):
         names = self.model.joints if joints is None else joints
         state = self.make.joint_state(names, np.zeros(len(names)), np.full(len(names), velocity))
-        self.publish["joint_states"](encode(state))
+        self.send("joint_states", state)
 
     def run(self, duration, *, commands=False, states=True, **joints):
         for _ in range(round(duration / 0.002)):
@@ -72,12 +65,8 @@ class Stage:
                 self.command()
             self.service.cycle()
 
-    def received(self, key):
-        (topic,) = [topic for topic in TABLE if topic.key == key]
-        return [decode(payload, topic.type) for payload in self.kept[key]]
-
     def efforts(self):
-        return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)
+        return np.array([content.data for content in self.all("effort")]).reshape(-1, self.model.na)
 
 
 @pytest.fixture
@@ -89,13 +78,13 @@ def test_from_watching_to_damping_and_back(stage):
     on = stage()
     on.mode("active")
     on.run(0.1, commands=True)
-    assert not on.kept["effort"]
+    assert not on.all("effort")
     on.run(0.1)
     np.testing.assert_allclose(on.efforts()[-1], -2.0 * 0.5)
-    sent = len(on.kept["effort"])
+    sent = len(on.all("effort"))
     on.run(0.1, commands=True)
-    assert len(on.kept["effort"]) == sent
-    first, second, third = (content.data for content in on.received("state"))
+    assert len(on.all("effort")) == sent
+    first, second, third = (content.data for content in on.all("state"))
     assert first == third == "watching"
     assert re.fullmatch(r"damping COMMANDS_STOPPED: the last command came 1[4-6] ms ago, in mode active", second)
 
@@ -105,7 +94,7 @@ def test_its_own_settings_are_obeyed(stage):
     on.mode("active")
     on.run(0.1, commands=True)
     on.run(0.09)
-    assert not on.kept["effort"]
+    assert not on.all("effort")
     on.run(0.15)
     np.testing.assert_allclose(on.efforts()[-1], -np.minimum(7.0 * 0.5, 0.01 * on.model.effort_limits))
     on.run(0.2)
@@ -116,9 +105,9 @@ def test_its_own_torques_are_no_sign_of_life(stage):
     on = stage()
     on.run(0.1, commands=True)
     echo = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "effort"], "wbc_controller")
-    on.user.advertise(next(echo))(on.kept["effort"][-1] if on.kept["effort"] else b"")
+    MemoryTransport(on.bus).advertise(next(echo))(encode(on.all("effort")[-1]) if on.all("effort") else b"")
     on.run(0.3)
-    assert on.received("state")[-1].data.startswith("damping")
+    assert on.all("state")[-1].data.startswith("damping")
 
 
 @pytest.mark.parametrize("torques", [np.nan, np.inf])
@@ -128,8 +117,8 @@ def test_a_command_that_is_not_finite_is_no_command(stage, torques):
     for _ in range(50):
         on.command(torques)
         on.run(0.002)
-    assert on.received("state")[-1].data.startswith("damping")
-    (status,) = on.received("diagnostics")[-1].status
+    assert on.all("state")[-1].data.startswith("damping")
+    (status,) = on.all("diagnostics")[-1].status
     values = {value.key: value.value for value in status.values}
     assert "effort of 'FL_hip_joint' is" in values["refused/joint_commands"]
     assert np.isfinite(on.efforts()).all()
@@ -140,7 +129,7 @@ def test_a_command_that_is_not_finite_is_no_command(stage, torques):
 def test_bytes_that_are_no_message_do_no_harm(stage, key, payload, caplog):
     on = stage()
     on.run(0.1, commands=True)
-    on.publish[key](payload)
+    on.raw(key, payload)
     on.run(0.004, commands=True)
     assert "callback for" not in caplog.text  # refused by the guard, not caught by the transport
     on.run(0.1)
@@ -154,7 +143,7 @@ def test_stale_joint_states_mean_zero_torque_and_it_says_so(stage):
     on.run(0.1)
     on.run(0.1, velocity=np.nan)
     assert not on.efforts()[-1].any()
-    said = on.received("state")[-1].data
+    said = on.all("state")[-1].data
     assert said.startswith("damping COMMANDS_STOPPED: ")
     assert "; zero torque, as the joint velocities are not fresh (velocity of 'FL_hip_joint' is nan rad/s" in said
 
@@ -163,12 +152,12 @@ def test_diagnostics_by_the_conventions(stage):
     on = stage()
     on.mode("active")
     on.run(1.0, commands=True)
-    (status,) = on.received("diagnostics")[-1].status
+    (status,) = on.all("diagnostics")[-1].status
     assert (status.level, status.name, status.message) == (0, "guard: commands", "watching")
     assert status.hardware_id == "go2_description"  # the robot's name in its URDF
-    assert 9 <= len(on.kept["diagnostics"]) <= 12
+    assert 9 <= len(on.all("diagnostics")) <= 12
     on.run(0.1)
-    (status,) = on.received("diagnostics")[-1].status
+    (status,) = on.all("diagnostics")[-1].status
     values = {value.key: value.value for value in status.values}
     assert status.level == 2
     assert (values["mode"], values["takeovers"], values["controller"]) == ("damping", "1", "active")
@@ -183,13 +172,13 @@ def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stag
     on.clock.time += 0.02
     monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: on.command())
     on.service.cycle()
-    assert not on.kept["effort"]
+    assert not on.all("effort")
     assert on.service.guard.takeovers == 0
     monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: None)
     on.joints()
     on.clock.time += 0.02
     on.service.cycle()
-    assert on.kept["effort"]
+    assert on.all("effort")
 
 
 def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of, make, changed):
@@ -221,7 +210,7 @@ def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypa
     on = stage()
     on.run(0.1, commands=True)
     on.run(0.1)
-    sent, step = len(on.kept["effort"]), on.service.guard.step
+    sent, step = len(on.all("effort")), on.service.guard.step
 
     def late(now, heard):
         tau = step(now, heard)
@@ -231,7 +220,7 @@ def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypa
 
     monkeypatch.setattr(on.service.guard, "step", late)
     on.service.cycle()
-    assert len(on.kept["effort"]) == sent
+    assert len(on.all("effort")) == sent
 
 
 def test_stopped_while_damping_it_leaves_zero_torques(stage):
@@ -251,7 +240,7 @@ def test_stopped_while_watching_it_leaves_nothing(stage):
     stop = threading.Event()
     stop.set()
     on.service.run(stop)
-    assert not on.kept["effort"]
+    assert not on.all("effort")
 
 
 @pytest.mark.parametrize("name", sorted(shipped_configurations()))
@@ -320,10 +309,10 @@ def test_it_damps_by_positions_where_the_robot_measures_no_velocities(stage):
         guard.clock.time += 0.002
         position = np.full(len(names), speed * 0.002 * i)
         state = guard.make.joint_state(names, position, [], time=round(1e9 * guard.clock.time))
-        guard.publish["joint_states"](encode(state))
+        guard.send("joint_states", state)
         if i < 100:
             guard.command(0.0)
         guard.service.cycle()
     assert guard.service.guard.mode is GuardMode.DAMPING
-    assert "not fresh" not in guard.received("state")[-1].data
+    assert "not fresh" not in guard.all("state")[-1].data
     np.testing.assert_allclose(guard.efforts()[-1], -guard.settings.guard.damping * speed, rtol=1e-3)

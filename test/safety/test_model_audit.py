@@ -14,25 +14,18 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.controller import Controller
-from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.mechanics.energy import energy_residual
 from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual
-from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import counterpart
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.audit import make_audit
-from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.records import CycleReport
 from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.simulation import Simulation
+from wbc_controller.validation.lockstep import Lockstep
 
 LET_GO, CALM = 0.2, 0.9  # s: the hoist lets go, and all is quiet
 
@@ -60,23 +53,10 @@ class Run:
         settings = load_settings(find_configuration(self.robot))
         quick = settings.safety.model_copy(update={"activation_ramp": 0.1})
         self.settings = settings.model_copy(update={"safety": quick})
-        self.model = make_model(self.settings)
-        bus = MemoryBus()
-        self.mock = MockRobot(self.plant or self.model, self.settings, MemoryTransport(bus))
-        self.clock = ManualClock()
-        topics = controller_endpoints(self.settings, self.model)
-        self.loop = make_loop(
-            Controller(self.settings, preflight=False, model=self.model),
-            MemoryTransport(bus),
-            self.clock,
-            topics,
-            observers=(self.reports.append,),
-        )
-        transport = MemoryTransport(bus)
-        self.publish = {
-            topic.key: transport.advertise(counterpart(topic)) for topic in topics if topic.key == "command"
-        }
-        self.publish["command"](encode(message("std_msgs/msg/String", data="activate")))
+        other = {"model": self.plant} if self.plant else {}
+        self.lockstep = Lockstep(self.settings, mock=other, observers=(self.reports.append,))
+        self.model, self.mock, self.loop = self.lockstep.model, self.lockstep.mock, self.lockstep.loop
+        self.lockstep.user.say("command", "activate")
         self.until(LET_GO)
         self.mock.plant.hold(False)
         self.until(CALM)
@@ -87,10 +67,7 @@ class Run:
 
     def until(self, time: float) -> None:
         while self.time < time - 1e-9:
-            self.clock.time = self.time
-            self.mock.publish()
-            self.loop.cycle()
-            self.mock.advance()
+            self.lockstep.cycle()
             if self.mock.plant.fallen:
                 return
 

@@ -263,11 +263,7 @@ def test_ranges(key, low, high):
         ),
         ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
         ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
-        (
-            "tasks.hand.damping",
-            [1.0] * 5 + [-1.0],
-            "tasks.hand.damping.5 = -1.0: input should be greater than or",
-        ),
+        ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
         ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),

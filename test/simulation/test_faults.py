@@ -5,50 +5,36 @@ import threading
 
 import numpy as np
 import pytest
+from peer import Peer
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.middleware import codec as messages
-from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.topics import MOCK_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
 from wbc_controller.simulation.mock_service import run_mock
 
 
-class Peer:
-    """Keeps what the robot publishes, and sends what it is told."""
+class MockPeer(Peer):
+    """The other side of the mock robot's topics."""
 
-    def __init__(self, settings, **options) -> None:
+    def __init__(self, settings) -> None:
         bus = MemoryBus()
-        self.received: list[tuple[str, object]] = []
-        transport, self._send = MemoryTransport(bus), {}
-        for endpoint in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
-            if endpoint.direction is Direction.IN:
-                self._send[endpoint.key] = transport.advertise(counterpart(endpoint))
-            else:
-                transport.subscribe(
-                    counterpart(endpoint), lambda payload, endpoint=endpoint: self._take(endpoint, payload)
-                )
+        super().__init__(bus, endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts))
         self.transport = MemoryTransport(bus)
-        self.options = options
-
-    def _take(self, endpoint, payload) -> None:
-        self.received.append((endpoint.key, messages.decode(payload, endpoint.type)))
-
-    def all(self, key: str) -> list:
-        return [content for received, content in self.received if received == key]
 
     def fault(self, text: str) -> None:
-        self._send["fault"](messages.encode(messages.message("std_msgs/msg/String", data=text)))
+        self.say("fault", text)
 
     def effort(self, tau) -> None:
-        self._send["effort"](messages.encode(messages.torques(np.asarray(tau, dtype=np.float64))))
+        self.send("effort", messages.torques(np.asarray(tau, dtype=np.float64)))
 
 
 @pytest.fixture
 def stand(go2):
     model, settings = go2
-    peer = Peer(settings)
+    peer = MockPeer(settings)
     return MockRobot(model, settings, peer.transport), peer
 
 
@@ -145,7 +131,7 @@ def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
 @pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
 def test_in_lockstep_faults_after_which_no_answer_comes_are_refused(go2, kind):
     model, settings = go2
-    robot = MockRobot(model, settings, Peer(settings).transport, lockstep=True)
+    robot = MockRobot(model, settings, MockPeer(settings).transport, lockstep=True)
     with pytest.raises(InputRefused, match=f"{kind}: the mock robot waits for an answer"):
         robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
     robot.plan(read_faults("{kind: joint_noise}", "x"))
@@ -155,7 +141,7 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
     _, settings = go2
     script = tmp_path / "faults.yaml"
     script.write_text("- {at: 0.004, kind: joint_missing, duration: 0.004}\n", encoding="utf-8")
-    peer, stop = Peer(settings), threading.Event()
+    peer, stop = MockPeer(settings), threading.Event()
 
     def received(payload: bytes) -> None:
         if len(peer.all("joint_states")) >= 6:
@@ -180,5 +166,5 @@ def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path, t
     script = tmp_path / "faults.yaml"
     script.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match=said) as error:
-        run_mock(settings, Peer(settings).transport, threading.Event(), faults=script)
+        run_mock(settings, MockPeer(settings).transport, threading.Event(), faults=script)
     assert str(error.value).startswith(str(script))

@@ -6,71 +6,37 @@ import time
 
 import numpy as np
 import pytest
+from peer import Peer
 from starved import StarvedThread
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware import codec as messages
-from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
+from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings import Settings
 from wbc_controller.simulation import mock_robot as module
 from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
 
 
-class Peer:
-    """The other side of the mock robot's topics: keeps what comes, in order, and sends what it is told."""
+class MockPeer(Peer):
+    """The other side of the mock robot's topics."""
 
     def __init__(self, bus: MemoryBus, settings) -> None:
-        self.received: list[tuple[str, str, object]] = []
-        self.on_joint_states = lambda content: None
-        transport = MemoryTransport(bus)
-        self._publish = {}
-        for endpoint in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
-            if endpoint.direction is Direction.IN:
-                qos = endpoint.qos
-                other = Endpoint(endpoint.key, endpoint.subject, endpoint.name, endpoint.type, Direction.OUT, qos)
-                self._publish[endpoint.key, endpoint.subject] = transport.advertise(other)
-            else:
-                transport.subscribe(endpoint, lambda payload, endpoint=endpoint: self._take(endpoint, payload))
-
-    def _take(self, endpoint: Endpoint, payload: bytes) -> None:
-        content = messages.decode(payload, endpoint.type)
-        self.received.append((endpoint.key, endpoint.subject, content))
-        if endpoint.key == "joint_states":
-            self.on_joint_states(content)
-
-    def all(self, key: str) -> list:
-        return [content for received, _, content in self.received if received == key]
-
-    def raw(self, key: str, payload: bytes, subject: str = "") -> None:
-        self._publish[key, subject](payload)
+        super().__init__(bus, endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts))
 
     def effort(self, tau) -> None:
-        layout = messages.message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
-        data = np.asarray(tau, dtype=np.float64)
-        self.raw(
-            "effort", messages.encode(messages.message("std_msgs/msg/Float64MultiArray", layout=layout, data=data))
-        )
+        self.send("effort", messages.torques(np.asarray(tau, dtype=np.float64)))
 
     def answer(self, stamp: int, names, tau) -> None:
-        content = messages.message(
-            "sensor_msgs/msg/JointState",
-            header=messages.header(stamp),
-            name=list(names),
-            position=np.zeros(0),
-            velocity=np.zeros(0),
-            effort=np.asarray(tau, dtype=np.float64),
-        )
-        self.raw("joint_commands", messages.encode(content))
+        content = setpoint_message("sensor_msgs/msg/JointState", "torque", tau, frame="", stamp=stamp, joints=names)
+        self.send("joint_commands", content)
 
     def push(self, frame: str, force) -> None:
-        vectors = [messages.message("geometry_msgs/msg/Vector3", x=x, y=0.0, z=0.0) for x in (force, 0.0)]
-        wrench = messages.message("geometry_msgs/msg/Wrench", force=vectors[0], torque=vectors[1])
-        content = messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(0, frame), wrench=wrench)
-        self.raw("push", messages.encode(content))
+        self.send("push", wrench_stamped(np.array([force]), frame))
 
     def hold(self, held: bool) -> None:
-        self.raw("hold", messages.encode(messages.message("std_msgs/msg/Bool", data=held)))
+        self.send("hold", messages.message("std_msgs/msg/Bool", data=held))
 
 
 def stamp_of(content) -> int:
@@ -87,7 +53,7 @@ def make(go2):
             values = shipped.model_dump()
             settings = Settings.model_validate(values | {"contacts": values["contacts"] | contacts})
         bus = MemoryBus()
-        peer = Peer(bus, settings)
+        peer = MockPeer(bus, settings)
         return MockRobot(model, settings, transport(bus), **options), peer
 
     return build
@@ -119,7 +85,7 @@ def test_a_late_subscriber_is_given_the_description(go2):
     model, settings = go2
     bus = MemoryBus()
     MockRobot(model, settings, MemoryTransport(bus))
-    assert len(Peer(bus, settings).all("robot_description")) == 1
+    assert len(MockPeer(bus, settings).all("robot_description")) == 1
 
 
 def test_contact_wrenches_come_at_their_own_rate(make, go2):
@@ -268,7 +234,7 @@ def test_lockstep_answers_within_the_publication(make, go2):
         torques.append(np.full(model.na, 0.01 * len(torques)))
         peer.answer(stamp_of(content), reversed(model.joints), torques[-1])
 
-    peer.on_joint_states = controller
+    peer.reactions["joint_states"] = controller
     for index in range(50):
         assert robot.step_period()
         np.testing.assert_array_equal(robot.plant.applied_torques, torques[index])
@@ -310,7 +276,7 @@ def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
 def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, names, tau, said):
     model, _ = go2
     robot, peer = make(lockstep=True)
-    peer.on_joint_states = lambda content: peer.answer(stamp_of(content), model.joints[names], tau)
+    peer.reactions["joint_states"] = lambda content: peer.answer(stamp_of(content), model.joints[names], tau)
     with caplog.at_level(logging.WARNING):
         assert robot.step_period()
     assert said in caplog.records[0].getMessage()
@@ -328,7 +294,7 @@ def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
             seen.append(content.position.tobytes() + content.velocity.tobytes())
             peer.answer(stamp_of(content), model.joints, 20.0 * (model.posture - content.position))
 
-        peer.on_joint_states = controller
+        peer.reactions["joint_states"] = controller
         peer.hold(False)
         for _ in range(100):
             robot.step_period()
@@ -354,7 +320,7 @@ def test_real_time_keeps_absolute_deadlines(make):
         if len(peer.all("joint_states")) == 200:
             stop.set()
 
-    peer.on_joint_states = controller
+    peer.reactions["joint_states"] = controller
     robot.run(stop)
     assert robot.rebased == 0
     assert len(peer.all("joint_states")) == 200
@@ -370,7 +336,7 @@ def test_torques_are_let_in_while_it_computes(make):
         seen.append(sys.getswitchinterval())
         stop.set()
 
-    peer.on_joint_states = controller
+    peer.reactions["joint_states"] = controller
     robot.run(stop)
     assert seen == [pytest.approx(1e-4)]
     assert sys.getswitchinterval() == before
@@ -387,7 +353,7 @@ def test_lateness_is_given_up_and_counted(make):
         if len(peer.all("joint_states")) == 5:
             stop.set()
 
-    peer.on_joint_states = controller
+    peer.reactions["joint_states"] = controller
     robot.run(stop)
     assert robot.rebased == 1
     assert robot.plant.time == pytest.approx(0.01)
@@ -426,7 +392,7 @@ def test_a_patient_robot_goes_on_where_nobody_sends_torques_any_more(make, monke
         if count == 60:
             stop.set()
 
-    peer.on_joint_states = controller
+    peer.reactions["joint_states"] = controller
     robot.run(stop)
     assert robot.plant.time == pytest.approx(0.12)
 

@@ -24,10 +24,6 @@ class PoseSource:
     def __init__(self, settings: Settings, model: RobotModel) -> None:
         """Find the frame.
 
-        Args:
-            settings: the robot's settings.
-            model: its model.
-
         Raises:
             ConfigurationError: where the robot has no such frame.
         """
@@ -41,13 +37,7 @@ class PoseSource:
         self._late: deque[tuple[float, int, bytes]] = deque()
 
     def measure(self, measured: Measurement, q: Array, time: float) -> None:
-        """Measure the frame, where that is due.
-
-        Args:
-            measured: takes the pose.
-            q: true configuration, (nq,).
-            time: simulated, s.
-        """
+        """Measure the frame, where that is due."""
         if time < self._due - _SAME:
             return
         self._due = max(self._due + self._period, time)

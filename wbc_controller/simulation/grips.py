@@ -71,8 +71,8 @@ def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict
         if not isinstance(contact, FixedContact):
             continue
         points = points_of(contact.mask, f"contacts.{name}.mask")
-        holder = 0 if contact.against is None else _joint_of(model, contact.against)[0]
-        joint, frame = _joint_of(model, contact.frame)
+        holder = 0 if contact.against is None else frame_on_joint(model, contact.against)[0]
+        joint, frame = frame_on_joint(model, contact.frame)
         placement = frame * placement_of(contact.translation, contact.rpy)
         names = tuple(f"{name}/grip/{index}" for index in range(1 if points is None else len(points)))
         grips[name] = Attachment(names, points, (holder, joint), (pin.SE3.Identity(), placement))
@@ -84,7 +84,7 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
     closures = {}
     for name, loop in loops.items():
         points = points_of(_effective_mask(model, name, loop), f"loops.{name}.mask")
-        (a, frame_a), (b, frame_b) = _joint_of(model, loop.frame_a), _joint_of(model, loop.frame_b)
+        (a, frame_a), (b, frame_b) = frame_on_joint(model, loop.frame_a), frame_on_joint(model, loop.frame_b)
         placements = (
             frame_a * placement_of(loop.translation_a, loop.rpy_a),
             frame_b * placement_of(loop.translation_b, loop.rpy_b),
@@ -94,7 +94,8 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
     return closures
 
 
-def _joint_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
+def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
+    """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
     frame = model.pinocchio.frames[model.frame_id(name, "frame")]
     return int(frame.parentJoint), frame.placement
 
@@ -128,13 +129,7 @@ def add_attachment(
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
-    """Set the placement of an attachment.
-
-    Args:
-        model: MuJoCo's model.
-        attachment: the attachment.
-        holder: target placement of the attached frame, in the holder's frame.
-    """
+    """Set the placement of an attachment, from the placement of the attached frame in the holder's frame."""
     link = attachment.placements[1]
     for index, constraint in enumerate(attachment.names):
         data = model.eq_data[model.equality(constraint).id]

@@ -24,13 +24,7 @@ class Hoist:
     """
 
     def __init__(self, model: Any, data: Any, start: pin.SE3) -> None:
-        """Hold the base at `start`, at full strength.
-
-        Args:
-            model: MuJoCo's model, with the weld in it.
-            data: MuJoCo's data.
-            start: placement of the base in the world.
-        """
+        """Hold the base at `start`, at full strength."""
         self.start = start
         self._model = model
         self._data = data

@@ -40,14 +40,7 @@ def lock(joint: ET.Element, position: float) -> None:
 
 
 def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
-    """Couple mimic joints to their leaders.
-
-    Args:
-        spec: MuJoCo's specification.
-        followers: the mimic joints.
-        stiff: MuJoCo's solref of the coupling.
-        impedance: MuJoCo's solimp of the coupling.
-    """
+    """Couple mimic joints to their leaders."""
     for name, mimic in followers.mimics.items():
         equality = spec.add_equality()
         equality.type = mujoco.mjtEq.mjEQ_JOINT
@@ -60,10 +53,6 @@ def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[
 
 def gear(spec: Any, model: RobotModel) -> None:
     """Add the rotors of transmissions, as fixed tendons over their joints with the rotors' inertia.
-
-    Args:
-        spec: MuJoCo's specification.
-        model: the robot.
 
     Raises:
         ConfigurationError: if a rotor couples joints of different branches, a coupling that MuJoCo neglects.

@@ -71,7 +71,7 @@ class Measurement:
         if stream == "odom":
             return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
-            return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
+            return imu_message(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         if stream == "pose":
             return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
@@ -113,14 +113,8 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
     )
 
 
-def wrench_message(stamp: int, frame: str, wrench: Array) -> Any:
-    """Make a WrenchStamped from a force, (3,) in N, or a wrench, (6,) in N and N·m."""
-    torque = wrench[3:] if wrench.size == 6 else np.zeros(3)
-    content = messages.message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(torque))
-    return messages.message("geometry_msgs/msg/WrenchStamped", header=messages.header(stamp, frame), wrench=content)
-
-
-def _imu(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+    """Make an Imu message without covariances."""
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",

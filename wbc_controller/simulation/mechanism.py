@@ -27,7 +27,7 @@ from wbc_controller.settings import (
     RollingContact,
     SurfaceContact,
 )
-from wbc_controller.simulation.grips import Attachment, add_attachment
+from wbc_controller.simulation.grips import Attachment, add_attachment, frame_on_joint
 from wbc_controller.simulation.joints import couple, gear, lock, spring
 from wbc_controller.simulation.shapes import CORNER_RADIUS, Shape, add_shape
 
@@ -83,12 +83,6 @@ def rub(model: Any, dof: Any, friction: float, step: float) -> None:
     # MuJoCo's own friction is soft: a joint that rests would creep.
     model.dof_solref[dof] = STIFF_STEPS * step, 1.0
     model.dof_solimp[dof, :2] = IMPEDANCE
-
-
-def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
-    """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
-    frame = model.pinocchio.frames[model.frame_id(name, "frame")]
-    return int(frame.parentJoint), frame.placement
 
 
 def balls_of(contact: ContactSettings) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import codec as messages
 from wbc_controller.middleware.odometry import transform
+from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array
@@ -38,7 +39,7 @@ from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.simulation.faults.injector import Injector
 from wbc_controller.simulation.inbox import Inbox
-from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure, wrench_message
+from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 
@@ -160,9 +161,6 @@ class MockRobot:
         In real time, periods end at absolute deadlines, so that lateness does not accumulate. Torques that arrive
         before the end of a period act from the state at its beginning.
 
-        Args:
-            stop: event that ends the run.
-
         Raises:
             WbcError: if the simulation has diverged.
         """
@@ -207,9 +205,6 @@ class MockRobot:
 
         If messages are delivered within ``publish()``, as in memory, the controller's command is used at once.
 
-        Args:
-            stop: event that ends the wait.
-
         Returns:
             Whether the period was completed; False if `stop` was set before a command arrived.
         """
@@ -249,7 +244,7 @@ class MockRobot:
                 self._publish("tf", "", transform(stamp, WORLD_FRAME, base, self.plant.state()[0][:7]))
             for name, wrench in self.plant.contact_wrenches().items():
                 frame = name if wrench.size == 6 else self._contacts[name].against or WORLD_FRAME
-                self._publish("contact_wrench", name, wrench_message(stamp, frame, wrench))
+                self._publish("contact_wrench", name, wrench_stamped(wrench, frame, stamp))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
         """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
@@ -302,11 +297,7 @@ class MockRobot:
         self._brakes = []
 
     def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
-        """Plan faults.
-
-        Args:
-            faults: what is to happen.
-            since: simulated time from which their starts count, s.
+        """Plan faults, whose starts count from the simulated time `since`, s.
 
         Raises:
             InputRefused: where they do not fit the robot, or cannot happen in lockstep.

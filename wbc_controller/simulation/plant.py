@@ -28,14 +28,9 @@ from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, PointContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
-from wbc_controller.simulation.grips import closures_of, grips_of, place, wrench
+from wbc_controller.simulation.grips import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import (
-    compile_mechanism,
-    contact_frame,
-    frame_on_joint,
-    rub,
-)
+from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rub
 from wbc_controller.simulation.shapes import Shape, read_shapes
 from wbc_controller.simulation.touch import Touch
 
@@ -76,10 +71,6 @@ class Plant:
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
         """Build the physics, stand the robot in its posture with its lowest point on the floor, and hold it there.
-
-        Args:
-            model: the robot.
-            settings: the configuration that the model was built from.
 
         Raises:
             ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
@@ -351,9 +342,6 @@ class Plant:
     def lock(self, joint: str) -> Callable[[], None]:
         """Lock a joint where it is, as a brake does.
 
-        Args:
-            joint: its name.
-
         Returns:
             The function that takes this lock away; the joint moves again when all its locks are gone.
         """
@@ -403,11 +391,8 @@ class Plant:
     def hold(self, held: bool, ramp: float = RAMP) -> None:
         """Hold the base at its start, or release it. On a fixed base this does nothing.
 
-        A displaced base is carried back at a bounded speed.
-
-        Args:
-            held: whether to hold it.
-            ramp: time over which the hoist is engaged or released, s; 0 for at once.
+        A displaced base is carried back at a bounded speed. The hoist is engaged or released over `ramp`, s; 0 for at
+        once.
         """
         if self._hoist is None or held == self._hoist.held:
             return
@@ -419,10 +404,6 @@ class Plant:
 
     def grip(self, contact: str, held: bool) -> None:
         """Hold the link of a fixed contact at its present placement, or release it.
-
-        Args:
-            contact: name of the contact.
-            held: whether to hold it.
 
         Raises:
             InputRefused: if there is no fixed contact of this name.
@@ -439,10 +420,6 @@ class Plant:
 
     def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
         """Put the robot into a state, independent of the previous one; time, torques, pushes and hoist stay.
-
-        Args:
-            q: configuration, (nq,).
-            v: generalized velocity, (nv,).
 
         Raises:
             InputRefused: if a size is wrong or a value is not finite.

@@ -85,14 +85,7 @@ class ImperfectSensors:
     """Measures as parts do: draws their biases and offsets once, and their noise in every period."""
 
     def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:
-        """Draw what stays as it is.
-
-        Args:
-            parts: the figures.
-            robot: the robot.
-            period: between two measurements, s.
-            seed: of all that is random.
-        """
+        """Draw biases and offsets; the period is between two measurements, s."""
         self._parts = parts
         self._rng = rng = np.random.default_rng(seed)
         self._gyroscope_bias = parts.gyroscope_bias * rng.standard_normal(3)

@@ -26,13 +26,7 @@ class Touch:
     """
 
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
-        """Find the geoms.
-
-        Args:
-            model: MuJoCo's model.
-            contacts: contacts of the configuration.
-            bodies: MuJoCo's body of each contact.
-        """
+        """Find the geoms."""
         self._model = model
         #: What can touch the floor.
         self.on_the_floor = [int(geom) for geom in np.flatnonzero(model.geom_conaffinity & ON_THE_FLOOR)]
@@ -50,10 +44,6 @@ class Touch:
 
     def forces(self, data: Any, frames: Mapping[str, pin.SE3]) -> tuple[dict[str, Array], dict[str, Array]]:
         """Add up what acts on the robot at each contact; what touches elsewhere belongs to none.
-
-        Args:
-            data: MuJoCo's data.
-            frames: placements of the contacts in the world.
 
         Returns:
             By contact, force and moment about the contact's origin in world axes, (3,) each, in N and N·m.

@@ -16,14 +16,14 @@ from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.simulated_clock import clock_of
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.records import Array
+from wbc_controller.records import Array, CycleReport
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.user import User
 
 
 class Lockstep:
-    """The three on one memory bus.
+    """Controller, mock robot and user on one memory bus.
 
     Attributes:
         settings: of the robot.
@@ -44,10 +44,12 @@ class Lockstep:
         model: RobotModel | None = None,
         bus: MemoryBus | None = None,
         use_sim_time: bool = False,
-        remappings: Mapping[str, str] | None = None,
+        mock: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        """Build a robot that hangs on its hoist.
+        """Build a robot that hangs on its hoist, with options of `MockRobot` and of `make_loop`.
+
+        The model is built from the settings by default; `use_sim_time` lets the controller measure time by ``/clock``.
 
         Raises:
             ConfigurationError: if the robot cannot be controlled or simulated.
@@ -56,7 +58,8 @@ class Lockstep:
         self.model = make_model(settings) if model is None else model
         self.topics = controller_endpoints(settings, self.model)
         self.bus = MemoryBus() if bus is None else bus
-        self.mock = MockRobot(self.model, settings, MemoryTransport(self.bus), remappings=remappings or {})
+        mock_options = {"model": self.model, "settings": settings, **(mock or {})}
+        self.mock = MockRobot(transport=MemoryTransport(self.bus), **mock_options)
         self.controller = Controller(settings, preflight=False, model=self.model)
         transport = MemoryTransport(self.bus)
         self._manual = ManualClock()
@@ -74,8 +77,14 @@ class Lockstep:
         """Simulated time, s."""
         return self.mock.plant.time
 
-    def publish_state(self) -> float:
-        """Publish the robot's state, and set the clock to its stamp, which is returned in s."""
+    def publish_state(self) -> None:
+        """Publish the robot's state, and set the clock to its stamp."""
         self._manual.time = 1.0e-9 * self.mock.stamp
         self.mock.publish()
-        return self._manual.time
+
+    def cycle(self) -> CycleReport:
+        """Let one control period pass."""
+        self.publish_state()
+        report = self.loop.cycle()
+        self.mock.advance()
+        return report

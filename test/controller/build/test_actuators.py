@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from chains import MENAGERIE, TENDON, menagerie
+from peer import Peer
 
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.validation.lockstep import Lockstep
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
@@ -28,49 +29,26 @@ from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, counterpar
 GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])
 
 
-class Robot:
+class Robot(Lockstep):
     """The controller and the mock robot on one thread, and a user who hears everything."""
 
     def __init__(self, *, lockstep: bool = False, **changes) -> None:
-        self.settings = menagerie(**changes)
-        self.model = make_model(self.settings, MENAGERIE)
-        bus = MemoryBus()
-        self.mock = MockRobot(self.model, self.settings, MemoryTransport(bus), lockstep=lockstep)
-        self.clock = ManualClock()
-        topics = controller_endpoints(self.settings, self.model)
-        controller = Controller(self.settings, preflight=False, model=self.model)
-        self.loop = make_loop(controller, MemoryTransport(bus), self.clock, topics)
-        user = MemoryTransport(bus)
-        self.heard: dict[str, list[bytes]] = {}
-        self.publish = {}
-        self.types = {topic.key: topic.type for topic in topics}
-        for topic in topics:
-            if topic.direction is Direction.IN:
-                self.publish[topic.key] = user.advertise(counterpart(topic))
-            else:
-                user.subscribe(counterpart(topic), self.heard.setdefault(topic.key, []).append)
-
-    def say(self, key: str, text: str) -> None:
-        self.publish[key](encode(message("std_msgs/msg/String", data=text)))
+        settings = menagerie(**changes)
+        super().__init__(settings, model=make_model(settings, MENAGERIE), mock={"lockstep": lockstep})
+        self.peer = Peer(self.bus, [topic for topic in self.topics if topic.direction is Direction.OUT])
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * self.settings.control.rate)):
-            self.clock.time = self.mock.stamp * 1e-9
-            self.mock.publish()
-            self.loop.cycle()
-            self.mock.advance()
-
-    def last(self, key: str):
-        return decode(self.heard[key][-1], self.types[key])
+            self.cycle()
 
 
 @pytest.fixture(scope="module")
 def moved() -> Robot:
     """The posture task has moved every joint that a motor moves, in one second."""
     robot = Robot()
-    robot.say("command", "activate")
+    robot.user.say("command", "activate")
     robot.run(1.2)
-    robot.say("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
+    robot.user.say("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
     robot.run(2.0)
     return robot
 
@@ -83,7 +61,7 @@ def test_the_posture_is_reached_and_the_follower_follows(moved):
 
 
 def test_torques_go_out_by_actuator_and_by_joint(moved):
-    effort, command = moved.last("effort"), moved.last("joint_commands")
+    effort, command = moved.peer.all("effort")[-1], moved.peer.all("joint_commands")[-1]
     assert effort.layout.dim[0].size == len(effort.data) == moved.model.na
     assert command.name == list(moved.model.joints)
     assert len(command.position) == len(command.velocity) == moved.model.nj
@@ -96,10 +74,10 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
     runs = []
     for command in ("actuators", "joints"):
         robot = Robot(command=command, **changes)
-        robot.say("command", "activate")
+        robot.user.say("command", "activate")
         robot.run(0.1)
         runs.append(robot)
-    by_actuator, by_joint = (robot.last("effort").data for robot in runs)
+    by_actuator, by_joint = (robot.peer.all("effort")[-1].data for robot in runs)
     model = runs[0].model
     driven = [i for i, name in enumerate(model.joints) if name != "ankle"]
     np.testing.assert_allclose(by_joint, model.actuation.at_joints(by_actuator)[driven], rtol=1e-9, atol=1e-9)
@@ -110,14 +88,13 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
 
 def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators():
     robot = Robot(lockstep=True)
-    robot.say("command", "activate")
+    robot.user.say("command", "activate")
     for _ in range(20):
-        robot.clock.time = robot.mock.stamp * 1e-9
-        robot.mock.publish()
+        robot.publish_state()
         robot.loop.cycle()
         assert robot.mock.wait_for_answer()
         robot.mock.advance()
-    sent = robot.last("effort").data
+    sent = robot.peer.all("effort")[-1].data
     assert np.abs(sent).max() > 0.01
     np.testing.assert_allclose(robot.mock.plant.applied_torques, sent, rtol=1e-12, atol=1e-12)
 

@@ -17,7 +17,7 @@ from wbc_controller.validation.accuracy.accuracy_commands import accuracy
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import FLAWS, Cost, chatter, cost_of
 from wbc_controller.validation.accuracy.mishaps import Outcome, come_of, longest
-from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, stand, told
+from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, sensor_settings, stand
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
@@ -80,12 +80,12 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
 
 
 def test_the_filter_is_told_the_figures_of_its_sensors():
-    settings = load("go2").replace(told("cheap")).settings.estimation
+    settings = load("go2").replace(sensor_settings("cheap")).settings.estimation
     assert settings.accelerometer_bias == PARTS["cheap"].accelerometer_bias
     assert settings.gyroscope_noise == PARTS["cheap"].gyroscope_noise
     rounding = 2.0 * np.pi / 2**14 / np.sqrt(12.0)
     assert settings.joint_position_noise == pytest.approx(np.linalg.norm([2e-4, rounding, 5e-3]))
-    assert told("ideal") == {}
+    assert sensor_settings("ideal") == {}
 
 
 def test_what_goes_wrong_is_said():

@@ -27,27 +27,27 @@ def left(tmp_path_factory):
 
 def test_what_another_fault_left_is_found_out(left):
     place, outcome = left
-    assert place.lacks(outcome.code, outcome.sentence) == ""
-    assert place.lacks("FALLEN", outcome.sentence).endswith("does not name FALLEN")
-    assert "does not name" in place.lacks(outcome.code, "another reason")
-    assert Place(place.folder, "g1-joint_absurd-0").lacks("FALLEN", "") == "there is none of FALLEN"
+    assert place.mistake(outcome.code, outcome.sentence) == ""
+    assert place.mistake("FALLEN", outcome.sentence).endswith("does not name FALLEN")
+    assert "does not name" in place.mistake(outcome.code, "another reason")
+    assert Place(place.folder, "g1-joint_absurd-0").mistake("FALLEN", "") == "there is none of FALLEN"
 
 
 def test_cycles_that_come_out_differently_are_found_out(left, monkeypatch):
     place, outcome = left
     monkeypatch.setattr("wbc_controller.recording.replay.solving.Solved.same", False)
-    assert re.search(r"of (\d+) cycles \1 do not come out", place.lacks(outcome.code, outcome.sentence))
+    assert re.search(r"of (\d+) cycles \1 do not come out", place.mistake(outcome.code, outcome.sentence))
 
 
 def test_a_damaged_recording_is_found_out(left):
     place, outcome = left
     (path,) = place.folder.iterdir()
     path.write_bytes(path.read_bytes()[:40])
-    assert str(path) in place.lacks(outcome.code, outcome.sentence)
+    assert str(path) in place.mistake(outcome.code, outcome.sentence)
 
 
 def test_a_trial_says_what_its_recording_lacks(tmp_path, monkeypatch):
-    monkeypatch.setattr(Place, "lacks", lambda place, code, sentence: f"no {code}")
+    monkeypatch.setattr(Place, "mistake", lambda place, code, sentence: f"no {code}")
     outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=tmp_path)
     assert outcome.result == "violation"
     assert outcome.violations["recording"].endswith(f"no {outcome.code}")

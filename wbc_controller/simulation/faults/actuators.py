@@ -7,36 +7,49 @@ from collections import deque
 import numpy as np
 
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import ActuatorFault, Effect, Fault, JointFault, Site, number
+from wbc_controller.simulation.faults.fault import ActuatorFault, Effect, Fault, JointFault, Site, at_once, number
 from wbc_controller.simulation.mechanism import rub
 
 _PLACE = "actuators"
 
 
-class ActuatorDead(ActuatorFault):
-    """An actuator gives no torque."""
+class _AllActuators(Fault):
+    """A fault of all actuators."""
 
     place = _PLACE
+
+
+class _OneActuator(ActuatorFault):
+    """A fault of one actuator."""
+
+    place = _PLACE
+
+
+class _OneJoint(JointFault):
+    """A fault at one joint."""
+
+    place = _PLACE
+
+
+class ActuatorDead(_OneActuator):
+    """An actuator gives no torque."""
 
     def begin(self, site: Site) -> Effect:
         """Take its torque away."""
         return _scaled(site, self.actuator, 0.0)
 
 
-class ActuatorReversed(ActuatorFault):
+class ActuatorReversed(_OneActuator):
     """An actuator turns the wrong way."""
-
-    place = _PLACE
 
     def begin(self, site: Site) -> Effect:
         """Turn the sign of its torque."""
         return _scaled(site, self.actuator, -1.0)
 
 
-class ActuatorGain(ActuatorFault):
+class ActuatorGain(_OneActuator):
     """An actuator gives another share of what is commanded, as with a wrong torque constant."""
 
-    place = _PLACE
     factor: float = number(0.8, 0.2, 2.0, "", "by which its torque is multiplied")
 
     def begin(self, site: Site) -> Effect:
@@ -44,10 +57,9 @@ class ActuatorGain(ActuatorFault):
         return _scaled(site, self.actuator, self.factor)
 
 
-class ActuatorWeak(Fault):
+class ActuatorWeak(_AllActuators):
     """All actuators saturate below their effort limits, as with a weak battery."""
 
-    place = _PLACE
     share: float = number(0.5, 0.02, 0.95, "", "of the effort limits that is left")
 
     def begin(self, site: Site) -> Effect:
@@ -56,10 +68,9 @@ class ActuatorWeak(Fault):
         return Effect(torques=lambda tau: np.clip(tau, -most, most))
 
 
-class ActuatorBias(ActuatorFault):
+class ActuatorBias(_OneActuator):
     """An actuator gives a torque beside what is commanded."""
 
-    place = _PLACE
     share: float = number(0.05, -0.5, 0.5, "", "of its effort limit that is added")
 
     def begin(self, site: Site) -> Effect:
@@ -70,10 +81,9 @@ class ActuatorBias(ActuatorFault):
         return Effect(torques=lambda tau: tau + added)
 
 
-class ActuatorNoise(Fault):
+class ActuatorNoise(_AllActuators):
     """White noise on the torques of all actuators."""
 
-    place = _PLACE
     share: float = number(0.01, 0.001, 0.2, "", "of the effort limits, the standard deviation")
 
     def begin(self, site: Site) -> Effect:
@@ -82,10 +92,9 @@ class ActuatorNoise(Fault):
         return Effect(torques=lambda tau: tau + site.rng.normal(0.0, sigma))
 
 
-class ActuatorLag(Fault):
+class ActuatorLag(_AllActuators):
     """The torques of all actuators pass through a low-pass filter of first order."""
 
-    place = _PLACE
     time_constant: float = number(0.005, 0.001, 0.05, "s", "of the filter")
 
     def begin(self, site: Site) -> Effect:
@@ -100,10 +109,9 @@ class ActuatorLag(Fault):
         return Effect(torques=lag)
 
 
-class ActuatorDelay(Fault):
+class ActuatorDelay(_AllActuators):
     """The torques of all actuators act later."""
 
-    place = _PLACE
     delay: float = number(0.004, 0.002, 0.05, "s", "until they act, rounded to control periods")
 
     def begin(self, site: Site) -> Effect:
@@ -117,10 +125,9 @@ class ActuatorDelay(Fault):
         return Effect(torques=delay)
 
 
-class JointFriction(JointFault):
+class JointFriction(_OneJoint):
     """A joint has dry friction."""
 
-    place = _PLACE
     share: float = number(0.05, 0.005, 0.8, "", "of its effort limit, or of 100 N·m where it has none")
 
     def begin(self, site: Site) -> Effect:
@@ -133,27 +140,19 @@ class JointFriction(JointFault):
         before = float(friction[dof]), stiffness[dof].copy(), impedance[dof].copy()
         rub(model, dof, self.share * (abs(float(limits[joint])) or _NO_LIMIT), site.plant.step_seconds)
 
-        def ended() -> bool:
+        def restore() -> None:
             friction[dof], stiffness[dof], impedance[dof] = before
-            return True
 
-        return Effect(ended=ended)
+        return Effect(ended=at_once(restore))
 
 
-class JointLocked(JointFault):
+class JointLocked(_OneJoint):
     """A joint does not move any more."""
-
-    place = _PLACE
 
     def begin(self, site: Site) -> Effect:
         """Lock it where it is."""
-        unlock = site.plant.lock(site.robot.joints[site.one_of(self.joint, site.robot.joints)])
-
-        def ended() -> bool:
-            unlock()
-            return True
-
-        return Effect(ended=ended)
+        joint = site.robot.joints[site.one_of(self.joint, site.robot.joints)]
+        return Effect(ended=at_once(site.plant.lock(joint)))
 
 
 def _scaled(site: Site, actuator: str, factor: float) -> Effect:

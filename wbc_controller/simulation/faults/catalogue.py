@@ -78,13 +78,7 @@ def _explain(problem: Any, name: str) -> str:
 
 
 def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
-    """Make a fault with random parameters from the ranges of its kind; wide ones are drawn by their logarithm.
-
-    Args:
-        kind: the class.
-        rng: random numbers.
-        given: parameters that are not drawn.
-    """
+    """Make a fault with random parameters from the ranges of its kind; wide ones are drawn by their logarithm."""
     values: dict[str, Any] = {}
     for key, field in kind.model_fields.items():
         if key in given or key in COMMON:

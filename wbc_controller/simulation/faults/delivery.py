@@ -59,7 +59,7 @@ class MessageDelay(_StreamFault):
 
     def post(self, site: Site) -> _Post:
         """Delay each message."""
-        return lambda parcel: [_later(parcel, self.delay)]
+        return _delayed(self.delay)
 
 
 class MessageGrowingDelay(_StreamFault):
@@ -69,8 +69,7 @@ class MessageGrowingDelay(_StreamFault):
 
     def post(self, site: Site) -> _Post:
         """Delay each message by what has grown since the beginning."""
-        began = site.plant.time
-        return lambda parcel: [_later(parcel, self.growth * (site.plant.time - began))]
+        return lambda parcel: [_later(parcel, self.growth * site.elapsed)]
 
 
 class MessageJitter(_StreamFault):
@@ -90,7 +89,7 @@ class MessageLoss(_StreamFault):
 
     def post(self, site: Site) -> _Post:
         """Draw for each message."""
-        return lambda parcel: [] if site.rng.random() < self.share else [parcel]
+        return _lost(site, self.share)
 
 
 class MessageDropout(_StreamFault):
@@ -108,7 +107,7 @@ class MessageDuplication(_StreamFault):
 
     def post(self, site: Site) -> _Post:
         """Send each message again."""
-        return lambda parcel: [parcel, _later(parcel, self.gap)]
+        return _repeated(self.gap)
 
 
 class MessageReordering(_StreamFault):
@@ -131,10 +130,9 @@ class MessageReplay(_StreamFault):
     def post(self, site: Site) -> _Post:
         """Keep what comes for a while, then repeat it."""
         kept: deque[Parcel] = deque()
-        began = site.plant.time
 
         def replay(parcel: Parcel) -> list[Parcel]:
-            if (not kept or site.plant.time - began < self.length) and len(kept) < _MOST_KEPT:
+            if (not kept or site.elapsed < self.length) and len(kept) < _MOST_KEPT:
                 kept.append(parcel)
                 return [parcel]
             kept.rotate(-1)
@@ -158,7 +156,7 @@ class CommandLoss(_CommandFault):
 
     def post(self, site: Site) -> _Post:
         """Draw for each command."""
-        return lambda parcel: [] if site.rng.random() < self.share else [parcel]
+        return _lost(site, self.share)
 
 
 class CommandDelay(_CommandFault):
@@ -168,7 +166,7 @@ class CommandDelay(_CommandFault):
 
     def post(self, site: Site) -> _Post:
         """Delay each command."""
-        return lambda parcel: [_later(parcel, self.delay)]
+        return _delayed(self.delay)
 
 
 class CommandTwice(_CommandFault):
@@ -178,11 +176,23 @@ class CommandTwice(_CommandFault):
 
     def post(self, site: Site) -> _Post:
         """Deliver each command again."""
-        return lambda parcel: [parcel, _later(parcel, self.gap)]
+        return _repeated(self.gap)
 
 
 def _later(parcel: Parcel, seconds: float) -> Parcel:
     return parcel._replace(due=parcel.due + seconds)
+
+
+def _delayed(seconds: float) -> _Post:
+    return lambda parcel: [_later(parcel, seconds)]
+
+
+def _repeated(gap: float) -> _Post:
+    return lambda parcel: [parcel, _later(parcel, gap)]
+
+
+def _lost(site: Site, share: float) -> _Post:
+    return lambda parcel: [] if site.rng.random() < share else [parcel]
 
 
 KINDS: tuple[type[Fault], ...] = (

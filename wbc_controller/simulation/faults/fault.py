@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -53,9 +53,9 @@ class Effect:
     ended: Callable[[], bool] = lambda: True
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Site:
-    """Where a fault acts.
+    """The robot on which a fault acts, from the fault's beginning on.
 
     Attributes:
         robot: the robot.
@@ -63,6 +63,7 @@ class Site:
         period: control period, s.
         end: simulated time at which the fault ends, s.
         rng: the fault's own random numbers.
+        began: simulated time at which the fault began, s.
     """
 
     robot: RobotModel
@@ -70,6 +71,23 @@ class Site:
     period: float
     end: float
     rng: np.random.Generator
+    began: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.began = self.plant.time
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the beginning, s."""
+        return self.plant.time - self.began
+
+    def grown(self, ramp: float) -> float:
+        """Share of a value that grows linearly in a time, s."""
+        return min(1.0, self.elapsed / ramp) if ramp > 0.0 else 1.0
+
+    def sign(self) -> float:
+        """A random sign."""
+        return float(self.rng.choice([-1.0, 1.0]))
 
     def one_of(self, name: str, names: tuple[str, ...]) -> int:
         """Index of a name, or of one at random where it is empty."""
@@ -108,6 +126,23 @@ class Fault(Section):
         raise NotImplementedError
 
 
+class MeasurementFault(Fault):
+    """A fault that changes each measurement."""
+
+    def begin(self, site: Site) -> Effect:
+        """Change each measurement from now on."""
+        drawn = self.draw(site)
+        return Effect(lambda measured: self.change(measured, site, drawn))
+
+    def draw(self, site: Site) -> Any:
+        """Draw values at the beginning, or make a memory, for `change`."""
+        return {}
+
+    def change(self, measured: Measurement, site: Site, drawn: Any) -> None:
+        """Change a measurement in place."""
+        raise NotImplementedError
+
+
 class JointFault(Fault):
     """A fault of one joint."""
 
@@ -126,6 +161,16 @@ class ActuatorFault(Fault):
     def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
         """See that the robot has the actuator."""
         known(self.actuator, robot.actuators, "actuator")
+
+
+def at_once(restore: Callable[[], None]) -> Callable[[], bool]:
+    """Return the end of an effect that is over as soon as something is restored."""
+
+    def ended() -> bool:
+        restore()
+        return True
+
+    return ended
 
 
 def number(default: float, low: float, high: float, unit: str, meaning: str) -> Any:

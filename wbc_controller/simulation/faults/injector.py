@@ -39,11 +39,7 @@ class Injector:
         self._count = itertools.count()  # messages that are due at once keep their order
 
     def plan(self, faults: Sequence[Fault], since: float) -> None:
-        """Plan faults; all or none.
-
-        Args:
-            faults: what is to happen.
-            since: simulated time from which their starts count, s.
+        """Plan faults, whose starts count from the simulated time `since`, s; all or none.
 
         Raises:
             InputRefused: where a parameter does not fit the robot, or too many faults are planned.

@@ -1,4 +1,4 @@
-"""Faults of the joint sensors: what the joint states say is not what is."""
+"""Faults of the joint sensors: errors of the joint states."""
 
 from __future__ import annotations
 
@@ -7,277 +7,208 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import Effect, Fault, JointFault, Site, number
+from wbc_controller.simulation.faults.fault import Fault, JointFault, MeasurementFault, Site, number
 from wbc_controller.simulation.measurement import Measurement
 
-_PLACE = "joint sensors"
+
+class _SensorFault(MeasurementFault):
+    """A fault of the sensors of all joints."""
+
+    place = "joint sensors"
 
 
-class JointNoise(Fault):
+class _JointSensorFault(_SensorFault, JointFault):
+    """A fault of the sensors of one joint; `change` gets its index."""
+
+    def draw(self, site: Site) -> Any:
+        """Draw the joint where none is named."""
+        return site.one_of(self.joint, site.robot.joints)
+
+
+class JointNoise(_SensorFault):
     """White noise on all joint positions and velocities."""
 
-    place = _PLACE
     sigma: float = number(0.001, 1e-5, 0.05, "rad", "standard deviation of the positions")
     velocity_sigma: float = number(0.01, 1e-4, 2.0, "rad/s", "standard deviation of the velocities")
 
-    def begin(self, site: Site) -> Effect:
-        """Add new noise to each measurement."""
-
-        def noise(measured: Measurement) -> None:
-            measured.position += site.rng.normal(0.0, self.sigma, len(measured.position))
-            measured.velocity += site.rng.normal(0.0, self.velocity_sigma, len(measured.velocity))
-
-        return Effect(noise)
+    def change(self, measured: Measurement, site: Site, drawn: Any) -> None:
+        """Add new noise."""
+        measured.position += site.rng.normal(0.0, self.sigma, len(measured.position))
+        measured.velocity += site.rng.normal(0.0, self.velocity_sigma, len(measured.velocity))
 
 
-class JointBias(JointFault):
+class JointBias(_JointSensorFault):
     """The position of a joint gets an offset that grows to its value, as an encoder does whose zero wanders."""
 
-    place = _PLACE
     bias: float = number(0.05, -0.5, 0.5, "rad", "the offset")
     ramp: float = number(0.2, 0.0, 1.0, "s", "time in which it grows")
 
-    def begin(self, site: Site) -> Effect:
-        """Count the time since the first measurement."""
-        joint, began = site.one_of(self.joint, site.robot.joints), site.plant.time
-
-        def bias(measured: Measurement) -> None:
-            passed = site.plant.time - began
-            measured.position[joint] += self.bias * (min(1.0, passed / self.ramp) if self.ramp > 0.0 else 1.0)
-
-        return Effect(bias)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Add the offset."""
+        measured.position[joint] += self.bias * site.grown(self.ramp)
 
 
-class JointScale(JointFault):
+class JointScale(_JointSensorFault):
     """The position and velocity of a joint are scaled, as by a wrong gear ratio."""
 
-    place = _PLACE
     factor: float = number(1.1, 0.5, 2.0, "", "by which both are multiplied")
 
-    def begin(self, site: Site) -> Effect:
-        """Scale each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def scale(measured: Measurement) -> None:
-            measured.position[joint] *= self.factor
-            measured.velocity[joint] *= self.factor
-
-        return Effect(scale)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Scale both."""
+        measured.position[joint] *= self.factor
+        measured.velocity[joint] *= self.factor
 
 
-class JointQuantization(Fault):
+class JointQuantization(_SensorFault):
     """All joint positions come in coarse steps."""
 
-    place = _PLACE
     step: float = number(0.001, 1e-4, 0.1, "rad", "width of a step")
 
-    def begin(self, site: Site) -> Effect:
-        """Round each measurement."""
-
-        def quantize(measured: Measurement) -> None:
-            measured.position = np.round(measured.position / self.step) * self.step
-
-        return Effect(quantize)
+    def change(self, measured: Measurement, site: Site, drawn: Any) -> None:
+        """Round the positions."""
+        measured.position = np.round(measured.position / self.step) * self.step
 
 
-class JointLag(Fault):
+class JointLag(_SensorFault):
     """All joint positions and velocities pass through a low-pass filter of first order."""
 
-    place = _PLACE
     time_constant: float = number(0.005, 0.001, 0.1, "s", "of the filter")
 
-    def begin(self, site: Site) -> Effect:
-        """Filter from the first measurement on."""
-        return Effect(_lagging(site, self.time_constant, position=True))
+    def change(self, measured: Measurement, site: Site, past: dict[str, np.ndarray]) -> None:
+        """Filter both from the first measurement on."""
+        _filter(measured, site, past, self.time_constant, ("position", "velocity"))
 
 
-class VelocityLag(Fault):
+class VelocityLag(_SensorFault):
     """All joint velocities pass through a low-pass filter of first order."""
 
-    place = _PLACE
     time_constant: float = number(0.005, 0.001, 0.1, "s", "of the filter")
 
-    def begin(self, site: Site) -> Effect:
-        """Filter from the first measurement on."""
-        return Effect(_lagging(site, self.time_constant, position=False))
+    def change(self, measured: Measurement, site: Site, past: dict[str, np.ndarray]) -> None:
+        """Filter the velocities from the first measurement on."""
+        _filter(measured, site, past, self.time_constant, ("velocity",))
 
 
-class VelocitySign(JointFault):
+class VelocitySign(_JointSensorFault):
     """The velocity of a joint has the wrong sign."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Turn the sign of each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def turn(measured: Measurement) -> None:
-            measured.velocity[joint] *= -1.0
-
-        return Effect(turn)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Reverse the velocity."""
+        measured.velocity[joint] *= -1.0
 
 
-class VelocityDead(Fault):
+class VelocityDead(_SensorFault):
     """All joint velocities are zero."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
+    def change(self, measured: Measurement, site: Site, drawn: Any) -> None:
         """Set the velocities to zero."""
-
-        def kill(measured: Measurement) -> None:
-            measured.velocity[:] = 0.0
-
-        return Effect(kill)
+        measured.velocity[:] = 0.0
 
 
-class JointSpike(JointFault):
+class JointSpike(_JointSensorFault):
     """Single measurements of a joint's position are far off."""
 
-    place = _PLACE
     size: float = number(1.0, 0.05, 3.0, "rad", "how far")
     share: float = number(0.02, 0.005, 0.3, "", "of the measurements")
 
-    def begin(self, site: Site) -> Effect:
-        """Draw for each measurement whether it is off."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def spike(measured: Measurement) -> None:
-            if site.rng.random() < self.share:
-                measured.position[joint] += self.size * site.rng.choice([-1.0, 1.0])
-
-        return Effect(spike)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Shift a share of the positions."""
+        if site.rng.random() < self.share:
+            measured.position[joint] += self.size * site.sign()
 
 
-class JointJump(JointFault):
+class JointJump(_JointSensorFault):
     """The position of a joint jumps and stays off."""
 
-    place = _PLACE
     size: float = number(0.5, 0.02, 3.0, "rad", "of the jump, in a random direction")
 
-    def begin(self, site: Site) -> Effect:
-        """Shift each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-        size = self.size * site.rng.choice([-1.0, 1.0])
+    def draw(self, site: Site) -> tuple[int, float]:
+        """Draw the joint and the direction."""
+        return super().draw(site), self.size * site.sign()
 
-        def jump(measured: Measurement) -> None:
-            measured.position[joint] += size
+    def change(self, measured: Measurement, site: Site, drawn: tuple[int, float]) -> None:
+        """Shift the position."""
+        joint, size = drawn
+        measured.position[joint] += size
 
-        return Effect(jump)
 
-
-class JointFrozen(JointFault):
+class JointFrozen(_JointSensorFault):
     """The position of a joint stays at one value, while its velocity is measured."""
 
-    place = _PLACE
+    def draw(self, site: Site) -> tuple[int, dict[str, float]]:
+        """Draw the joint."""
+        return super().draw(site), {}
 
-    def begin(self, site: Site) -> Effect:
-        """Keep the first value."""
-        joint, kept = site.one_of(self.joint, site.robot.joints), list[float]()
-
-        def freeze(measured: Measurement) -> None:
-            if not kept:
-                kept.append(float(measured.position[joint]))
-            measured.position[joint] = kept[0]
-
-        return Effect(freeze)
+    def change(self, measured: Measurement, site: Site, drawn: tuple[int, dict[str, float]]) -> None:
+        """Repeat the first position."""
+        joint, kept = drawn
+        measured.position[joint] = kept.setdefault("position", float(measured.position[joint]))
 
 
-class JointStatesFrozen(Fault):
+class JointStatesFrozen(_SensorFault):
     """All values of the joint states repeat under fresh stamps."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Keep the first values."""
-        kept: list[tuple[Any, Any, Any]] = []
-
-        def freeze(measured: Measurement) -> None:
-            if not kept:
-                kept.append((measured.position.copy(), measured.velocity.copy(), measured.effort.copy()))
-            measured.position, measured.velocity, measured.effort = (values.copy() for values in kept[0])
-
-        return Effect(freeze)
+    def change(self, measured: Measurement, site: Site, kept: dict[str, np.ndarray]) -> None:
+        """Repeat the first values."""
+        for quantity in ("position", "velocity", "effort"):
+            first = kept.setdefault(quantity, getattr(measured, quantity).copy())
+            setattr(measured, quantity, first.copy())
 
 
-class JointNotANumber(JointFault):
+class JointNotANumber(_JointSensorFault):
     """The position of a joint is not a number in a share of the messages."""
 
-    place = _PLACE
     share: float = number(1.0, 0.01, 1.0, "", "of the messages")
 
-    def begin(self, site: Site) -> Effect:
-        """Draw for each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def spoil(measured: Measurement) -> None:
-            if site.rng.random() < self.share:
-                measured.position[joint] = np.nan
-
-        return Effect(spoil)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Spoil a share of the positions."""
+        if site.rng.random() < self.share:
+            measured.position[joint] = np.nan
 
 
-class JointAbsurd(JointFault):
+class JointAbsurd(_JointSensorFault):
     """A joint has a finite value that no robot has."""
 
-    place = _PLACE
     value: float = number(1e9, 1e4, 1e200, "rad, rad/s", "the value")
     quantity: Literal["position", "velocity"] = Field("velocity", description="which quantity has it")
 
-    def begin(self, site: Site) -> Effect:
-        """Set the value in each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def spoil(measured: Measurement) -> None:
-            getattr(measured, self.quantity)[joint] = self.value
-
-        return Effect(spoil)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Set the value."""
+        getattr(measured, self.quantity)[joint] = self.value
 
 
-class JointMissing(JointFault):
+class JointMissing(_JointSensorFault):
     """The joint states lack a joint."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Leave the joint out of each measurement."""
-        name = site.robot.joints[site.one_of(self.joint, site.robot.joints)]
-
-        def leave_out(measured: Measurement) -> None:
-            measured.absent.add(name)
-
-        return Effect(leave_out)
+    def change(self, measured: Measurement, site: Site, joint: int) -> None:
+        """Leave the joint out."""
+        measured.absent.add(site.robot.joints[joint])
 
 
-class JointsSwapped(JointFault):
+class JointsSwapped(_JointSensorFault):
     """Two joints have each other's values, as with crossed cables."""
 
-    place = _PLACE
+    def draw(self, site: Site) -> tuple[int, int]:
+        """Draw both joints."""
+        one, count = super().draw(site), len(site.robot.joints)
+        return one, (one + int(site.rng.integers(1, max(2, count)))) % count
 
-    def begin(self, site: Site) -> Effect:
-        """Swap the joint with another one at random."""
-        one = site.one_of(self.joint, site.robot.joints)
-        other = (one + int(site.rng.integers(1, max(2, len(site.robot.joints))))) % len(site.robot.joints)
-
-        def swap(measured: Measurement) -> None:
-            for values in (measured.position, measured.velocity, measured.effort):
-                values[[one, other]] = values[[other, one]]
-
-        return Effect(swap)
+    def change(self, measured: Measurement, site: Site, drawn: tuple[int, int]) -> None:
+        """Swap all values of the two."""
+        one, other = drawn
+        for values in (measured.position, measured.velocity, measured.effort):
+            values[[one, other]] = values[[other, one]]
 
 
-def _lagging(site: Site, time_constant: float, *, position: bool) -> Any:
-    """A filter of first order on the velocities, and on the positions where asked for."""
+def _filter(
+    measured: Measurement, site: Site, past: dict[str, np.ndarray], time_constant: float, quantities: tuple[str, ...]
+) -> None:
+    """Pass quantities through a filter of first order."""
     keep = float(np.exp(-site.period / time_constant))
-    past: dict[str, np.ndarray] = {}
-
-    def lag(measured: Measurement) -> None:
-        for quantity in ("position", "velocity") if position else ("velocity",):
-            new = getattr(measured, quantity)
-            past[quantity] = keep * past.get(quantity, new) + (1.0 - keep) * new
-            setattr(measured, quantity, past[quantity].copy())
-
-    return lag
+    for quantity in quantities:
+        new = getattr(measured, quantity)
+        past[quantity] = keep * past.get(quantity, new) + (1.0 - keep) * new
+        setattr(measured, quantity, past[quantity].copy())
 
 
 KINDS: tuple[type[Fault], ...] = (

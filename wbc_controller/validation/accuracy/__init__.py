@@ -1,1 +1,1 @@
-"""How far a robot without odometry is from where it should be, and from where it is said to be: `wbc accuracy`."""
+"""The errors of robots without odometry, of their posture and of their estimate: `wbc accuracy`."""

@@ -48,7 +48,7 @@ class EstimationTrial(Lockstep):
         model = make_model(settings)
         measured = [each for each in controller_endpoints(settings, model) if each.key == "measured_wrench"]
         remappings = {f"~/contacts/{each.subject}/wrench": each.name for each in measured if force_sensors}
-        super().__init__(settings, model=model, remappings=remappings)
+        super().__init__(settings, model=model, mock={"remappings": remappings})
         self.faults: Sequence[Fault] = ()
         self.answered: tuple[Array, Array] | None = None
         self._com = next(iter(self.user.tasks("com")), "")
@@ -58,12 +58,11 @@ class EstimationTrial(Lockstep):
         """The base estimator, if the settings have one."""
         return self.loop.estimator
 
-    def cycle(self) -> None:
+    def cycle(self) -> CycleReport:
         """Let one control period pass."""
         self.answered = self.mock.plant.state()
-        self.publish_state()
-        self.report = self.loop.cycle()
-        self.mock.advance()
+        self.report = super().cycle()
+        return self.report
 
     def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
         """Let `seconds` pass; `each` is called after every cycle.

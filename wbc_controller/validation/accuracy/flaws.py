@@ -1,4 +1,4 @@
-"""What flaws of robot, sensors and ground cost a robot without odometry: the largest error of its centre of mass."""
+"""Errors of the centre of mass of robots without odometry, caused by flaws of robot, sensors and ground."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CHATTER = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """Something that is not as the controller believes.
+    """A difference between the robot and the controller's model.
 
     Attributes:
         name: for the table.
@@ -90,13 +90,13 @@ FLAWS = (
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a flaw costs; NaN where the run ended before.
+    """The errors caused by a flaw; NaN if the run ended before.
 
     Attributes:
-        sway: largest error of the centre of mass while it sways, m.
-        squat: and while it squats, m.
+        sway: largest error of the centre of mass in the sway, m.
+        squat: and in the squat, m.
         chatter: largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit.
-        ended: why the run ended before its time; empty where it did not.
+        ended: reason of an early end; empty if there was none.
     """
 
     sway: float
@@ -113,7 +113,7 @@ def cost_of(
     known_friction: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Cost:
-    """Let a robot sway by `SWAY` and squat by `SQUAT`, and compare its true centre of mass with what was asked for.
+    """Let a robot sway by `SWAY` and squat by `SQUAT`, and compare its true centre of mass with the references.
 
     Args:
         robot: name of a shipped robot, or the path of a file.
@@ -124,7 +124,7 @@ def cost_of(
         changes: settings beside the flaw's, by dotted key.
 
     Raises:
-        ConfigurationError: where the robot cannot be controlled or simulated so.
+        ConfigurationError: if the robot cannot be controlled or simulated.
     """
     flaw = next(flaw for flaw in FLAWS if flaw.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}
@@ -153,7 +153,7 @@ def cost_of(
 
 
 def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float:
-    """Largest distance of the true centre of mass from where a motion should have it, m."""
+    """Return the largest distance of the true centre of mass from its reference in a motion, m."""
     errors = [0.0]
     times = _BEAT * np.arange(1, len(points) + 1)
     trial.follow(times.tolist(), list(trial.origin + points))

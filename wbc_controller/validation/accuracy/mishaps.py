@@ -1,4 +1,4 @@
-"""Mishaps of contacts and sensors on a robot without odometry: it goes on, or a fault ends it and it starts again."""
+"""Faults of contacts and sensors on robots without odometry: the estimate survives, or a fault damps the robot."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PULL, _PULLED = 1.5, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Mishap:
-    """Something that happens to a robot that stands and sways.
+    """A fault of a robot that stands and sways.
 
     Attributes:
         name: for the table.
@@ -52,8 +52,7 @@ class Mishap:
 #: The rows of the table.
 MISHAPS = (
     Mishap(
-        "one foot on ice, friction 0.05",
-        lambda foot, _: [SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)],
+        "one foot on ice, friction 0.05", lambda foot, _: [SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)]
     ),
     Mishap("one foot pulled up", pull=True),
     Mishap("IMU silent for 20 ms", lambda *_: [MessageDropout(duration=0.02, stream="imu")]),
@@ -80,14 +79,9 @@ MISHAPS = (
         lambda *_: [ImuShock(duration=1.5, turn=5.0, force=0.0)],
         hoist=True,
     ),
+    Mishap("IMU shock of 20 m/s² for 0.1 s, on the hoist", lambda *_: [ImuShock(duration=0.1, force=20.0)], hoist=True),
     Mishap(
-        "IMU shock of 20 m/s² for 0.1 s, on the hoist",
-        lambda *_: [ImuShock(duration=0.1, force=20.0)],
-        hoist=True,
-    ),
-    Mishap(
-        "encoder offset of 0.02 rad",
-        lambda _, joint: [JointBias(duration=LONGEST, joint=joint, bias=0.02, ramp=0.0)],
+        "encoder offset of 0.02 rad", lambda _, joint: [JointBias(duration=LONGEST, joint=joint, bias=0.02, ramp=0.0)]
     ),
 )
 
@@ -101,10 +95,10 @@ class Outcome:
         unsaid: longest time for which it was above `WRONG` without a fault, s.
         left_out: contacts that the estimate left out.
         said: a sentence for each fault, in order.
-        ended: whether the controller ended it: it damps, and acts on the estimate no more.
+        ended: whether the controller damped the robot.
         fell: whether the robot fell before.
         recovery: time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stayed
-            refused, and NaN if the controller did not end.
+            refused, and NaN if the controller did not damp.
     """
 
     error: float
@@ -117,7 +111,7 @@ class Outcome:
 
     @property
     def silently_wrong(self) -> bool:
-        """Whether the estimate was wrong, and nothing was said for too long."""
+        """Whether the estimate was wrong for too long without a fault."""
         return not (self.unsaid <= UNSAID) or self.fell
 
     @property
@@ -134,7 +128,7 @@ def come_of(
     force_sensors: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
-    """Let a robot sway, or hang on the hoist, and observe what follows from a mishap.
+    """Let a robot sway, or hang on the hoist, and observe the outcome of a mishap.
 
     Args:
         robot: name of a shipped robot, or the path of a file.
@@ -145,7 +139,7 @@ def come_of(
         changes: settings beside those, by dotted key.
 
     Raises:
-        ConfigurationError: where the robot cannot be controlled or simulated so.
+        ConfigurationError: if the robot cannot be controlled or simulated.
     """
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
@@ -160,17 +154,17 @@ def come_of(
     contact, spec = next(iter(trial.settings.contacts.items()))
     model = trial.controller.model
     moved_by = model.pinocchio.frames[model.frame_id(spec.frame, "the mishap")].parentJoint
-    watch = _Watch(trial)
+    comparison = _Comparison(trial)
     if not mishap.hoist:
         points = [trial.origin + side * np.array([0.0, _SWAY, 0.0]) for side in (1.0, -1.0, 1.0, 0.0)]
         trial.follow((_BEAT * np.arange(1, len(points) + 1)).tolist(), points)
-        watch.follow(0.5 * _BEAT)
+        comparison.follow(0.5 * _BEAT)
     trial.mock.plan(mishap.faults(contact, model.pinocchio.names[moved_by]), since=trial.time)
     if mishap.pull:
         share = model.mass * model.gravity / len(trial.mock.plant.contacts)
         trial.mock.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
-    watch.follow(_WATCHED)
-    return watch.outcome(_recovery(trial) if watch.ended or mishap.hoist else math.nan)
+    comparison.follow(_WATCHED)
+    return comparison.outcome(_recovery(trial) if comparison.ended or mishap.hoist else math.nan)
 
 
 def _recovery(trial: EstimationTrial) -> float:
@@ -188,7 +182,7 @@ def _recovery(trial: EstimationTrial) -> float:
     return math.inf
 
 
-class _Watch:
+class _Comparison:
     """Compares the estimate with the truth, cycle by cycle."""
 
     def __init__(self, trial: EstimationTrial) -> None:

@@ -1,4 +1,4 @@
-"""How well a robot that stands knows where it is: its estimate against the truth, and against its own covariance."""
+"""Errors of the estimate of a standing robot, against the truth and against the filter's covariance."""
 
 from __future__ import annotations
 
@@ -21,24 +21,23 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 _LOOK = 0.1
 #: Share of the probability that is outside the bounds of the consistency.
 _OUTSIDE = 0.05
-#: What moves a contact point of the mock robot beside its joints: its ground is all but rigid; m/s/√Hz, by how far
-#: robots of several kinds drift.
+#: Creep of the contact points on the ground of the mock robot, m/s/√Hz, from the drift of several robots.
 _CREEP = 8.0e-5
 
 
 @dataclass(frozen=True, slots=True)
 class Stand:
-    """One robot that has stood.
+    """Figures of one standing robot.
 
     Attributes:
         seed: of its sensors.
         tilt: RMS of roll and pitch error, rad.
         height: RMS error of the height since the start, m.
         velocity: RMS error of the linear velocity, m/s.
-        drift: horizontal error that has grown since the start, m per minute.
+        drift: growth of the horizontal error since the start, m per minute.
         seen: normalized estimation error squared of tilt and velocity, 5 degrees of freedom, at each look, (n,).
         drifting: that of heading and position since the start, 4 degrees of freedom, (n,).
-        ended: why it ended before its time; empty where it did not.
+        ended: reason of an early end; empty if there was none.
     """
 
     seed: int
@@ -51,8 +50,8 @@ class Stand:
     ended: str = ""
 
 
-def told(sensors: SensorQuality) -> dict[str, Any]:
-    """Settings of a filter that knows the figures of its sensors, as from their data sheets; none of `ideal` ones."""
+def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
+    """Return settings of a filter with the figures of the sensors' data sheets; none for `ideal` ones."""
     parts = PARTS.get(sensors)
     if parts is None:
         return {}
@@ -74,10 +73,10 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
     """Let a robot stand for some seconds on its estimate, which knows the figures of its sensors.
 
     Raises:
-        ConfigurationError: where the robot cannot be controlled or simulated so.
+        ConfigurationError: if the robot cannot be controlled or simulated.
     """
     own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    trial = EstimationTrial(robot, {**told(sensors), **own})
+    trial = EstimationTrial(robot, {**sensor_settings(sensors), **own})
     errors: list[Array] = []
     covariances: list[Array] = []
     every = max(1, round(_LOOK * trial.settings.control.rate))
@@ -118,7 +117,7 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
 
 
 def error_of(trial: EstimationTrial) -> tuple[Array, Array]:
-    """The filter's error ξ of rotation, velocity and position, to first order, (9,), and its covariance, (9, 9).
+    """Return the filter's error ξ of rotation, velocity and position, to first order, (9,), and its covariance, (9, 9).
 
     The right-invariant error X̂ X⁻¹ = exp(ξ) has R̂ Rᵀ, v̂ - R̂ Rᵀ v and p̂ - R̂ Rᵀ p as its columns. The filter is as old
     as the state that the last cycle has answered.
@@ -141,7 +140,7 @@ def _normalized(errors: Array, covariances: Sequence[Array]) -> Array:
 
 
 def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:
-    """How often the mean over the runs is within its 95 % bounds, as a share of the time, and the mean over all.
+    """Return the share of the time in which the mean over the runs is within its 95 % bounds, and the mean over all.
 
     Args:
         squares: normalized estimation errors squared of each run, (n,) each; the shortest run counts.

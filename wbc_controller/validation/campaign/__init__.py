@@ -1,1 +1,1 @@
-"""Fault campaigns: many simulated trials, each with one fault, and what the controller made of them."""
+"""Fault campaigns: many simulated trials, each with one fault, and their outcomes."""

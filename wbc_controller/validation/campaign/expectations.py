@@ -1,4 +1,4 @@
-"""What the controller has to make of each kind of fault: survive it, detect it in time, or end for a right reason."""
+"""Expected outcomes of each kind of fault: survive it, detect it in time, or damp for a right reason."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _NEVER = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What has to come of a fault.
+    """The expected outcome of a fault.
 
     Attributes:
-        codes: reasons for which the robot may be damped; empty where it has to survive.
-        deadline: time after the beginning of the fault in which it must be damped, s; None where it may survive.
+        codes: reasons for which the robot may be damped; empty if it has to survive.
+        deadline: time after the beginning of the fault in which it must be damped, s; None if it may survive.
     """
 
     codes: frozenset[str]
@@ -45,13 +45,13 @@ HARMLESS = Expectation(frozenset())
 EITHER = Expectation(BALANCE)
 STALE_OR_BALANCE = Expectation(STALE | BALANCE)
 
-#: What is expected of one fault under the settings of its robot.
+#: Returns the expected outcome of a fault.
 _Rule = Callable[[Any, "Known"], Expectation]
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What rules are made from.
+    """Settings and times on which the rules depend.
 
     Attributes:
         settings: of the robot.
@@ -70,7 +70,7 @@ class Known:
         return Expectation(STALE | BALANCE, after + self.timeout + self.cycle)
 
     def seen(self, sure: bool, deadline: float, codes: frozenset[str] = IMPLAUSIBLE) -> Expectation:
-        """Seen in time where it is large enough, by this or another check; else it may be survived."""
+        """Expect that a large fault is seen in time, by this or another check; a small one may be survived."""
         return Expectation(codes | BALANCE, deadline + self.cycle) if sure else Expectation(codes | BALANCE)
 
 
@@ -82,14 +82,14 @@ def expect(fault: Fault, settings: Settings) -> Expectation:
 
 
 def _ramped(value: float, ramp: float, lasts: float, threshold: float) -> bool:
-    """Whether the mismatch of a value that grows to `value` exceeds a threshold, though it is being forgotten."""
+    """Whether the mismatch of a value that grows to `value` exceeds a threshold, though it is forgotten meanwhile."""
     grown = min(ramp, lasts)
     peak = abs(value) if ramp == 0.0 else abs(value) / ramp * MEMORY * (1.0 - np.exp(-grown / MEMORY))
     return peak > _MARGIN * threshold
 
 
 def _drifting(rate: float, lasts: float, threshold: float) -> float | None:
-    """Time in which the mismatch of a steady drift exceeds a threshold, s; None where it does not."""
+    """Return the time until the mismatch of a steady drift exceeds a threshold, s, or None."""
     share = _MARGIN * threshold / (rate * MEMORY)
     time = -MEMORY * float(np.log(1.0 - share)) if share < 1.0 else np.inf
     return time if time < lasts else None
@@ -142,7 +142,7 @@ def _clock(fault: Any, known: Known) -> Expectation:
 
 
 def _no_stream(rule: _Rule) -> _Rule:
-    """What concerns the inertial measurement unit is harmless: the controller does not read it."""
+    """Faults of the inertial measurement unit are harmless: the controller does not read it."""
     return lambda fault, known: HARMLESS if fault.stream == "imu" else rule(fault, known)
 
 
@@ -152,7 +152,7 @@ def _no_longer_than(key: str) -> _Rule:
 
 
 def _small(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:
-    """Harmless where each parameter is within a limit."""
+    """Harmless if each parameter is within a limit."""
     return lambda fault, known: (
         HARMLESS if all(abs(getattr(fault, key)) <= limit for key, limit in limits.items()) else otherwise
     )

@@ -1,4 +1,4 @@
-"""Watches the controller's outputs in a trial: what may never happen, whatever the fault."""
+"""Checks the controller's outputs in a trial for violations that no fault may cause."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class OutputMonitor:
         self.violations.setdefault(name, f"at {self.now:.3f} s: {sentence}")
 
     def sent(self, stream: str, taken: int) -> None:
-        """A message of the robot has been delivered, with the true time of what it tells, ns."""
+        """Note a delivered message of the robot, with the true time of its measurement, ns."""
         if stream in self._topics:
             self._sent[stream] = taken
 
@@ -130,7 +130,7 @@ class OutputMonitor:
             self.found("stall", f"{1e3 * seconds:.1f} ms")
 
     def _age(self, report: CycleReport) -> None:
-        """Check the true age of what the torques were computed from."""
+        """Check the true age of the state from which the torques were computed."""
         old = {}
         for stream, used in self._used.items():
             age = self.now - used.taken
@@ -148,10 +148,10 @@ class OutputMonitor:
 
 
 class _Used:
-    """The newest message of a stream that the controller uses.
+    """The newest used message of a stream.
 
     Attributes:
-        taken: true time of what it tells, s.
+        taken: true time of the measurement, s.
         unseen: latency that clocks which are not synchronized cannot tell from an offset, s: what is constant, and
             what looks like a slow clock.
     """

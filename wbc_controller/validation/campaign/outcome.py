@@ -1,4 +1,4 @@
-"""What came of a trial, as a record, and what may not come of it."""
+"""The outcome of a trial, and the names of all violations."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ ALL_VIOLATIONS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one trial.
+    """The outcome of one trial.
 
     Attributes:
         robot: the robot.
         kind: the kind of fault.
         seed: of the trial.
         parameters: of the fault.
-        expected: what had to come of it: ``survive``, ``detect`` or ``either``.
+        expected: ``survive``, ``detect`` or ``either``.
         deadline: time after the beginning of the fault within which it had to be detected, s; None for none.
         result: ``survived``, ``damped`` or ``violation``.
-        code: of the fault of the controller, or its mode where there is none; empty where it stayed active.
+        code: code of the controller's fault, or its mode if it had none; empty if it stayed active.
         sentence: its reason.
-        after: time from the beginning of the fault until then, s; None where it stayed active.
-        moved: farthest that the centre of mass was from where it was at the beginning of the fault, m.
+        after: time from the beginning of the fault until then, s; None if it stayed active.
+        moved: largest distance of the centre of mass from its place at the beginning of the fault, m.
         longest: longest processor time of the loop for one cycle, s.
         simulated: length of the trial, s.
         wall: wall time that it took, s.

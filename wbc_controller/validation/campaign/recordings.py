@@ -1,4 +1,4 @@
-"""What the fault of a trial leaves behind: a recording that names it, and that comes out again when it is solved."""
+"""Checks the recording of a trial's fault: it names the fault, and its replay gives the same cycles bit for bit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Place:
         for file in self._files():
             file.unlink()
 
-    def lacks(self, code: str, sentence: str) -> str:
+    def mistake(self, code: str, sentence: str) -> str:
         """What is wrong with the recording of a fault, or nothing: it names the fault, and all its cycles come out."""
         files = self._files()
         if not files:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -14,21 +14,65 @@ from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import Fault, number
 from wbc_controller.validation.user import User, com_trajectory
 
-_PLACE = "user"
 #: Topics whose messages are a single number or switch, so that random bytes are mostly a valid request.
 _ANY_BYTES = ("weight", "task_enable", "contact_enable")
-#: What is sent once per control period while the fault lasts, with the present centre of mass, (3,) in m.
-Act = Callable[[Array], None]
+
+
+@dataclass(slots=True)
+class Sending:
+    """The state of a fault of requests.
+
+    Attributes:
+        user: sends the messages.
+        rng: random numbers of the fault.
+        com: centre of mass at the beginning, (3,) in m.
+        periods: number of control periods since the beginning.
+    """
+
+    user: User
+    rng: np.random.Generator
+    com: Array | None = None
+    periods: int = 0
+
+    def say(self, key: str, text: str, count: int = 1) -> None:
+        """Send a text some times."""
+        for _ in range(count):
+            self.user.say(key, text)
+
+    def move(self, times: list[float], positions: Array) -> None:
+        """Send trajectories of the centre of mass through points, (n, 3) in m."""
+        for name in self.user.tasks("com"):
+            self.user.send("trajectory", com_trajectory(times, positions), name)
 
 
 class RequestFault(Fault):
     """A fault of requests: campaigns have it, the mock robot does not."""
 
-    place = _PLACE
+    place = "user"
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
-        """Return the act of each control period."""
+    def act(self, sending: Sending, com: Array) -> None:
+        """Pass one control period, with the present centre of mass, (3,) in m."""
+        if sending.com is None:
+            sending.com = com.copy()
+        if sending.periods % self.interval() == 0:
+            self.send(sending, com)
+        sending.periods += 1
+
+    def interval(self) -> float:
+        """Return the number of periods from one message to the next; infinite to send once."""
+        return getattr(self, "every", 1)
+
+    def send(self, sending: Sending, com: Array) -> None:
+        """Send the messages of one control period."""
         raise NotImplementedError
+
+
+class _Once(RequestFault):
+    """A fault whose messages are sent once."""
+
+    def interval(self) -> float:
+        """Send once."""
+        return math.inf
 
 
 class Garbage(RequestFault):
@@ -37,27 +81,23 @@ class Garbage(RequestFault):
     messages: int = number(5, 1, 20, "messages", "in each control period")
     longest: int = number(200, 4, 5000, "bytes", "of a message")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send random bytes behind a valid encapsulation header, so that decoders read them."""
-        keys = [(key, subject) for key, subject in user.requests if key not in _ANY_BYTES]
-
-        def send(com: Array) -> None:
-            for _ in range(self.messages):
-                key, subject = keys[int(rng.integers(len(keys)))]
-                body = rng.bytes(int(rng.integers(1, self.longest)))
-                if b"estop" not in body:
-                    user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
-
-        return send
+        keys = [(key, subject) for key, subject in sending.user.requests if key not in _ANY_BYTES]
+        for _ in range(self.messages):
+            key, subject = keys[int(sending.rng.integers(len(keys)))]
+            body = sending.rng.bytes(int(sending.rng.integers(1, self.longest)))
+            if b"estop" not in body:
+                sending.user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
 
 
 class UnknownWords(RequestFault):
     """Words that are no command, on the topic for commands."""
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
-        """Send one in each period."""
+    def send(self, sending: Sending, com: Array) -> None:
+        """Send one."""
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
-        return lambda com: user.say("command", str(rng.choice(words)))
+        sending.say("command", str(sending.rng.choice(words)))
 
 
 class RequestFlood(RequestFault):
@@ -65,26 +105,20 @@ class RequestFlood(RequestFault):
 
     messages: int = number(20, 1, 200, "messages", "in each control period")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send many requests."""
-
-        def send(com: Array) -> None:
-            for _ in range(self.messages):
-                user.say("command", "activate")
-
-        return send
+        sending.say("command", "activate", self.messages)
 
 
-class FarSetpoint(RequestFault):
+class FarSetpoint(_Once):
     """The centre of mass is sent to where the robot cannot go, once."""
 
     distance: float = number(0.5, 0.05, 5.0, "m", "in a random direction")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send one trajectory there, of half a second."""
-        direction = rng.normal(size=3)
-        target = self.distance * direction / np.linalg.norm(direction)
-        return _once(lambda com: _to_coms(user, [0.5], com[None, :] + target))
+        direction = sending.rng.normal(size=3)
+        sending.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
 
 
 class StepSetpoint(RequestFault):
@@ -93,12 +127,9 @@ class StepSetpoint(RequestFault):
     distance: float = number(0.05, 0.005, 0.5, "m", "to a random side")
     every: int = number(10, 1, 100, "periods", "between two")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
-        """Send short trajectories."""
-        return _every(
-            self.every,
-            lambda com: _to_coms(user, [0.2], com[None, :] + self.distance * rng.uniform(-1.0, 1.0, 3)),
-        )
+    def send(self, sending: Sending, com: Array) -> None:
+        """Send a short trajectory."""
+        sending.move([0.2], com[None, :] + self.distance * sending.rng.uniform(-1.0, 1.0, 3))
 
 
 class LongTrajectory(RequestFault):
@@ -107,38 +138,29 @@ class LongTrajectory(RequestFault):
     points: int = number(1000, 100, 4900, "points", "of each trajectory")
     every: int = number(20, 5, 100, "periods", "between two")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
-        """Send the first one at once."""
-        first, times = list[Array](), np.linspace(0.1, 10.0, self.points).tolist()
-
-        def send(com: Array) -> None:
-            first.append(com.copy())
-            _to_coms(user, times, np.repeat(first[0][None, :], self.points, axis=0))
-
-        return _every(self.every, send)
+    def send(self, sending: Sending, com: Array) -> None:
+        """Send a trajectory that stays at the first centre of mass."""
+        start = com if sending.com is None else sending.com
+        sending.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
 
 
-class HugeMessage(RequestFault):
+class HugeMessage(_Once):
     """Messages of megabytes on the topics for commands and updates, once each."""
 
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
-        """Send both at once."""
-
-        def send(com: Array) -> None:
-            user.say("command", "a" * self.size)
-            user.say("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
-
-        return _once(send)
+    def send(self, sending: Sending, com: Array) -> None:
+        """Send both."""
+        sending.say("command", "a" * self.size)
+        sending.say("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
 
-class Estop(RequestFault):
+class Estop(_Once):
     """An emergency stop, once."""
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send it."""
-        return _once(lambda com: user.say("command", "estop"))
+        sending.say("command", "estop")
 
 
 class EstopInFlood(RequestFault):
@@ -146,27 +168,22 @@ class EstopInFlood(RequestFault):
 
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send all."""
-
-        def send(com: Array) -> None:
-            for _ in range(self.messages):
-                user.say("command", "activate")
-            user.say("command", "estop")
-
-        return send
+        sending.say("command", "activate", self.messages)
+        sending.say("command", "estop")
 
 
-class ContactOff(RequestFault):
+class ContactOff(_Once):
     """A contact that carries the robot is switched off, once; at the end nobody switches it on."""
 
     contact: str = Field("", description="name of the contact; empty for one at random")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send the request."""
-        names = list(user.settings.contacts)
-        name = self.contact or names[int(rng.integers(len(names)))]
-        return _once(lambda com: user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name))
+        names = list(sending.user.settings.contacts)
+        name = self.contact or names[int(sending.rng.integers(len(names)))]
+        sending.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
 
 
 class ConflictingUpdates(RequestFault):
@@ -174,38 +191,14 @@ class ConflictingUpdates(RequestFault):
 
     every: int = number(5, 1, 50, "periods", "between two")
 
-    def act(self, user: User, rng: np.random.Generator) -> Act:
+    def send(self, sending: Sending, com: Array) -> None:
         """Send random changes within their ranges."""
-        names = list(user.settings.tasks)
-
-        def send(com: Array) -> None:
-            name = names[int(rng.integers(len(names)))]
-            weight, factor = user.settings.tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
-            user.say("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
-            user.say("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
-            user.say("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
-
-        return _every(self.every, send)
-
-
-def _to_coms(user: User, times: list[float], positions: Array) -> None:
-    for name in user.tasks("com"):
-        user.send("trajectory", com_trajectory(times, positions), name)
-
-
-def _every(periods: float, act: Act) -> Act:
-    """Act in the first period, and then once in some periods."""
-    count = itertools.count()
-
-    def due(com: Array) -> None:
-        if next(count) % periods == 0:
-            act(com)
-
-    return due
-
-
-def _once(act: Act) -> Act:
-    return _every(math.inf, act)
+        tasks, rng = sending.user.settings.tasks, sending.rng
+        name = list(tasks)[int(rng.integers(len(tasks)))]
+        weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
+        sending.say("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
+        sending.say("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
+        sending.say("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
 REQUEST_KINDS: Mapping[str, type[RequestFault]] = {

@@ -1,4 +1,4 @@
-"""One trial: a robot that stands and moves, a fault at a random moment, and what came of it.
+"""One trial: a robot that stands and moves, a fault at a random moment, and the outcome.
 
 Controller, physics and user run in one thread on simulated time, so that the same seed gives the same trial. Their
 clocks are the same one; trials with an odd seed tell the controller so (`safety.synchronized_clocks`), in the others it
@@ -34,7 +34,7 @@ from wbc_controller.validation.campaign.fall import TrueFall
 from wbc_controller.validation.campaign.monitor import OutputMonitor
 from wbc_controller.validation.campaign.outcome import UNSEEN, Outcome
 from wbc_controller.validation.campaign.recordings import Place
-from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault
+from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, Sending
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
@@ -95,7 +95,7 @@ def run_trial(
         with _few_objects_to_collect():
             trial.run()
         if place is not None:
-            trial.look_at(place)
+            trial.check_recording(place)
     if logged:
         trial.monitor.found("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
@@ -134,12 +134,12 @@ class _Trial(Lockstep):
         MemoryTransport(self.bus).subscribe(counterpart(effort), self.monitor.torques)
         self._fault, self._expected = fault, expect(fault, settings)
         self._fall = TrueFall(model, self.mock.plant)
-        self._act = fault.act(self.user, rng) if isinstance(fault, RequestFault) else None
+        self._sending = Sending(self.user, rng)
         self._began = math.inf  # of the fault, on the monitor's time
         self._moved = 0.0
 
     def run(self) -> None:
-        """Stand up, move, let the fault happen, and see what comes of it."""
+        """Stand up, move, and let the fault happen."""
         try:
             self._stand()
             if self.monitor.mode is not Mode.ACTIVE or self._fall.seen():
@@ -149,7 +149,7 @@ class _Trial(Lockstep):
             plant = self.mock.plant
             begins = plant.time + self._fault.start
             self._began = 1.0e-9 * self.mock.stamp + self._fault.start
-            if self._act is None:
+            if not isinstance(self._fault, RequestFault):
                 self.mock.plan([self._fault], since=plant.time)
             self._go_on(begins, begins + self._fault.duration)
         except WbcError as error:
@@ -158,13 +158,13 @@ class _Trial(Lockstep):
             if self._recorder is not None:
                 self._recorder.close()
 
-    def look_at(self, place: Place) -> None:
-        """See whether the recording that a fault has left names it, and comes out again."""
+    def check_recording(self, place: Place) -> None:
+        """Check the recording of a fault."""
         left = self.monitor.left
         if left is not None and left[2]:
-            lacks = place.lacks(left[1], left[2])
-            if lacks:
-                self.monitor.found("recording", lacks)
+            mistake = place.mistake(left[1], left[2])
+            if mistake:
+                self.monitor.found("recording", mistake)
 
     def _stand(self) -> None:
         """Activate with the base held until the torques are those of standing, and let it go."""
@@ -198,8 +198,8 @@ class _Trial(Lockstep):
                         )
             if self.monitor.left is not None and now > self.monitor.left[0] + _DAMPED:
                 return
-            if self._act is not None and begins - 1e-9 <= now < ends:
-                self._act(self.com())
+            if isinstance(self._fault, RequestFault) and begins - 1e-9 <= now < ends:
+                self._fault.act(self._sending, self.com())
             self._cycle()
 
     def _cycle(self) -> None:
@@ -213,34 +213,33 @@ class _Trial(Lockstep):
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
-        """Judge what has been seen."""
+        """Judge the observations."""
         monitor, expected = self.monitor, self._expected
-        left = monitor.left
-        after = left[0] - self._began if left is not None and math.isfinite(self._began) else None
+        when, code, sentence = monitor.left or (None, "", "")
+        after = when - self._began if when is not None and math.isfinite(self._began) else None
         if "start" not in monitor.violations and "diverged" not in monitor.violations:
-            self._judge(expected, after, left[1] if left is not None else "")
-        result = "violation" if monitor.violations else "survived" if left is None else "damped"
-        keys = [key for key in self._fault.model_fields_set if key not in ("start", "seed")]
+            self._judge(expected, after, code)
+        keys = sorted(key for key in self._fault.model_fields_set if key not in ("start", "seed"))
         return Outcome(
-            robot,
-            self._fault.kind(),
-            seed,
-            {key: getattr(self._fault, key) for key in sorted(keys)},
-            expected.word,
-            expected.deadline,
-            result,
-            left[1] if left is not None else "",
-            left[2] if left is not None else "",
-            after,
-            self._moved,
-            monitor.longest,
-            self.time,
-            wall,
-            dict(monitor.violations),
+            robot=robot,
+            kind=self._fault.kind(),
+            seed=seed,
+            parameters={key: getattr(self._fault, key) for key in keys},
+            expected=expected.word,
+            deadline=expected.deadline,
+            result="violation" if monitor.violations else "survived" if when is None else "damped",
+            code=code,
+            sentence=sentence,
+            after=after,
+            moved=self._moved,
+            longest=monitor.longest,
+            simulated=self.time,
+            wall=wall,
+            violations=dict(monitor.violations),
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
-        """Compare what came of the fault with what had to."""
+        """Compare the outcome of the fault with the expected one."""
         if after is not None and after < 0.0:
             self.monitor.found("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:

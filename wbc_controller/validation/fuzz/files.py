@@ -1,4 +1,4 @@
-"""The fuzzer of configurations and URDFs: whatever they hold, they work or are refused in a sentence.
+"""The fuzzer of configurations and URDFs: each works, or is refused in a sentence.
 
 Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, which follows from the seed and its
 number alone. A child process reads it as `wbc check`, `run`, `guard` and `mock` do, so that a crash is seen and named.

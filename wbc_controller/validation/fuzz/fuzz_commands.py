@@ -1,4 +1,4 @@
-"""The commands of `wbc fuzz`: what each runs, how it says how far it is, and the table at its end."""
+"""The commands of `wbc fuzz`, with their progress and final tables."""
 
 from __future__ import annotations
 

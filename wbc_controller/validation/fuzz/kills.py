@@ -1,4 +1,4 @@
-"""Kills: the controller or the mock robot is killed, hung up or stopped for a while, at random moments.
+"""Kills of processes: the controller or the mock robot is killed, hung up or stopped for a while.
 
 What counts is what arrives for the joints: after the last command, the guard's torques within its bound; no torques
 that were computed from an old state; and afterwards everything can go on.
@@ -19,11 +19,7 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Ways to end or stop a process.
-WAYS: Mapping[str, signal.Signals] = {
-    "kill": signal.SIGKILL,
-    "hang up": signal.SIGHUP,
-    "stop": signal.SIGSTOP,
-}
+WAYS: Mapping[str, signal.Signals] = {"kill": signal.SIGKILL, "hang up": signal.SIGHUP, "stop": signal.SIGSTOP}
 #: Time for which a stopped process stands still, s; drawn so that short and long ones are equally frequent.
 _STOPPED = (0.03, 3.0)
 #: Moment of the kill after the activation, s.
@@ -117,16 +113,22 @@ def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Gene
     time.sleep(_WATCH)
     gap, stale = _longest_hold(nodes, struck), _stalest(nodes, struck)
     time.sleep(_SETTLED)  # where all stood still just now, the lateness is known only after this
-    late = nodes.lateness.worst
-    settings = nodes.settings
-    period = 1.0 / settings.control.rate
+    late, settings = nodes.lateness.worst, nodes.settings
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
     sentence, right = _sentence(nodes, victim, way, stopped, late, struck)
-    restarted = _restart(nodes, victim, way)
     return KillTrial(
-        victim, way, stopped, gap, period + patience, stale, settings.safety.state_timeout, late, sentence, right,
-        restarted,
-    )  # fmt: skip
+        victim=victim,
+        way=way,
+        stopped=stopped,
+        gap=gap,
+        bound=1.0 / settings.control.rate + patience,
+        stale=stale,
+        timeout=settings.safety.state_timeout,
+        late=late,
+        sentence=sentence,
+        right=right,
+        restarted=_restart(nodes, victim, way),
+    )
 
 
 def _stand(nodes: RobotProcesses, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""The fuzzer of quadratic programs: no feasible one is called infeasible, and no more is relaxed than has to be.
+"""The fuzzer of quadratic programs: feasible ones are solved, and no more is relaxed than necessary.
 
 Linear programs over the same constraints are the judge: they are slow, and have no cost that could mislead them.
 """

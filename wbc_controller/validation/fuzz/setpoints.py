@@ -1,4 +1,4 @@
-"""The fuzzer of setpoints: whatever is asked for, joints stay within their limits, whatever has to be relaxed for it.
+"""The fuzzer of setpoints: joints stay within their limits with any setpoint and relaxation.
 
 Each trial asks a standing robot for what it cannot do, and then again while it tries or falls. A trial ends with its
 time, or where the controller has left its active mode: then the supervisor damps.

@@ -1,4 +1,4 @@
-"""The hostile values, in one table each: what the fuzzers put where a number, a text, a length or a line should be."""
+"""Tables of hostile numbers, lengths, texts, YAML values and XML attributes."""
 
 from __future__ import annotations
 

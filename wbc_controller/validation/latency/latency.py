@@ -199,7 +199,7 @@ class _Bench:
                 used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
                 found = self._meter.measure(seconds / blocks, self._period)
                 spent = time.monotonic() - began
-                self._see_to_it_that_it_runs()
+                self._check_that_it_runs()
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
                 said += self._said[heard:]
@@ -215,14 +215,14 @@ class _Bench:
             bare.append(found())
             progress(count * seconds / blocks, ours[-1], bare[-1])
         return Latency(
-            joined(ours),
-            joined(bare),
-            active / blocks,
-            inactive,
-            waiting / blocks,
-            (first, last),
-            scheduling,
-            tuple(said),
+            controller=joined(ours),
+            echo=joined(bare),
+            active=active / blocks,
+            inactive=inactive,
+            waiting=waiting / blocks,
+            memory=(first, last),
+            scheduling=scheduling,
+            said=tuple(said),
         )
 
     def _inactive_share(self, seconds: float) -> float:
@@ -270,12 +270,12 @@ class _Bench:
 
     def _until(self, condition: Callable[[], bool], what: str, again: Callable[[], None]) -> None:
         def alive() -> None:
-            self._see_to_it_that_it_runs()
+            self._check_that_it_runs()
             again()
 
         until(condition, what, alive, told=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}")
 
-    def _see_to_it_that_it_runs(self) -> None:
+    def _check_that_it_runs(self) -> None:
         status = self._processes.processes["controller"].poll()
         if status is not None:
             raise WbcError(f"the controller ended with exit status {status}:\n{self._processes.log('controller')}")

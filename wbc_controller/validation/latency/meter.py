@@ -1,4 +1,4 @@
-"""How long each state waits for its torques: read off a transport, and summarized."""
+"""The time from each state to its torques: measured at a transport, and summarized."""
 
 from __future__ import annotations
 

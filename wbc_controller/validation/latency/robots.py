@@ -1,4 +1,4 @@
-"""What stands in for the robot at the other end of the topics: one that only sends states, and an echo."""
+"""Replacements of the robot at the other end of the topics: a robot that only sends states, and an echo."""
 
 from __future__ import annotations
 

@@ -1,0 +1,47 @@
+"""The other end of a node's topics on the memory transport."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+
+
+class Peer:
+    """Sends messages to a node, and keeps all that it publishes, in order.
+
+    Attributes:
+        received: key, subject and content of each message.
+        reactions: called with the content of each message, by key.
+    """
+
+    def __init__(self, bus: MemoryBus, topics: Iterable[Endpoint]) -> None:
+        self.received: list[tuple[str, str, Any]] = []
+        self.reactions: dict[str, Callable[[Any], None]] = {}
+        transport, self._publish = MemoryTransport(bus), {}
+        for topic in topics:
+            if topic.direction is Direction.IN:
+                self._publish[topic.key, topic.subject] = transport.advertise(counterpart(topic))
+            else:
+                transport.subscribe(counterpart(topic), lambda payload, topic=topic: self._take(topic, payload))
+
+    def _take(self, topic: Endpoint, payload: bytes) -> None:
+        content = decode(payload, topic.type)
+        self.received.append((topic.key, topic.subject, content))
+        self.reactions.get(topic.key, lambda content: None)(content)
+
+    def all(self, key: str) -> list[Any]:
+        """All messages of a topic."""
+        return [content for received, _, content in self.received if received == key]
+
+    def raw(self, key: str, payload: bytes, subject: str = "") -> None:
+        self._publish[key, subject](payload)
+
+    def send(self, key: str, content: Any, subject: str = "") -> None:
+        self.raw(key, encode(content), subject)
+
+    def say(self, key: str, text: str) -> None:
+        self.send(key, message("std_msgs/msg/String", data=text))
