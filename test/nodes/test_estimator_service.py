@@ -10,11 +10,12 @@ from starved import StarvedThread
 from wbc_controller import Simulation
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds
+from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.simulation.measurement import measure, wrench_message
+from wbc_controller.simulation.measurement import measure
 
 FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
 
@@ -207,7 +208,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
         stamp = round(1e9 * robot.simulation.time) + 1
         for name, wrench in robot.simulation.plant.contact_wrenches().items():
             if robot.simulation.time < 0.1 or name != "rear_left_foot":
-                robot.send("measured_wrench", wrench_message(stamp, "world", wrench), name)
+                robot.send("measured_wrench", wrench_stamped(wrench, "world", stamp), name)
         robot.sense()
 
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it

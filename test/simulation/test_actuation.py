@@ -104,7 +104,7 @@ def test_actuators_saturate_and_work_through_their_ratios():
     tau[1] = 1000.0  # both: 70 N·m at most, twice that at the hip and at the knee
     plant.apply(tau)
     plant.forward()
-    torques = plant._data.qfrc_applied[plant._dof]
+    torques = plant.data.qfrc_applied[plant._dof]
     np.testing.assert_allclose(torques, [140.0, 0.0, 0.0, 140.0, 0.0, 0.0])
 
 

@@ -14,7 +14,7 @@ from wbc_controller.records import JointCommand, RobotState, frozen
 from wbc_controller.settings import LoopSettings, Settings
 from wbc_controller.settings.config import load
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.simulation.grips import HINGE_LENGTH, closures_of, points_of
+from wbc_controller.simulation.attachments import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.simulation import Simulation
 

@@ -83,7 +83,7 @@ def test_clear_ends_every_fault(stand):
     [
         ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
         ("{kind: odom_jump, size: 50.0}", "odom_jump.size = 50.0: input should be less than or equal to 3"),
-        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "joint 'knee' is unknown"),
+        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
         ("stop", "'stop' is no mapping"),
     ],
 )
@@ -171,7 +171,7 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
     ("text", "said"),
     [
         ("- {kind: kick}", "'at'"),
-        ("- {at: 1.0, kind: payload, link: x}", "link 'x' is unknown"),
+        ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'"),
         ("{", "not valid YAML"),
     ],
 )

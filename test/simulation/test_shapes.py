@@ -58,7 +58,7 @@ def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
 
 def test_the_robots_stand_with_their_lowest_point_on_the_floor(any_robot):
     plant = Plant(*any_robot)
-    assert plant.touch.height(plant.data, plant.touch.on_the_floor) == pytest.approx(0.0, abs=1e-6)
+    assert plant.contact_forces.height(plant.data, plant.contact_forces.on_the_floor) == pytest.approx(0.0, abs=1e-6)
 
 
 def made(collision: str, contacts: dict | None = None) -> Plant:
@@ -110,7 +110,7 @@ def test_where_the_links_have_no_shape_the_log_says_so_and_the_configuration_hol
         plant = made("")
     assert [record.message for record in caplog.records if "contacts sole have no collision element" in record.message]
     assert plant.state()[0][2] == pytest.approx(0.0, abs=1e-6)
-    assert len(plant.touch.geoms["sole"]) == 4
+    assert len(plant.contact_forces.geoms["sole"]) == 4
 
 
 def test_a_touch_belongs_to_the_nearest_contact_of_the_link():

@@ -1,4 +1,4 @@
-"""The mock robot's service, on any transport."""
+"""The service of the mock robot, on any transport."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of all kinds of fault: reading them from YAML, drawing them at random, and printing the table."""
+"""The table of all kinds of fault: reads faults from YAML, draws them at random, and prints the table."""
 
 from __future__ import annotations
 

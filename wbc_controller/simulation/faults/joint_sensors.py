@@ -1,4 +1,4 @@
-"""Faults of the joint sensors: what the joint states say is not what is."""
+"""Faults of the joint sensors: the joint states differ from the true positions and velocities."""
 
 from __future__ import annotations
 
@@ -7,277 +7,181 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import Effect, Fault, JointFault, Site, number
+from wbc_controller.records import Array
+from wbc_controller.simulation.faults.fault import (
+    Fault,
+    JointFault,
+    MeasurementFault,
+    Site,
+    low_pass,
+    number,
+    ramped,
+)
 from wbc_controller.simulation.measurement import Measurement
 
 _PLACE = "joint sensors"
 
 
-class JointNoise(Fault):
+class _AllJoints(MeasurementFault):
+    place = _PLACE
+
+
+class _OneJoint(JointFault, MeasurementFault):
+    place = _PLACE
+
+
+class JointNoise(_AllJoints):
     """White noise on all joint positions and velocities."""
 
-    place = _PLACE
     sigma: float = number(0.001, 1e-5, 0.05, "rad", "standard deviation of the positions")
     velocity_sigma: float = number(0.01, 1e-4, 2.0, "rad/s", "standard deviation of the velocities")
 
-    def begin(self, site: Site) -> Effect:
-        """Add new noise to each measurement."""
-
-        def noise(measured: Measurement) -> None:
-            measured.position += site.rng.normal(0.0, self.sigma, len(measured.position))
-            measured.velocity += site.rng.normal(0.0, self.velocity_sigma, len(measured.velocity))
-
-        return Effect(noise)
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        measured.position += site.rng.normal(0.0, self.sigma, len(measured.position))
+        measured.velocity += site.rng.normal(0.0, self.velocity_sigma, len(measured.velocity))
 
 
-class JointBias(JointFault):
+class JointBias(_OneJoint):
     """The position of a joint gets an offset that grows to its value, as an encoder does whose zero wanders."""
 
-    place = _PLACE
     bias: float = number(0.05, -0.5, 0.5, "rad", "the offset")
     ramp: float = number(0.2, 0.0, 1.0, "s", "time in which it grows")
 
-    def begin(self, site: Site) -> Effect:
-        """Count the time since the first measurement."""
-        joint, began = site.one_of(self.joint, site.robot.joints), site.plant.time
-
-        def bias(measured: Measurement) -> None:
-            passed = site.plant.time - began
-            measured.position[joint] += self.bias * (min(1.0, passed / self.ramp) if self.ramp > 0.0 else 1.0)
-
-        return Effect(bias)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        measured.position[kept] += self.bias * ramped(site.passed, self.ramp)
 
 
-class JointScale(JointFault):
+class JointScale(_OneJoint):
     """The position and velocity of a joint are scaled, as by a wrong gear ratio."""
 
-    place = _PLACE
     factor: float = number(1.1, 0.5, 2.0, "", "by which both are multiplied")
 
-    def begin(self, site: Site) -> Effect:
-        """Scale each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def scale(measured: Measurement) -> None:
-            measured.position[joint] *= self.factor
-            measured.velocity[joint] *= self.factor
-
-        return Effect(scale)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        measured.position[kept] *= self.factor
+        measured.velocity[kept] *= self.factor
 
 
-class JointQuantization(Fault):
+class JointQuantization(_AllJoints):
     """All joint positions come in coarse steps."""
 
-    place = _PLACE
     step: float = number(0.001, 1e-4, 0.1, "rad", "width of a step")
 
-    def begin(self, site: Site) -> Effect:
-        """Round each measurement."""
-
-        def quantize(measured: Measurement) -> None:
-            measured.position = np.round(measured.position / self.step) * self.step
-
-        return Effect(quantize)
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        measured.position = np.round(measured.position / self.step) * self.step
 
 
-class JointLag(Fault):
-    """All joint positions and velocities pass through a low-pass filter of first order."""
-
-    place = _PLACE
-    time_constant: float = number(0.005, 0.001, 0.1, "s", "of the filter")
-
-    def begin(self, site: Site) -> Effect:
-        """Filter from the first measurement on."""
-        return Effect(_lagging(site, self.time_constant, position=True))
-
-
-class VelocityLag(Fault):
+class VelocityLag(_AllJoints):
     """All joint velocities pass through a low-pass filter of first order."""
 
-    place = _PLACE
     time_constant: float = number(0.005, 0.001, 0.1, "s", "of the filter")
 
-    def begin(self, site: Site) -> Effect:
-        """Filter from the first measurement on."""
-        return Effect(_lagging(site, self.time_constant, position=False))
+    def _spoil(self, measured: Measurement, site: Site, kept: dict[str, Array]) -> None:
+        measured.velocity = low_pass(site, self.time_constant, kept, "velocity", measured.velocity)
 
 
-class VelocitySign(JointFault):
+class JointLag(VelocityLag):
+    """All joint positions and velocities pass through a low-pass filter of first order."""
+
+    def _spoil(self, measured: Measurement, site: Site, kept: dict[str, Array]) -> None:
+        super()._spoil(measured, site, kept)
+        measured.position = low_pass(site, self.time_constant, kept, "position", measured.position)
+
+
+class VelocitySign(_OneJoint):
     """The velocity of a joint has the wrong sign."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Turn the sign of each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def turn(measured: Measurement) -> None:
-            measured.velocity[joint] *= -1.0
-
-        return Effect(turn)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        measured.velocity[kept] *= -1.0
 
 
-class VelocityDead(Fault):
+class VelocityDead(_AllJoints):
     """All joint velocities are zero."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Set the velocities to zero."""
-
-        def kill(measured: Measurement) -> None:
-            measured.velocity[:] = 0.0
-
-        return Effect(kill)
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        measured.velocity[:] = 0.0
 
 
-class JointSpike(JointFault):
+class JointSpike(_OneJoint):
     """Single measurements of a joint's position are far off."""
 
-    place = _PLACE
     size: float = number(1.0, 0.05, 3.0, "rad", "how far")
     share: float = number(0.02, 0.005, 0.3, "", "of the measurements")
 
-    def begin(self, site: Site) -> Effect:
-        """Draw for each measurement whether it is off."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def spike(measured: Measurement) -> None:
-            if site.rng.random() < self.share:
-                measured.position[joint] += self.size * site.rng.choice([-1.0, 1.0])
-
-        return Effect(spike)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        if site.rng.random() < self.share:
+            measured.position[kept] += self.size * site.rng.choice([-1.0, 1.0])
 
 
-class JointJump(JointFault):
+class JointJump(_OneJoint):
     """The position of a joint jumps and stays off."""
 
-    place = _PLACE
     size: float = number(0.5, 0.02, 3.0, "rad", "of the jump, in a random direction")
 
-    def begin(self, site: Site) -> Effect:
-        """Shift each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-        size = self.size * site.rng.choice([-1.0, 1.0])
+    def _start(self, site: Site) -> tuple[int, float]:
+        return super()._start(site), self.size * site.rng.choice([-1.0, 1.0])
 
-        def jump(measured: Measurement) -> None:
-            measured.position[joint] += size
-
-        return Effect(jump)
+    def _spoil(self, measured: Measurement, site: Site, kept: tuple[int, float]) -> None:
+        joint, jump = kept
+        measured.position[joint] += jump
 
 
-class JointFrozen(JointFault):
+class JointFrozen(_OneJoint):
     """The position of a joint stays at one value, while its velocity is measured."""
 
-    place = _PLACE
+    def _start(self, site: Site) -> tuple[int, dict[str, float]]:
+        return super()._start(site), {}
 
-    def begin(self, site: Site) -> Effect:
-        """Keep the first value."""
-        joint, kept = site.one_of(self.joint, site.robot.joints), list[float]()
-
-        def freeze(measured: Measurement) -> None:
-            if not kept:
-                kept.append(float(measured.position[joint]))
-            measured.position[joint] = kept[0]
-
-        return Effect(freeze)
+    def _spoil(self, measured: Measurement, site: Site, kept: tuple[int, dict[str, float]]) -> None:
+        joint, values = kept
+        measured.position[joint] = values.setdefault("position", float(measured.position[joint]))
 
 
-class JointStatesFrozen(Fault):
+class JointStatesFrozen(_AllJoints):
     """All values of the joint states repeat under fresh stamps."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Keep the first values."""
-        kept: list[tuple[Any, Any, Any]] = []
-
-        def freeze(measured: Measurement) -> None:
-            if not kept:
-                kept.append((measured.position.copy(), measured.velocity.copy(), measured.effort.copy()))
-            measured.position, measured.velocity, measured.effort = (values.copy() for values in kept[0])
-
-        return Effect(freeze)
+    def _spoil(self, measured: Measurement, site: Site, kept: dict[str, Array]) -> None:
+        for quantity in ("position", "velocity", "effort"):
+            setattr(measured, quantity, kept.setdefault(quantity, getattr(measured, quantity)).copy())
 
 
-class JointNotANumber(JointFault):
+class JointNotANumber(_OneJoint):
     """The position of a joint is not a number in a share of the messages."""
 
-    place = _PLACE
     share: float = number(1.0, 0.01, 1.0, "", "of the messages")
 
-    def begin(self, site: Site) -> Effect:
-        """Draw for each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def spoil(measured: Measurement) -> None:
-            if site.rng.random() < self.share:
-                measured.position[joint] = np.nan
-
-        return Effect(spoil)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        if site.rng.random() < self.share:
+            measured.position[kept] = np.nan
 
 
-class JointAbsurd(JointFault):
+class JointAbsurd(_OneJoint):
     """A joint has a finite value that no robot has."""
 
-    place = _PLACE
     value: float = number(1e9, 1e4, 1e200, "rad, rad/s", "the value")
     quantity: Literal["position", "velocity"] = Field("velocity", description="which quantity has it")
 
-    def begin(self, site: Site) -> Effect:
-        """Set the value in each measurement."""
-        joint = site.one_of(self.joint, site.robot.joints)
-
-        def spoil(measured: Measurement) -> None:
-            getattr(measured, self.quantity)[joint] = self.value
-
-        return Effect(spoil)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        getattr(measured, self.quantity)[kept] = self.value
 
 
-class JointMissing(JointFault):
+class JointMissing(_OneJoint):
     """The joint states lack a joint."""
 
-    place = _PLACE
-
-    def begin(self, site: Site) -> Effect:
-        """Leave the joint out of each measurement."""
-        name = site.robot.joints[site.one_of(self.joint, site.robot.joints)]
-
-        def leave_out(measured: Measurement) -> None:
-            measured.absent.add(name)
-
-        return Effect(leave_out)
+    def _spoil(self, measured: Measurement, site: Site, kept: int) -> None:
+        measured.absent.add(site.robot.joints[kept])
 
 
-class JointsSwapped(JointFault):
+class JointsSwapped(_OneJoint):
     """Two joints have each other's values, as with crossed cables."""
 
-    place = _PLACE
+    def _start(self, site: Site) -> list[int]:
+        """Return the indices of the joint and of another one at random."""
+        joint, count = super()._start(site), len(site.robot.joints)
+        return [joint, (joint + int(site.rng.integers(1, max(2, count)))) % count]
 
-    def begin(self, site: Site) -> Effect:
-        """Swap the joint with another one at random."""
-        one = site.one_of(self.joint, site.robot.joints)
-        other = (one + int(site.rng.integers(1, max(2, len(site.robot.joints))))) % len(site.robot.joints)
-
-        def swap(measured: Measurement) -> None:
-            for values in (measured.position, measured.velocity, measured.effort):
-                values[[one, other]] = values[[other, one]]
-
-        return Effect(swap)
-
-
-def _lagging(site: Site, time_constant: float, *, position: bool) -> Any:
-    """A filter of first order on the velocities, and on the positions where asked for."""
-    keep = float(np.exp(-site.period / time_constant))
-    past: dict[str, np.ndarray] = {}
-
-    def lag(measured: Measurement) -> None:
-        for quantity in ("position", "velocity") if position else ("velocity",):
-            new = getattr(measured, quantity)
-            past[quantity] = keep * past.get(quantity, new) + (1.0 - keep) * new
-            setattr(measured, quantity, past[quantity].copy())
-
-    return lag
+    def _spoil(self, measured: Measurement, site: Site, kept: list[int]) -> None:
+        for values in (measured.position, measured.velocity, measured.effort):
+            values[kept] = values[kept[::-1]]
 
 
 KINDS: tuple[type[Fault], ...] = (

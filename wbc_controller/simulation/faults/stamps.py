@@ -1,69 +1,62 @@
-"""Faults of stamps and of the simulator's clock: times that are not those of the measurements."""
+"""Faults of stamps and of the simulator's clock: they differ from the times of the measurements."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import Effect, Fault, Site, number
+from wbc_controller.simulation.faults.fault import Fault, MeasurementFault, Site, number
 from wbc_controller.simulation.measurement import Measurement
 
-_PLACE = "stamps and clock"
 #: The largest time that a ROS stamp can hold, ns, and the smallest that the mock robot sends.
 _LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0
 
 
-class _StampFault(Fault):
-    """A fault of the stamps of some streams."""
+class _TimeFault(MeasurementFault):
+    place = "stamps and clock"
 
-    place = _PLACE
+    def _streams(self) -> tuple[str, ...]:
+        raise NotImplementedError
+
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        for stream in self._streams():
+            stamp = measured.stamps[stream] + round(self._ahead(site.passed) * 1e9)
+            measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
+
+    def _ahead(self, passed: float) -> float:
+        """Return the advance of the stamps, s, at a time since the beginning, s."""
+        raise NotImplementedError
+
+
+class _StampFault(_TimeFault):
     stream: Literal["joint_states", "odom", "both"] = Field("both", description="whose stamps")
 
-    def streams(self) -> tuple[str, ...]:
-        """Names of the streams."""
+    def _streams(self) -> tuple[str, ...]:
         return ("joint_states", "odom") if self.stream == "both" else (self.stream,)
 
-    def begin(self, site: Site) -> Effect:
-        """Shift each stamp."""
-        began = site.plant.time
 
-        def shift(measured: Measurement) -> None:
-            for stream in self.streams():
-                measured.stamps[stream] = _moved(measured.stamps[stream], self.ahead(site.plant.time - began))
+class _ClockFault(_TimeFault):
+    def _streams(self) -> tuple[str, ...]:
+        return ("clock",)
 
-        return Effect(shift)
 
-    def ahead(self, passed: float) -> float:
-        """By how much stamps are ahead when a time has passed since the beginning, both in s."""
-        raise NotImplementedError
+class _Frozen(_TimeFault):
+    def _spoil(self, measured: Measurement, site: Site, kept: dict[str, int]) -> None:
+        for stream in self._streams():
+            measured.stamps[stream] = kept.setdefault(stream, measured.stamps[stream])
 
 
 class StampZero(_StampFault):
     """Stamps are zero."""
 
-    def begin(self, site: Site) -> Effect:
-        """Set each stamp."""
-
-        def zero(measured: Measurement) -> None:
-            for stream in self.streams():
-                measured.stamps[stream] = 0
-
-        return Effect(zero)
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        for stream in self._streams():
+            measured.stamps[stream] = 0
 
 
-class StampFrozen(_StampFault):
+class StampFrozen(_Frozen, _StampFault):
     """Stamps stand still, while the values go on."""
-
-    def begin(self, site: Site) -> Effect:
-        """Keep the first stamps."""
-        kept: dict[str, int] = {}
-
-        def freeze(measured: Measurement) -> None:
-            for stream in self.streams():
-                measured.stamps[stream] = kept.setdefault(stream, measured.stamps[stream])
-
-        return Effect(freeze)
 
 
 class StampBack(_StampFault):
@@ -71,8 +64,7 @@ class StampBack(_StampFault):
 
     by: float = number(0.1, 0.003, 100.0, "s", "how far")
 
-    def ahead(self, passed: float) -> float:
-        """The same at all times."""
+    def _ahead(self, passed: float) -> float:
         return -self.by
 
 
@@ -81,8 +73,7 @@ class StampAhead(_StampFault):
 
     by: float = number(0.1, 0.003, 100.0, "s", "how far")
 
-    def ahead(self, passed: float) -> float:
-        """The same at all times."""
+    def _ahead(self, passed: float) -> float:
         return self.by
 
 
@@ -91,60 +82,30 @@ class StampDrift(_StampFault):
 
     rate: float = number(1e-4, -0.3, 0.3, "s/s", "by how much they gain in time")
 
-    def ahead(self, passed: float) -> float:
-        """What has been gained."""
+    def _ahead(self, passed: float) -> float:
         return self.rate * passed
 
 
-class ClockJump(Fault):
+class ClockJump(_ClockFault):
     """The time on /clock jumps; at the end it jumps back. Stamps stay."""
 
-    place = _PLACE
     by: float = number(-1.0, -10.0, 10.0, "s", "how far ahead")
 
-    def begin(self, site: Site) -> Effect:
-        """Shift the time of the clock."""
-
-        def jump(measured: Measurement) -> None:
-            measured.stamps["clock"] = _moved(measured.stamps["clock"], self.by)
-
-        return Effect(jump)
+    def _ahead(self, passed: float) -> float:
+        return self.by
 
 
-class ClockFrozen(Fault):
+class ClockFrozen(_Frozen, _ClockFault):
     """The time on /clock stands still, while the robot goes on."""
 
-    place = _PLACE
 
-    def begin(self, site: Site) -> Effect:
-        """Keep the first time."""
-        kept: dict[str, int] = {}
-
-        def freeze(measured: Measurement) -> None:
-            measured.stamps["clock"] = kept.setdefault("clock", measured.stamps["clock"])
-
-        return Effect(freeze)
-
-
-class ClockDrift(Fault):
+class ClockDrift(_ClockFault):
     """The time on /clock runs too fast or too slowly."""
 
-    place = _PLACE
     rate: float = number(0.01, -0.5, 0.5, "s/s", "by how much it gains in time")
 
-    def begin(self, site: Site) -> Effect:
-        """Shift the time of the clock by what has been gained since the beginning."""
-        began = site.plant.time
-
-        def drift(measured: Measurement) -> None:
-            measured.stamps["clock"] = _moved(measured.stamps["clock"], self.rate * (site.plant.time - began))
-
-        return Effect(drift)
-
-
-def _moved(stamp: int, seconds: float) -> int:
-    """A stamp that is shifted, ns, within what a message can hold."""
-    return min(max(stamp + round(seconds * 1e9), _FIRST), _LAST)
+    def _ahead(self, passed: float) -> float:
+        return self.rate * passed
 
 
 KINDS: tuple[type[Fault], ...] = (
