@@ -86,14 +86,7 @@ class Measurement:
 
 
 def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
-    """Measure the present state exactly.
-
-    Args:
-        robot: the robot.
-        plant: its physics.
-        stamp: simulated time, ns.
-        imu_frame: frame of the inertial measurement unit, whose axes its data have.
-    """
+    """Measure the present state exactly, at a simulated time, ns."""
     q, v = plant.state()
     orientation, angular_velocity, specific_force = plant.imu(imu_frame)
     silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # absolute poses are measured more rarely

@@ -164,9 +164,6 @@ class MockRobot:
         In real time, periods end at absolute deadlines, so that lateness does not accumulate. Torques that arrive
         before the end of a period act from the state at its beginning.
 
-        Args:
-            stop: event that ends the run.
-
         Raises:
             WbcError: if the simulation has diverged.
         """
@@ -209,13 +206,8 @@ class MockRobot:
     def step_period(self, stop: threading.Event | None = None) -> bool:
         """Run one period as fast as possible: publish, in lockstep wait for the command, advance.
 
-        If messages are delivered within ``publish()``, as in memory, the controller's command is used at once.
-
-        Args:
-            stop: event that ends the wait.
-
-        Returns:
-            Whether the period was completed; False if `stop` was set before a command arrived.
+        If messages are delivered within ``publish()``, as in memory, the controller's command is used at once. Returns
+        False if `stop` was set before a command arrived.
         """
         self.publish()
         if self._lockstep and not self.wait_for_answer(stop):
@@ -258,11 +250,7 @@ class MockRobot:
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
         """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
 
-        Args:
-            stop: event that ends the wait, within `REPUBLISH_AFTER`.
-
-        Returns:
-            Whether a command arrived; False if `stop` was set.
+        Returns False if `stop` was set before a command arrived, which is noticed within `REPUBLISH_AFTER`.
         """
         due = self._clock() + REPUBLISH_AFTER
         while not self._answered():
