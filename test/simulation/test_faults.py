@@ -169,11 +169,7 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [
-        ("- {kind: kick}", "'at'"),
-        ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'"),
-        ("{", "not valid YAML"),
-    ],
+    [("- {kind: kick}", "'at'"), ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'"), ("{", "not valid YAML")],
 )
 def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path, text, said):
     _, settings = go2

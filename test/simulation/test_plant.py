@@ -499,10 +499,7 @@ ARM = """<robot name="arm"><link name="world"/><link name="upper"><inertial><ori
 def test_a_robot_rooted_in_a_link_called_world(base):
     joints = ["elbow", "shoulder"]  # not in the order of the tree
     settings = parse_settings(
-        {
-            "robot": {"joints": joints, "posture": [0.3, 0.2], "base": base},
-            "tasks": {"posture": {"type": "posture"}},
-        },
+        {"robot": {"joints": joints, "posture": [0.3, 0.2], "base": base}, "tasks": {"posture": {"type": "posture"}}},
         "here",
     )
     urdf = ARM.replace("IXX", "0.1")

@@ -60,10 +60,7 @@ class Shape:
 
 
 def read_shapes(
-    model: RobotModel,
-    soles: Mapping[int, Sequence[Array]],
-    tips: Mapping[int, Array],
-    folder: Path | None = None,
+    model: RobotModel, soles: Mapping[int, Sequence[Array]], tips: Mapping[int, Array], folder: Path | None = None
 ) -> dict[int, list[Shape]]:
     """Read the collision shapes of a robot's URDF.
 
@@ -170,11 +167,7 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
     # The mesh keeps off the floor as long as the sole is on it.
     behind = np.where(low[:, None], hull - np.outer(SOLE_DEPTH - depth, normal), hull)
     balls = [
-        Shape(
-            mujoco.mjtGeom.mjGEOM_SPHERE,
-            pin.SE3(np.eye(3), corner - CORNER_RADIUS * normal),
-            (CORNER_RADIUS,),
-        )
+        Shape(mujoco.mjtGeom.mjGEOM_SPHERE, pin.SE3(np.eye(3), corner - CORNER_RADIUS * normal), (CORNER_RADIUS,))
         for corner in corners
     ]
     return balls, behind

@@ -69,11 +69,7 @@ class Foot:
 
 
 def measure(
-    model: RobotModel,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
-    joint: int,
-    upward: pin.SE3,
-    axis: Array,
+    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
     """Measure the foot that a joint moves, on the shapes of `read_collision_elements`.
 
@@ -176,11 +172,7 @@ def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
 
 
 def _sole(
-    model: RobotModel,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
-    joint: int,
-    link: str,
-    plane: pin.SE3,
+    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, link: str, plane: pin.SE3
 ) -> Foot | None:
     """Return a flat sole: the footprint in its plane, a rectangle or polygon; None if it is too small."""
     whole = footprint(model, elements, joint, plane)

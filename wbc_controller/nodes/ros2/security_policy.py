@@ -55,10 +55,7 @@ LIFECYCLE_SERVES = (
 
 
 def security_policy(
-    settings: Settings,
-    model: RobotModel,
-    namespace: str = "/",
-    remappings: Mapping[str, str] | None = None,
+    settings: Settings, model: RobotModel, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> str:
     """Write the policy of all nodes of one robot, as XML."""
     nodes = {

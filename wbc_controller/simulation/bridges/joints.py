@@ -45,10 +45,7 @@ def state_from_joints(
     pose = np.concatenate([_three(base_position, "base_position"), np.zeros(4)])
     pose[3:] = unit_quaternion(finite(base_quaternion, "base_quaternion"), "base_quaternion ")
     twist = np.concatenate(
-        [
-            _three(base_linear_velocity, "base_linear_velocity"),
-            _three(base_angular_velocity, "base_angular_velocity"),
-        ]
+        [_three(base_linear_velocity, "base_linear_velocity"), _three(base_angular_velocity, "base_angular_velocity")]
     )
     joints = (_by_name(model, positions, "positions"), _by_name(model, rates, "velocities"))
     return model.state(*joints, pose, twist) if model.floating_base else model.state(*joints)

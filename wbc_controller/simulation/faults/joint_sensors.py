@@ -8,15 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import (
-    Fault,
-    JointFault,
-    MeasurementFault,
-    Site,
-    low_pass,
-    number,
-    ramped,
-)
+from wbc_controller.simulation.faults.fault import Fault, JointFault, MeasurementFault, Site, low_pass, number, ramped
 from wbc_controller.simulation.measurement import Measurement
 
 _PLACE = "joint sensors"
