@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from stepping import simulate
 
 import wbc_controller as wbc
 from wbc_controller.controller.build.robot import make_model
@@ -86,8 +87,7 @@ def collision(shape: str, xyz: str = "0 0 0") -> str:
 def test_primitives_touch_as_they_are(shape, height):
     plant = made(collision(shape, "0.01 0.02 0.03"))
     assert plant.state()[0][2] == pytest.approx(height - 0.03, abs=1e-6)
-    for _ in range(100):
-        plant.step()
+    simulate(plant, 100)
     assert plant.contact_wrenches()["sole"][2] == pytest.approx(6.0 * 9.81, rel=0.02)  # the ball rolls
 
 
@@ -98,8 +98,7 @@ def test_a_mesh_stands_on_its_hull(tmp_path):
     (tmp_path / "foot.obj").write_text("\n".join(lines))
     plant = made(collision(f'<mesh filename="{tmp_path}/foot.obj"/>', "-0.02 -0.02 -0.1"))
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-6)
-    for _ in range(200):
-        plant.step()
+    simulate(plant, 200)
     wrench = plant.contact_wrenches()["sole"]
     assert wrench[2] == pytest.approx(6.0 * 9.81, rel=1e-3)
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-4)
@@ -117,8 +116,7 @@ def test_a_touch_belongs_to_the_nearest_contact_of_the_link():
     part = SURFACE | {"half_length": 0.05}
     feet = {name: part | {"translation": [x, 0.0, -0.05]} for name, x in (("toe", 0.1), ("heel", -0.1))}
     plant = made(collision('<box size="0.4 0.1 0.1"/>'), feet)
-    for _ in range(100):
-        plant.step()
+    simulate(plant, 100)
     wrenches = plant.contact_wrenches()
     assert [wrench[2] for wrench in wrenches.values()] == pytest.approx([3.0 * 9.81] * 2, rel=1e-2)
 

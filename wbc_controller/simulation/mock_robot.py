@@ -203,18 +203,6 @@ class MockRobot:
         elif late:
             self._heard = math.inf
 
-    def step_period(self, stop: threading.Event | None = None) -> bool:
-        """Run one period as fast as possible: publish, in lockstep wait for the command, advance.
-
-        If messages are delivered within ``publish()``, as in memory, the controller's command is used at once. Returns
-        False if `stop` was set before a command arrived.
-        """
-        self.publish()
-        if self._lockstep and not self.wait_for_answer(stop):
-            return False
-        self.advance()
-        return True
-
     def publish(self) -> None:
         """Publish the time and the present state. The joint states come last, as they trigger a control cycle."""
         stamp, base = self.stamp, self._robot.base_link
